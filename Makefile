@@ -1,0 +1,40 @@
+# `make demo` and `make test` need Python 3.11 or later, a C compiler, make, Node 20 and npm.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test lint types unit bench clean
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+
+# Everything a user needs to run the server.
+$(STAMP): pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+# What the checks and the tests need on top of it.
+$(STAMP)-dev: pyproject.toml $(STAMP)
+	$(BIN)/python -m pip install --quiet --group dev
+	touch $@
+
+demo: $(STAMP)
+	$(BIN)/rwt serve --demo
+
+lint: $(STAMP)-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+
+types: $(STAMP)-dev
+	$(BIN)/mypy
+
+unit: $(STAMP)-dev
+	$(BIN)/pytest
+
+test: lint types unit
+
+clean:
+	rm -rf $(VENV)

@@ -1,0 +1,404 @@
+"""The contract that every graph backend signs.
+
+It is low-level on purpose: payloads instead of messages, callbacks instead of coroutines, so that a bridge
+can pass bytes through and a backend over a network is as easy to write as one in memory. Programs use
+:class:`rwt_graph.node.Node`, which is written on this contract alone.
+
+Rules that hold for every backend:
+
+* Everything here is synchronous and called on the graph's own thread (the event loop's, once the graph runs).
+* Names are absolute and resolved (`/chatter`); see :mod:`rwt_graph.names`.
+* The other side may be in another process: an answer comes through a callback, never as a return value, and
+  what introspection returns is a snapshot of what is known now.
+* Callbacks are never called before the method that took them has returned, except `on_sample`, which is
+  called from within `publish` when the subscriber is in the same process.
+* A callback that raises is logged and disturbs nobody else.
+* Every `close` and `cancel` may be called twice.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+from rwt_graph.qos import BEST_AVAILABLE, QoS
+
+if TYPE_CHECKING:
+    from rwt_graph.clock import Clock
+    from rwt_graph.errors import CallFailed
+    from rwt_interfaces.distro import Distro
+    from rwt_interfaces.payload import Payload
+    from rwt_interfaces.registry import Registry
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A payload in the graph.
+
+    Attributes:
+        topic: absolute name.
+        payload: the message; shared by all receivers, never changed.
+        stamp_ns: the graph clock's time of publishing, nanoseconds since the epoch.
+        node: absolute name of the publishing node.
+    """
+
+    topic: str
+    payload: Payload
+    stamp_ns: int
+    node: str
+
+
+class Publisher(ABC):
+    """The right to publish on one topic."""
+
+    topic: str
+    type: MessageType
+    qos: QoS
+
+    @abstractmethod
+    def publish(self, payload: Payload) -> None:
+        """Hand one message to every subscriber, in the order of the calls. After `close` this does nothing."""
+
+    @property
+    @abstractmethod
+    def subscriber_count(self) -> int:
+        """How many subscribers are known now."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the topic; samples kept for late joiners go with the publisher."""
+
+
+class Subscription(ABC):
+    """One subscriber of one topic."""
+
+    topic: str
+
+    @property
+    @abstractmethod
+    def type(self) -> MessageType | None:
+        """The topic's type; None while the topic is unknown and no type was given."""
+
+    @abstractmethod
+    def history(self) -> tuple[Sample, ...]:
+        """What a transient-local subscriber that joins now would receive, oldest first."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Leave the topic; no callback comes after this."""
+
+
+class Registration(ABC):
+    """A service or an action that a node offers."""
+
+    name: str
+
+    @abstractmethod
+    def close(self) -> None:
+        """Withdraw it; calls and goals in flight end with :exc:`ProviderGone`."""
+
+
+class ServiceCall(ABC):
+    """One request as its provider sees it. Exactly one of `reply` and `fail` has an effect, and only once."""
+
+    service: str
+    request: Payload
+
+    @property
+    @abstractmethod
+    def done(self) -> bool:
+        """Whether the call was answered, timed out or was abandoned by its caller."""
+
+    @abstractmethod
+    def reply(self, response: Payload) -> None:
+        """Answer with success."""
+
+    @abstractmethod
+    def fail(self, reason: str) -> None:
+        """Answer with failure."""
+
+
+class PendingCall(ABC):
+    """One request as its caller sees it."""
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """Forget the call: no reply callback comes after this."""
+
+
+OnReply = Callable[["Payload | CallFailed"], None]
+"""Called exactly once: with the response, or with why there is none."""
+
+
+class GoalStatus(IntEnum):
+    """The states of a goal, with the numbers of `action_msgs/GoalStatus`."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether nothing more can happen to the goal."""
+        return self >= GoalStatus.SUCCEEDED
+
+
+class ServerGoal(ABC):
+    """One goal as its action server sees it.
+
+    Attributes:
+        id: 32 lower-case hex digits (a UUID).
+        on_cancel: set by the server; called once when a cancel is asked for. The server then still decides.
+        on_end: set by the server; called once when the goal ended without it (server closed, replaced).
+    """
+
+    id: str
+    action: str
+    goal: Payload
+    on_cancel: Callable[[], None] | None = None
+    on_end: Callable[[CallFailed], None] | None = None
+
+    @property
+    @abstractmethod
+    def status(self) -> GoalStatus:
+        """The state now."""
+
+    @property
+    @abstractmethod
+    def cancel_requested(self) -> bool:
+        """Whether a cancel was asked for."""
+
+    @abstractmethod
+    def accept(self) -> None:
+        """UNKNOWN → ACCEPTED → EXECUTING."""
+
+    @abstractmethod
+    def reject(self, reason: str) -> None:
+        """End an UNKNOWN goal; the client receives :exc:`GoalRejected`."""
+
+    @abstractmethod
+    def feedback(self, feedback: Payload) -> None:
+        """Send feedback. Ignored once the goal has ended."""
+
+    @abstractmethod
+    def finish(self, status: GoalStatus, result: Payload, reason: str = "") -> None:
+        """End the goal as SUCCEEDED, CANCELED or ABORTED.
+
+        Raises:
+            InvalidTransition: the state machine does not allow it.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class GoalEvents:
+    """What the client of a goal hears, in this order: accepted, feedback…, result; or only result.
+
+    `on_result` is called exactly once: with the terminal status and the result, or with why there is none
+    (rejected, no such server, server gone).
+    """
+
+    on_result: Callable[[GoalStatus, Payload | CallFailed], None]
+    on_feedback: Callable[[Payload], None] | None = None
+    on_accepted: Callable[[], None] | None = None
+
+
+class ClientGoal(ABC):
+    """One goal as its client sees it."""
+
+    id: str
+    action: str
+
+    @property
+    @abstractmethod
+    def status(self) -> GoalStatus:
+        """The last state that was heard of."""
+
+    @abstractmethod
+    def cancel(self) -> None:
+        """Ask the server to cancel; the outcome comes as the result."""
+
+    @abstractmethod
+    def abandon(self) -> None:
+        """Hear nothing more of the goal; it goes on running."""
+
+
+class Participant(ABC):
+    """One node's face of the contract: what it creates belongs to it and goes with it.
+
+    Attributes:
+        name: absolute name of the node.
+    """
+
+    name: str
+
+    @abstractmethod
+    def advertise(self, topic: str, type: MessageType, qos: QoS = QoS()) -> Publisher:  # noqa: A002, B008
+        """Become a publisher of `topic`.
+
+        Raises:
+            TypeConflict: the topic is established with another type.
+        """
+
+    @abstractmethod
+    def subscribe(
+        self,
+        topic: str,
+        on_sample: Callable[[Sample], None],
+        type: MessageType | None = None,  # noqa: A002
+        qos: QoS = BEST_AVAILABLE,
+    ) -> Subscription:
+        """Become a subscriber of `topic`; kept samples of transient-local publishers come first.
+
+        Without `type` the subscription takes the topic's type, as soon as there is one.
+
+        Raises:
+            TypeConflict: the topic is established with another type.
+        """
+
+    @abstractmethod
+    def advertise_service(
+        self,
+        service: str,
+        type: ServiceType,  # noqa: A002
+        on_call: Callable[[ServiceCall], None],
+    ) -> Registration:
+        """Offer a service. A provider of the same name is replaced (SVP-07)."""
+
+    @abstractmethod
+    def call_service(
+        self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
+    ) -> PendingCall:
+        """Call a service; `timeout` in seconds, None waits for ever. An unknown service is a reply too."""
+
+    @abstractmethod
+    def advertise_action(
+        self,
+        action: str,
+        type: ActionType,  # noqa: A002
+        on_goal: Callable[[ServerGoal], None],
+    ) -> Registration:
+        """Offer an action. A server of the same name is replaced (ACT-18)."""
+
+    @abstractmethod
+    def send_goal(
+        self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
+    ) -> ClientGoal:
+        """Send a goal; an unknown action is a result too. `goal_id` is 32 hex digits, or made here."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close everything that this node created, and leave the graph."""
+
+
+@dataclass(frozen=True, slots=True)
+class EndpointInfo:
+    """One publisher or subscriber of a topic."""
+
+    node: str
+    type: str
+    qos: QoS
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic that somebody publishes or subscribes."""
+
+    name: str
+    type: MessageType | None
+    publishers: tuple[EndpointInfo, ...]
+    subscribers: tuple[EndpointInfo, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceInfo:
+    """One service that somebody offers."""
+
+    name: str
+    type: ServiceType
+    node: str
+
+
+@dataclass(frozen=True, slots=True)
+class ActionInfo:
+    """One action that somebody offers."""
+
+    name: str
+    type: ActionType
+    node: str
+
+
+@dataclass(frozen=True, slots=True)
+class NodeInfo:
+    """One node and the names of what it takes part in, each sorted."""
+
+    name: str
+    publishing: tuple[str, ...]
+    subscribing: tuple[str, ...]
+    services: tuple[str, ...]
+    actions: tuple[str, ...]
+
+
+class Graph(ABC):
+    """Topics, services, actions, parameters and nodes, wherever they are.
+
+    Attributes:
+        distro: the ROS distribution whose names and messages this graph speaks.
+        registry: the interfaces it knows.
+        clock: ROS time, steady time and timers.
+    """
+
+    distro: Distro
+    registry: Registry
+    clock: Clock
+
+    @abstractmethod
+    def participant(self, name: str) -> Participant:
+        """Join as a node of that absolute name. A second node of one name is allowed, as in ROS 2."""
+
+    @abstractmethod
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """Every topic, sorted by name."""
+
+    @abstractmethod
+    def topic(self, name: str) -> TopicInfo | None:
+        """One topic, or None."""
+
+    @abstractmethod
+    def services(self) -> tuple[ServiceInfo, ...]:
+        """Every service, sorted by name."""
+
+    @abstractmethod
+    def service(self, name: str) -> ServiceInfo | None:
+        """One service, or None."""
+
+    @abstractmethod
+    def actions(self) -> tuple[ActionInfo, ...]:
+        """Every action, sorted by name."""
+
+    @abstractmethod
+    def action(self, name: str) -> ActionInfo | None:
+        """One action, or None."""
+
+    @abstractmethod
+    def nodes(self) -> tuple[NodeInfo, ...]:
+        """Every node, sorted by name."""
+
+    @abstractmethod
+    def run_on_graph(self, call: Callable[[], None]) -> None:
+        """Run `call` on the graph's thread, soon and in order; safe from any thread."""
+
+    @abstractmethod
+    async def __aenter__(self) -> Graph:
+        """Run on the current event loop (asyncio or trio): timers, coroutine handlers, calls from threads."""
+
+    @abstractmethod
+    async def __aexit__(self, *exc: object) -> None:
+        """Stop handlers and timers and close every participant."""

@@ -1,0 +1,41 @@
+"""Everything that `rwt_interfaces` raises.
+
+* :exc:`InterfaceError`
+
+  * :exc:`InvalidName`: not a name that ROS allows.
+  * :exc:`DefinitionError`: a ``.msg``, ``.srv`` or ``.action`` text that cannot be read.
+  * :exc:`UnknownType`: no such message, service or action is known.
+  * :exc:`PayloadError`: a message that does not fit its type.
+"""
+
+from __future__ import annotations
+
+
+class InterfaceError(Exception):
+    """Base of every error of this package."""
+
+
+class InvalidName(InterfaceError, ValueError):
+    """A type, package or field name that ROS does not allow."""
+
+
+class DefinitionError(InterfaceError, ValueError):
+    """A definition that cannot be read; the message says in which text and on which line."""
+
+
+class UnknownType(InterfaceError, LookupError):
+    """No message, service or action of that name is known."""
+
+
+class PayloadError(InterfaceError, ValueError):
+    """A message that does not fit its type.
+
+    Attributes:
+        path: where, from the message's root, for example ``pose.covariance[3]``; empty for the root itself.
+        reason: what was expected and what came, for example ``expected float64, got "fast"``.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"{path}: {reason}" if path else reason)
+        self.path = path
+        self.reason = reason
