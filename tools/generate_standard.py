@@ -1,7 +1,8 @@
 """Write the standard messages of both distributions as data files of `rwt_interfaces`.
 
-The fields and constants come from the type stores of rosbags (a development dependency), the default values, which
-those stores do not keep, from the table below. Run it after an upgrade of rosbags and commit what changed:
+The fields and constants come from the type stores of rosbags (a development dependency), the default values,
+which those stores do not keep, from the table below. Run it after an upgrade of rosbags and commit what
+changed:
 
     python tools/generate_standard.py
 """

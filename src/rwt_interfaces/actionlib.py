@@ -7,12 +7,13 @@ from rwt_interfaces.parser import format_message
 
 SERVICE_PARTS = ("Request", "Response")
 ACTION_PARTS = ("Goal", "Result", "Feedback")
-#: What ROS 1 puts around the parts of an action to carry them over topics. `Action` only lists the three others.
+#: What ROS 1 puts around the parts of an action to carry them over topics. `Action` only lists the three
+#: others.
 WRAPPERS = ("Action", "ActionGoal", "ActionResult", "ActionFeedback")
 
 
 def split_part(name: str, parts: tuple[str, ...]) -> tuple[str, str] | None:
-    """Split ``SetBool_Request`` or ``SetBoolRequest`` into ``SetBool`` and ``Request``, if it ends in one of `parts`."""
+    """Split ``SetBool_Request`` or ``SetBoolRequest`` into ``SetBool`` and ``Request``; else None."""
     for part in parts:
         base = name.removesuffix(part)
         if base != name:
@@ -22,7 +23,7 @@ def split_part(name: str, parts: tuple[str, ...]) -> tuple[str, str] | None:
 
 
 def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
-    """The ROS 1 message ``XAction``, ``XActionGoal``, ``XActionResult`` or ``XActionFeedback`` of action `X`."""
+    """The message ``XAction``, ``XActionGoal``, ``XActionResult`` or ``XActionFeedback`` of action ``X``."""
     if which == "Action":
         fields = tuple(
             Field(f"action_{part.lower()}", FieldType(f"{action.name}Action{part}")) for part in ACTION_PARTS

@@ -12,7 +12,7 @@ from rwt_interfaces.parser import format_type
 
 _TIMES = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"}
 _PRIMITIVE_TIMES = {name: primitive for primitive, name in _TIMES.items()}
-_TIME_FIELDS = (Field("sec", FieldType("int32")), Field("nanosec", FieldType("uint32")))
+_TIME_FIELDS: tuple[Field, ...] = (Field("sec", FieldType("int32")), Field("nanosec", FieldType("uint32")))
 
 #: Type numbers of RIHS01. A `char` of a .msg file is an octet of the wire, which RIHS01 sees as uint8.
 _NUMBERS = {
@@ -28,7 +28,7 @@ _FILLER = Field("structure_needs_at_least_one_member", FieldType("uint8"))
 
 
 class Lookup(Protocol):
-    """Where the definitions of nested messages come from; a :class:`~rwt_interfaces.registry.Registry` is one."""
+    """Where the definitions of nested messages come from: a :class:`~rwt_interfaces.registry.Registry`."""
 
     def definition(self, name: str) -> MessageDefinition:
         """The definition of that name."""
@@ -59,7 +59,7 @@ def _md5(text: str) -> str:
 
 
 def _md5_text(definition: MessageDefinition, lookup: Lookup, known: dict[str, str]) -> str:
-    """What the sum is computed over: constants, then fields, a nested message (or array of it) as its own sum."""
+    """What the sum is computed over: constants, then fields; a nested message, or array of it, as its sum."""
     lines = [f"{item.type.name} {item.name}={item.text}" for item in definition.constants]
     for item in definition.fields:
         name = item.type.name
@@ -125,12 +125,10 @@ def _field_type(
 
 def _nested(name: str, lookup: Lookup, nested: dict[str, dict[str, object]]) -> str:
     """Describe a nested message once, and give its three-part name."""
-    if name in _TIMES:
-        # ROS 1's primitive; RIHS01 only knows the message that replaced it.
-        full, fields = three_part(_TIMES[name], "msg"), _TIME_FIELDS
-    else:
-        full, fields = lookup.full_name(name), lookup.definition(name).fields
+    # A time of ROS 1 is a primitive; RIHS01 only knows the message that replaced it.
+    full = three_part(_TIMES[name], "msg") if name in _TIMES else lookup.full_name(name)
     if full not in nested:
+        fields = _TIME_FIELDS if name in _TIMES else lookup.definition(name).fields
         nested[full] = {}
         nested[full] = _described(full, fields, lookup, nested)
     return full

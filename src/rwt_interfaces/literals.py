@@ -17,7 +17,8 @@ _ESCAPE = re.compile(r"\\(.)", re.DOTALL)
 _ESCAPES = {"n": "\n", "t": "\t", "r": "\r"}
 _BOOLS = {"true": True, "false": False, "1": True, "0": False}
 
-#: Smallest and largest value. `byte` and `char` changed their sign between ROS 1 and ROS 2, so both readings are allowed.
+#: Smallest and largest value. `byte` and `char` changed their sign between ROS 1 and ROS 2, so both readings
+#: are allowed.
 _RANGES: dict[str, tuple[int, int]] = {
     "byte": (-128, 255),
     "char": (-128, 255),
@@ -40,7 +41,8 @@ class Literals:
         self.text = ""
 
     def constant(self, field_type: FieldType) -> Value:
-        """The value of a constant. A string may be bare: then it ends at the comment or at the end of the line.
+        """The value of a constant. A string may be bare: then it ends at the comment or at the end of the
+        line.
 
         Raises:
             DefinitionError: not a value of the type.

@@ -1,7 +1,7 @@
 """Names of messages, services and actions, in both spellings.
 
-ROS 1 writes ``std_msgs/String``; ROS 2 writes ``std_msgs/msg/String``. Clients send either to either (OBSERVED,
-"Subscribe"), so both are read everywhere. Inside this package a name is always two-part.
+ROS 1 writes ``std_msgs/String``; ROS 2 writes ``std_msgs/msg/String``. Clients send either to either
+(OBSERVED, "Subscribe"), so both are read everywhere. Inside this package a name is always two-part.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 def is_word(text: str) -> bool:
     """Whether `text` may be the name of a package, a type, a field or a constant.
 
-    This is what ROS 1 allows. ROS 2 is narrower (lower case packages and fields, no double underscore), but its
-    programs must be able to read what ROS 1 has named ``CameraInfo.D``.
+    This is what ROS 1 allows. ROS 2 is narrower (lower case packages and fields, no double underscore), but
+    its programs must be able to read what ROS 1 has named ``CameraInfo.D``.
     """
     return _WORD.fullmatch(text) is not None
 
@@ -54,7 +54,7 @@ def parse_type_name(text: str) -> tuple[str, str, str]:
     for part in (package, name):
         if not is_word(part):
             raise InvalidName(
-                f'"{text}" is not a type name: "{part}" must be letters, digits and _, beginning with a letter'
+                f'"{text}" is not a type name: "{part}" is not letters, digits and _, beginning with a letter'
             )
     return package, kind, name
 

@@ -2,10 +2,10 @@
 
 One grammar serves both ROS versions; `ros_version` settles the three points where they disagree:
 
-* a string constant is the rest of its line, ``#`` and quotes included (1), or a quoted or bare word followed by an
-  optional comment (2);
-* a time is a primitive (1) or ``builtin_interfaces/Time`` (2); the other spelling is translated, so that a package
-  written for one is usable in the other;
+* a string constant is the rest of its line, ``#`` and quotes included (1), or a quoted or bare word followed
+  by an optional comment (2);
+* a time is a primitive (1) or ``builtin_interfaces/Time`` (2); the other spelling is translated, so that a
+  package written for one is usable in the other;
 * the parts of services and actions are called ``SetBoolRequest`` (1) or ``SetBool_Request`` (2).
 """
 
@@ -61,7 +61,10 @@ def parse_message(text: str, name: str, *, source: str = "", ros_version: int = 
 
 
 def parse_service(text: str, name: str, *, source: str = "", ros_version: int = 2) -> ServiceDefinition:
-    """Read one service: request, a line ``---``, response. Arguments and errors as in :func:`parse_message`."""
+    """Read one service: request, a line ``---``, response.
+
+    Arguments and errors are those of :func:`parse_message`.
+    """
     package, _, short = parse_type_name(name)
     source = source or f"{package}/{short}.srv"
     reader = _Message(package, source, ros_version)
@@ -74,7 +77,10 @@ def parse_service(text: str, name: str, *, source: str = "", ros_version: int = 
 
 
 def parse_action(text: str, name: str, *, source: str = "", ros_version: int = 2) -> ActionDefinition:
-    """Read one action: goal, result and feedback between ``---`` lines. Arguments and errors as in :func:`parse_message`."""
+    """Read one action: goal, result and feedback between lines ``---``.
+
+    Arguments and errors are those of :func:`parse_message`.
+    """
     package, _, short = parse_type_name(name)
     source = source or f"{package}/{short}.action"
     reader = _Message(package, source, ros_version)
@@ -116,7 +122,10 @@ _Lines = list[tuple[int, str]]
 
 
 def _lines(text: str) -> list[str]:
-    """Lines of a text with any line ending, without its byte order mark. Not splitlines(): that also splits at form feeds."""
+    """Lines of a text with any line ending, without its byte order mark.
+
+    Not splitlines(), which also splits at form feeds and other separators that may stand in a comment.
+    """
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
@@ -133,7 +142,7 @@ def _sections(text: str, source: str, parts: tuple[str, ...]) -> Iterator[_Lines
             sections[-1].append((number, line))
     if len(sections) < len(parts):
         raise DefinitionError(
-            f'{source}: {len(sections)} part(s) between "---" lines; expected {len(parts)}: {", ".join(parts)}'
+            f'{source}: {len(sections) - 1} lines "---"; expected {len(parts) - 1} between {", ".join(parts)}'
         )
     return iter(sections)
 
@@ -172,8 +181,8 @@ class _Message:
         )
         if not self.translated:
             return definition
-        # The written text says `time` where this version says `builtin_interfaces/Time`, or the reverse. Whoever parses
-        # the text (a viewer, API-06) must see what is really on the wire.
+        # The written text says `time` where this version says `builtin_interfaces/Time`, or the reverse.
+        # Whoever parses the text (a viewer, API-06) must see what is really on the wire.
         return MessageDefinition(
             definition.name, definition.fields, definition.constants, format_message(definition)
         )
@@ -181,11 +190,11 @@ class _Message:
     def _line(self, line: str) -> Field | Constant | None:
         if not line or line.startswith("#"):
             return None
-        written, _, rest = line.replace("\t", " ", 1).partition(" ") if "\t" in line else line.partition(" ")
+        written, *following = line.split(maxsplit=1)
         field_type = self._type(written)
-        match = _AFTER_TYPE.fullmatch(rest.strip())
+        match = _AFTER_TYPE.fullmatch(following[0]) if following else None
         if match is None:
-            raise DefinitionError(f'expected a name after "{written}"')
+            raise DefinitionError(f'expected a name after "{written[:80]}"')
         name, rest = match["name"], match["rest"]
         if not is_word(name):
             raise DefinitionError(

@@ -1,7 +1,7 @@
 """What types are known: the standard set of one distribution and the user's own.
 
-Nothing is read until a name is asked for; then one package's texts are split, and only the asked definition and those it
-contains are parsed and compiled.
+Nothing is read until a name is asked for; then one package's texts are split, and only the asked definition
+and those it contains are parsed and compiled.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ _Definition = MessageDefinition | ServiceDefinition | ActionDefinition
 class Registry:
     """The types of one distribution, and the user's own.
 
-    Names are taken in both spellings (``std_msgs/String``, ``std_msgs/msg/String``). Beside the messages themselves
-    :meth:`message` knows the parts of every service and action (``SetBool_Request`` and ``SetBoolRequest``,
-    ``Fibonacci_Goal`` and ``FibonacciGoal``) and the messages with which ROS 1 carries an action over topics
-    (``FibonacciAction``, ``FibonacciActionGoal``, …), all made by rule, on either distribution. A part is one type
-    whichever way it is spelled; it reports the spelling of the distribution.
+    Names are taken in both spellings (``std_msgs/String``, ``std_msgs/msg/String``). Beside the messages
+    themselves :meth:`message` knows the parts of every service and action (``SetBool_Request`` and
+    ``SetBoolRequest``, ``Fibonacci_Goal`` and ``FibonacciGoal``) and the messages with which ROS 1 carries an
+    action over topics (``FibonacciAction``, ``FibonacciActionGoal``, …), all made by rule, on either
+    distribution. A part is one type whichever way it is spelled; it reports the spelling of the distribution.
 
-    A user definition of a name that the standard set has wins over it, in this registry only. Types handed out before
-    do not change: add definitions first.
+    A user definition of a name that the standard set has wins over it, in this registry only. Types handed
+    out before do not change: add definitions first.
 
     Safe to use from several threads.
 
@@ -151,10 +151,14 @@ class Registry:
         Raises:
             DefinitionError: names the file, the line and what is wrong there.
         """
-        self._add(
-            (file.kind, self._parse(file.kind, f"{file.package}/{file.name}", file.read(), str(file.path)))
-            for file in folders.interface_files(Path(path))
-        )
+        found: dict[tuple[Kind, str], tuple[_Definition, Path]] = {}
+        for file in folders.interface_files(Path(path)):
+            name = f"{file.package}/{file.name}"
+            definition = self._parse(file.kind, name, file.read(), str(file.path))
+            earlier, where = found.setdefault((file.kind, name), (definition, file.path))
+            if earlier != definition:
+                raise DefinitionError(f"{file.path}: {name} is defined differently in {where}")
+        self._add((kind, definition) for (kind, _), (definition, _) in found.items())
 
     def verify(self) -> None:
         """Check that every message in the user's definitions is known, once all of them were added.
@@ -178,14 +182,18 @@ class Registry:
             self._user.update(added)
             self._definitions.update(added)
             if changed:
-                # Something compiled may contain what was replaced. This happens while a program is being set up, so
-                # compiling all of it again costs nothing that matters.
+                # Something compiled may contain what was replaced. This happens while a program is being set
+                # up, so compiling all of it again costs nothing that matters.
                 self._definitions = dict(self._user)
                 self._messages, self._services, self._actions = {}, {}, {}
 
     def _parse(self, kind: Kind, name: str, text: str, source: str) -> _Definition:
-        read = {"msg": parser.parse_message, "srv": parser.parse_service, "action": parser.parse_action}[kind]
-        return read(text, name, source=source, ros_version=self.distro.ros_version)
+        version = self.distro.ros_version
+        if kind == "msg":
+            return parser.parse_message(text, name, source=source, ros_version=version)
+        if kind == "srv":
+            return parser.parse_service(text, name, source=source, ros_version=version)
+        return parser.parse_action(text, name, source=source, ros_version=version)
 
     # Definitions
 
@@ -250,7 +258,7 @@ class Registry:
         try:
             package, _, short = parse_type_name(name)
         except InvalidName as error:
-            raise UnknownType(str(error)) from None
+            raise UnknownType(f"{error}{self._meant(kind, name)}") from None
         with self._lock:
             found = find(package, short)
         if found is None:
@@ -284,8 +292,8 @@ class Registry:
     def names(self, kind: Kind) -> tuple[str, ...]:
         """Sorted two-part names of everything known of that kind.
 
-        On ROS 1 the messages include the parts and the topic messages of every action, which are files there; on ROS 2
-        they are known without being listed. Parts of services are listed by neither.
+        On ROS 1 the messages include the parts and the topic messages of every action, which are files there;
+        on ROS 2 they are known without being listed. Parts of services are listed by neither.
         """
         found = {
             f"{package}/{name}"
@@ -300,7 +308,8 @@ class Registry:
         return tuple(sorted(found))
 
     def full_name(self, name: str) -> str:
-        """The three-part name of a message: the middle says where it is defined (``std_srvs/srv/SetBool_Request``).
+        """The three-part name of a message: the middle says where it is defined
+        (``std_srvs/srv/SetBool_Request``).
 
         Raises:
             UnknownType: no such message is known.
@@ -316,7 +325,7 @@ class Registry:
         return three_part(definition.name, kind)
 
     def type_name(self, interface: MessageType | ServiceType | ActionType) -> str:
-        """What this distribution calls a type: ``std_msgs/msg/String`` on ROS 2, ``std_msgs/String`` on ROS 1."""
+        """What this distribution calls a type: ``std_msgs/msg/String`` (ROS 2), ``std_msgs/String`` (1)."""
         if self.distro.ros_version == 1:
             return interface.name
         if isinstance(interface, ServiceType):
@@ -328,7 +337,8 @@ class Registry:
     def full_text(self, message: MessageType) -> str:
         """The definition of a message and of all it contains, as one text (API-06).
 
-        The message itself comes first; before each other definition stand a line of 80 ``=`` and ``MSG: pkg/Name``.
+        The message itself comes first; before each other definition stand a line of 80 ``=`` and ``MSG:
+        pkg/Name``.
         """
         nested: dict[str, str] = {}
         self._collect(message.definition, nested)
@@ -349,15 +359,26 @@ class Registry:
         for other in KINDS:
             if other != kind and self._read(other, package, short) is not None:
                 return f"{text}: it is {_NOUNS[other]} {name}"
+        return f"{text}{self._meant(kind, name)}"
+
+    def _meant(self, kind: Kind, name: str) -> str:
+        """What may have been meant: the same word in another package, or else what is spelled closely."""
+        if len(name) > _LONGEST_GUESSED:
+            return ""
         known = self.names(kind)
-        near = [candidate for candidate in known if candidate.split("/")[1].lower() == short.lower()][:3]
-        if not near and len(name) <= _LONGEST_GUESSED:
-            near = difflib.get_close_matches(name, known, cutoff=0.75)
-        return f"{text}; did you mean {' or '.join(near)}?" if near else text
+        word = name.rpartition("/")[2].lower()
+        near = [candidate for candidate in known if candidate.partition("/")[2].lower() == word]
+        # The standard packages before those that only repeat their names.
+        near.sort(key=lambda candidate: not candidate.startswith("std_"))
+        near = near[:3] or difflib.get_close_matches(name, known, cutoff=0.75)
+        return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
 def _cache_key(name: str) -> str:
-    """The spelling under which an answer is kept: what was asked, unless it has needless slashes, which have no end."""
+    """The spelling under which an answer is kept.
+
+    It is the one that was asked for, but without needless slashes, of which a peer could send any number.
+    """
     package, kind, short = parse_type_name(name)
     return f"{package}/{kind}/{short}" if kind else f"{package}/{short}"
 

@@ -1,8 +1,9 @@
 """The standard interfaces as data: texts of definitions, one file for each package.
 
-`jazzy/` and `noetic/` hold what belongs to one distribution, `both/` what has the same fields in either. A package may
-be in `both/` and in a distribution's folder; the latter wins. Each file is a run of sections ``=== msg/Name`` followed
-by the definition. The files ending in ``.generated.txt`` are written by ``tools/generate_standard.py``.
+`jazzy/` and `noetic/` hold what belongs to one distribution, `both/` what has the same fields in either. A
+package may be in `both/` and in a distribution's folder; the latter wins. Each file is a run of sections
+``=== msg/Name`` followed by the definition. The files ending in ``.generated.txt`` are written by
+``tools/generate_standard.py``.
 """
 
 from __future__ import annotations
@@ -57,8 +58,8 @@ def package(distro: str, name: str) -> PackageTexts:
 def split(text: str) -> PackageTexts:
     """The sections of one data file."""
     pieces = _SECTION.split(text)
-    kinds = {kind: kind for kind in KINDS}
+    kinds: dict[str, Kind] = {kind: kind for kind in KINDS}
     return {
-        (kinds[kind], name): body  # type: ignore[index]
+        (kinds[kind], name): body
         for kind, name, body in zip(pieces[1::3], pieces[2::3], pieces[3::3], strict=True)
     }
