@@ -10,7 +10,8 @@ from rwt_interfaces.distro import Distro
 
 if TYPE_CHECKING:
     from rwt_interfaces.definitions import FieldType
-    from rwt_interfaces.structs import MessageType, TypeSource
+    from rwt_interfaces.registry import Registry
+    from rwt_interfaces.structs import MessageType
 
 #: Largest double that still rounds to a finite float32: just under 2**128 - 2**103.
 FLOAT32_LIMIT = 3.4028235677973362e38
@@ -171,7 +172,7 @@ def time_shape(name: str, distro: Distro) -> Time | None:
     return None
 
 
-def shape_of(field: FieldType, types: TypeSource) -> Shape:
+def shape_of(field: FieldType, types: Registry) -> Shape:
     """Resolve one field's type; raises UnknownType for a nested message that nobody defined."""
     if not field.is_array:
         return _scalar(field, types)
@@ -181,7 +182,7 @@ def shape_of(field: FieldType, types: TypeSource) -> Shape:
     return Array(_scalar(field, types), field.length, field.bound)
 
 
-def _scalar(field: FieldType, types: TypeSource) -> Scalar:
+def _scalar(field: FieldType, types: Registry) -> Scalar:
     name = field.name
     if name == "bool":
         return Bool()

@@ -10,34 +10,23 @@ from __future__ import annotations
 import keyword
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from rwt_interfaces import shapes
+from rwt_interfaces import hashes, shapes
 from rwt_interfaces.definitions import MessageDefinition
-from rwt_interfaces.distro import Distro
 from rwt_interfaces.shapes import Shape, Slot
 
 if TYPE_CHECKING:
     from rwt_interfaces.completion import Completer
+    from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import JsonCodec
 
 #: One field of :func:`msgspec.defstruct`: name, annotation, default.
 _StructField = tuple[str, object, object]
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
-
-
-class TypeSource(Protocol):
-    """Where nested messages are looked up; `Registry` is one."""
-
-    @property
-    def distro(self) -> Distro:
-        """The distribution whose spelling and sizes apply."""
-
-    def message(self, name: str) -> MessageType:
-        """The message of that name; raises UnknownType."""
 
 
 class MessageType:
@@ -49,7 +38,7 @@ class MessageType:
         registry: where its nested messages come from.
     """
 
-    def __init__(self, definition: MessageDefinition, registry: TypeSource) -> None:
+    def __init__(self, definition: MessageDefinition, registry: Registry) -> None:
         self.name = definition.name
         self.definition = definition
         self.registry = registry
@@ -86,6 +75,16 @@ class MessageType:
             rename={slot.attribute: slot.name for slot in self.slots if slot.attribute != slot.name} or None,
             module=self.name.partition("/")[0],
         )
+
+    @cached_property
+    def md5(self) -> str:
+        """ROS 1's md5 sum, 32 hexadecimal digits."""
+        return hashes.md5(self.definition, self.registry)
+
+    @cached_property
+    def rihs01(self) -> str:
+        """ROS 2's type hash, ``RIHS01_`` and 64 hexadecimal digits."""
+        return hashes.rihs01(self.definition, self.registry)
 
     @cached_property
     def completer(self) -> Completer:
