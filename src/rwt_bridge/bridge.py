@@ -14,7 +14,7 @@ from rwt_interfaces.errors import InterfaceError
 from rwt_protocol import ops
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.profiles import PROFILES
-from rwt_protocol.session import Session
+from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import SentGoal
@@ -55,6 +55,7 @@ class Bridge:
         graph: the robot.
         participant: the node under which all clients act, `/rosbridge_websocket`.
         publications: the publishers that clients share.
+        dispatcher: which handler does which op.
     """
 
     def __init__(self, graph: Graph, settings: Settings) -> None:
@@ -67,8 +68,8 @@ class Bridge:
         self._peers: set[Peer] = set()
         self._count = 0
         self._orphans: dict[SentGoal, str] = {}
-        self._dispatcher: Dispatcher[Peer] = Dispatcher(
-            HANDLERS, expected=(GraphError, InterfaceError), on_error=_log_error
+        self.dispatcher: Dispatcher[Peer] = Dispatcher(
+            HANDLERS, on_error=_log_error, refusals=(GraphError, InterfaceError)
         )
 
     @property
@@ -78,9 +79,8 @@ class Bridge:
 
     def accept(self, sink: Sink, info: PeerInfo) -> Peer:
         """Take in a new client."""
-        session = Session(
-            PROFILES[self._settings.profile], max_message_size=self._settings.max_message_size
-        )
+        limits = WireLimits(max_message_size=self._settings.max_message_size)
+        session = Session(PROFILES[self._settings.profile], limits=limits)
         self._count += 1
         peer = Peer(self, self._count, sink, info, session)
         self._peers.add(peer)

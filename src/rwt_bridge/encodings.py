@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rwt_protocol.codecs.json import publish_prefix
+from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.errors import Refused
 from rwt_protocol.frames import Frame
 
@@ -36,7 +36,7 @@ def _json_encoder(topic: str) -> Encoder:
     prefix = publish_prefix(topic)
 
     def encode(sample: Sample) -> Frame:
-        return Frame(prefix, sample.payload.json(), b"}")
+        return publish_frame(prefix, sample.payload.json())
 
     return encode
 

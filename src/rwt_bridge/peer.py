@@ -6,6 +6,8 @@ import logging
 from typing import TYPE_CHECKING
 
 from rwt_bridge.topics import release_publishers
+from rwt_protocol.ops import ActionResult, ServiceResponse, Status
+from rwt_protocol.session import Refusal
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import ProvidedAction, SentGoal
@@ -15,11 +17,14 @@ if TYPE_CHECKING:
     from rwt_graph.api import Publisher
     from rwt_protocol.frames import PeerInfo, Sink
     from rwt_protocol.ops import Op
-    from rwt_protocol.session import Refusal, Session
+    from rwt_protocol.session import Session
 
 logger = logging.getLogger("rwt.bridge")
 
 _LOG_LEVELS = {"error": logging.WARNING, "warning": logging.INFO, "info": logging.DEBUG, "none": logging.DEBUG}
+
+#: Characters of one line of the log that a client has a say in.
+_LONGEST_LINE = 500
 
 
 class Peer:
@@ -41,9 +46,23 @@ class Peer:
         self.goals: set[SentGoal] = set()
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Take one message from the wire: decode it, run what it holds, and answer what was refused."""
+        """Take one message from the wire, run what it holds, and answer what is refused."""
         for item in self.session.decode(data, binary, self.bridge.graph.clock.monotonic()):
-            self.bridge.dispatch(self, item)
+            if isinstance(item, Refusal):
+                self.log(logging.WARNING, item.reason, item.id)
+                answer = item.answer
+            else:
+                answer = self.bridge.dispatcher.dispatch(self, item)
+                if answer is not None:
+                    self._log_answer(answer)
+            if answer is not None:
+                self._answer(answer)
+
+    def oversized(self, size: int, limit: int) -> None:
+        """A message was too large to be taken from the wire; its bytes were skipped."""
+        reason = f"a message of {size} bytes was skipped: max_message_size is {limit}"
+        self.log(logging.WARNING, reason)
+        self._answer(Status(level="error", msg=reason))
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
@@ -68,11 +87,27 @@ class Peer:
         """Look the topic's publisher up again at the next publish."""
         self.publishers = {name: held for name, held in self.publishers.items() if held.topic != topic}
 
-    def refused(self, refusal: Refusal) -> None:
-        """Log what was refused, and answer where the protocol has an answer."""
-        self.log_status(refusal.level, refusal.reason, refusal.id)
-
-    def log_status(self, level: str, text: str, id_: object = None) -> None:
+    def log(self, level: int, text: str, id_: object = None) -> None:
         """One line in the log, with the client's number and the op's id."""
-        note = "" if id_ is None else f" [id: {id_}]"
-        logger.log(_LOG_LEVELS[level], "[client %d]%s %s", self.number, note, text)
+        if logger.isEnabledFor(level):
+            note = "" if id_ is None else f" [id: {id_}]"
+            logger.log(level, "[client %d]%s %s", self.number, note, _one_line(text))
+
+    def _answer(self, op: Op) -> None:
+        """Send what answers a refused op; a `status` only if this client wants to hear it."""
+        frame = self.session.answer(op)
+        if frame is not None:
+            self.sink.send(frame)
+
+    def _log_answer(self, op: Op) -> None:
+        """Note a refusal: what a client is not told must be found in the log."""
+        if isinstance(op, Status):
+            self.log(_LOG_LEVELS[op.level], op.msg, op.id)
+        elif isinstance(op, ServiceResponse | ActionResult):
+            self.log(logging.INFO, str(op.values), op.id)
+
+
+def _one_line(text: str) -> str:
+    """A text of the client's own making, cut and without line breaks, so that it cannot forge log lines."""
+    line = text if text.isprintable() else text.encode("unicode_escape").decode()
+    return line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}…"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from rwt_bridge.typecheck import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.errors import CallFailed
 from rwt_graph.names import resolve
-from rwt_protocol.codecs.json import call_service_frame, service_response_frame
+from rwt_protocol.codecs.json import call_frame, response_frame
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import ServiceResponse
 
@@ -42,7 +42,7 @@ class ClientCall:
                 ServiceResponse(service=self._service, values=str(outcome), result=False, id=self._id)
             )
         else:
-            peer.sink.send(service_response_frame(self._service, self._id, outcome.json()))
+            peer.sink.send(response_frame(self._service, outcome.json(), self._id))
 
 
 def on_call_service(peer: Peer, op: ops.CallService) -> None:
@@ -86,7 +86,7 @@ class ProvidedService:
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
         self._waiting[id_] = call
-        self._peer.sink.send(call_service_frame(self._name, id_, call.request.json()))
+        self._peer.sink.send(call_frame(self._name, call.request.json(), id_))
 
     def answer(self, op: ops.ServiceResponse) -> None:
         """Hand the client's answer to the caller (SVP-03 … SVP-06)."""
