@@ -138,8 +138,10 @@ class Registry:
 
         Raises:
             DefinitionError: the text cannot be read; says on which line.
-            InvalidName: `name` is not a type name.
+            InvalidName: `name` is not a type name, or `kind` not a kind.
         """
+        if kind not in KINDS:
+            raise InvalidName(f'"{kind}" is not a kind of interface: expected msg, srv or action')
         self._add([(kind, self._parse(kind, name, text, ""))])
 
     def add_directory(self, path: str | PathLike[str]) -> None:

@@ -258,6 +258,8 @@ def test_added_text_that_cannot_be_read_changes_nothing() -> None:
         registry.add_text("int8 a\nint8 a", "my_pkg/Thing")
     with pytest.raises(InvalidName):
         registry.add_text("int8 a", "Thing")
+    with pytest.raises(InvalidName, match='"message" is not a kind'):
+        registry.add_text("int8 a", "my_pkg/Thing", "message")  # type: ignore[arg-type]  # what is tested
     with pytest.raises(UnknownType):
         registry.message("my_pkg/Thing")
 
