@@ -1,0 +1,1 @@
+"""A simulated robot, written on the public graph API as a user would write one."""
