@@ -128,4 +128,7 @@ def _clamp(value: float, limit: float) -> float:
 
 
 def _approach(value: float, target: float, change: float) -> float:
-    return target if abs(target - value) <= change else value + math.copysign(change, target - value)
+    # The slack is for sums of steps that miss the target by a rounding.
+    if abs(target - value) <= change + 1e-9:
+        return target
+    return value + math.copysign(change, target - value)

@@ -1,6 +1,7 @@
 """The simulation's values as ROS messages, the same for every distribution.
 
-Messages are mappings: the interfaces fill in what is missing and take `sec`/`nanosec` for either spelling of time.
+Messages are mappings: the interfaces fill in what is missing, and take `sec`/`nanosec` for either spelling of
+time.
 """
 
 from __future__ import annotations

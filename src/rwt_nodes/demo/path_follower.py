@@ -59,6 +59,7 @@ class PathFollower:
 
     def steer(self, pose: Pose) -> Velocity:
         """The velocity to drive with from here."""
+        self._advance(pose)
         if self.arrived(pose):
             return STANDSTILL
         # Once in place only the heading is corrected, unless the turn has carried the robot off again.
@@ -66,7 +67,6 @@ class PathFollower:
         self._turning = pose.distance_to(self.goal.x, self.goal.y) <= slack
         if self._turning:
             return Velocity(0.0, _STEERING * wrap_angle(self.goal.heading - pose.heading))
-        self._advance(pose)
         x, y = self._target(pose)
         error = wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.heading)
         turn = _STEERING * error

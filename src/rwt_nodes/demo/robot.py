@@ -39,7 +39,7 @@ class DemoRobot:
     """A differential-drive robot in a walled world, simulated.
 
     It drives by `/cmd_vel` and `/navigate_to_pose`, publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`,
-    `/scan`, `/map`, `/plan`, `/battery_state`, `/diagnostics`, `/robot_description` and `/chatter`, and serves
+    `/scan`, `/map`, `/plan`, `/battery_state`, `/diagnostics`, `/robot_description`, `/chatter`, and serves
     `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`. Its parameters are in
     :data:`rwt_nodes.demo.parameters.TUNABLES`.
 
