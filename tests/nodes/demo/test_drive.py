@@ -69,7 +69,8 @@ def test_turning_on_the_spot_turns_the_wheels_against_each_other() -> None:
 def test_a_wall_stops_the_robot_and_lets_it_back_away() -> None:
     drive = drive_in(ROOM)
     run(drive, Velocity(1.0, 0.0), 5.0)
-    assert drive.bumped
+    at_wall = drive.bumped
+    assert at_wall
     assert drive.velocity.linear == 0.0
     assert drive.pose.x == pytest.approx(1.9 - CHASSIS.radius, abs=0.021)
     run(drive, Velocity(-0.5, 0.0), 2.0)
