@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, cast
 
 import anyio
+import msgspec
 
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node
 from rwt_graph.api import GoalStatus
@@ -133,12 +134,13 @@ class Navigation:
         trip.still_since = None
         return False
 
-    def _accept(self, request: NavigateRequest) -> bool | str:
+    def _accept(self, request: msgspec.Struct) -> bool | str:
         """True, or why the goal cannot even be tried."""
-        target = messages.read_pose(request.pose.pose)
+        goal = cast("NavigateRequest", request).pose
+        target = messages.read_pose(goal.pose)
         if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
             return "the goal's pose has a value that is not a finite number"
-        frame = request.pose.header.frame_id
+        frame = goal.header.frame_id
         if self._frame_origin(frame) is None:
             return f'the goal is in frame "{frame}"; use map, odom or {BASE}'
         return True
@@ -154,10 +156,10 @@ class Navigation:
         return origins.get(frame.lstrip("/"))
 
     async def _execute(self, goal: ActionGoal) -> messages.Message:
-        request: NavigateRequest = goal.request
-        origin = self._frame_origin(request.pose.header.frame_id) or Pose()
+        wanted = cast("NavigateRequest", goal.request).pose
+        origin = self._frame_origin(wanted.header.frame_id) or Pose()
         try:
-            follower = self._plan(origin.after(messages.read_pose(request.pose.pose)))
+            follower = self._plan(origin.after(messages.read_pose(wanted.pose)))
         except NoWay as error:
             raise GoalAborted(self._result(str(error)), str(error)) from error
         self.abort("a newer goal took its place")
@@ -209,6 +211,6 @@ class Navigation:
 
     def _result(self, error: str) -> messages.Message:
         """The result with what this distribution's definition has of it."""
-        fields = self._node.graph.registry.action(ACTION).result.struct.__struct_fields__
+        fields = self._node.registry.action(ACTION).result.struct.__struct_fields__
         told = {"error_code": 1 if error else 0, "error_msg": error}
         return {name: value for name, value in told.items() if name in fields}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, cast
+
+import msgspec
 
 from rwt_graph import Graph, Node, ServiceFailed
 from rwt_nodes.demo import messages
@@ -95,13 +97,13 @@ class DemoRobot:
         return planned if by_hand.is_zero else by_hand
 
     def _serve(self) -> None:
-        ros1 = self._node.graph.distro.ros_version == 1
+        ros1 = self._node.distro.ros_version == 1
         add_type = "rospy_tutorials/AddTwoInts" if ros1 else "example_interfaces/AddTwoInts"
         self._node.advertise_service("/add_two_ints", add_type, _add_two_ints)
         self._node.advertise_service("/reset", "std_srvs/Empty", self._reset)
         self._node.advertise_service("/enable_motors", "std_srvs/SetBool", self._enable_motors)
 
-    def _reset(self, request: object) -> messages.Message:
+    def _reset(self, request: msgspec.Struct) -> messages.Message:
         """Back to the start with a fresh battery; the motors stay as they are."""
         self._navigation.abort("the robot was reset")
         self._teleop.forget()
@@ -110,11 +112,12 @@ class DemoRobot:
         self._node.log.info("reset: back at the start, battery full")
         return {}
 
-    def _enable_motors(self, request: _Switch) -> messages.Message:
-        self._drive.enabled = request.data
-        if not request.data:
+    def _enable_motors(self, request: msgspec.Struct) -> messages.Message:
+        on = cast("_Switch", request).data
+        self._drive.enabled = on
+        if not on:
             self._drive.stop()
-        return {"success": True, "message": f"motors {'enabled' if request.data else 'disabled'}"}
+        return {"success": True, "message": f"motors {'enabled' if on else 'disabled'}"}
 
     def _declare_parameters(self) -> None:
         limits, lidar = self._drive.limits, self._lidar
@@ -166,9 +169,10 @@ class DemoRobot:
         self._chatter.publish({"data": f"hello world {self._said}"})
 
 
-def _add_two_ints(request: _Addends) -> messages.Message:
-    total = request.a + request.b
+def _add_two_ints(request: msgspec.Struct) -> messages.Message:
+    a, b = cast("_Addends", request).a, cast("_Addends", request).b
+    total = a + b
     if not -(2**63) <= total < 2**63:
-        msg = f"{request.a} + {request.b} does not fit an int64"
+        msg = f"{a} + {b} does not fit an int64"
         raise ServiceFailed(msg)
     return {"sum": total}

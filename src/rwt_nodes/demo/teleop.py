@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Protocol, cast
+
+import msgspec
 
 from rwt_graph import Node
 from rwt_nodes.demo.drive import Velocity
@@ -44,9 +46,10 @@ class Teleop:
         """Drop the command as if its time were over."""
         self._last = None
 
-    def _on_twist(self, twist: TwistLike) -> None:
+    def _on_twist(self, message: msgspec.Struct) -> None:
+        twist = cast("TwistLike", message)
         if not (math.isfinite(twist.linear.x) and math.isfinite(twist.angular.z)):
-            self._node.log.warn("/cmd_vel: linear.x or angular.z is not a finite number; ignored")
+            self._node.log.warning("/cmd_vel: linear.x or angular.z is not a finite number; ignored")
             return
         self._last = Velocity(twist.linear.x, twist.angular.z)
         self._since = self._node.clock.monotonic()
