@@ -37,8 +37,8 @@ class Teleop:
     @property
     def velocity(self) -> Velocity | None:
         """The command that holds now, or None after a silence."""
-        # A control step may fall on the very end of the timeout; rounding must not carry it past.
-        if self._last is not None and self._node.clock.monotonic() - self._since > self.timeout - 1e-6:
+        # A step that ends with the timeout still belongs to the command; rounding must not take it away.
+        if self._last is not None and self._node.clock.monotonic() - self._since > self.timeout + 1e-6:
             self._last = None
         return self._last
 

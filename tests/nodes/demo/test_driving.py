@@ -16,11 +16,11 @@ def yaw(quaternion: Any) -> float:
 
 async def test_it_drives_a_metre_straight_ahead(lab: Any) -> None:
     odometry = lab.watch("/odom")
-    lab.command(linear=0.5, seconds=1.5)
+    lab.command(linear=0.5, seconds=1.6)
     lab.clock.advance(2.0)
     position = odometry[-1].pose.pose.position
-    # 1.5 s of commands, then it coasts 0.5 s; speeding up costs what braking gives back.
-    assert position.x == pytest.approx(1.0, abs=0.05)
+    # The last command is sent at 1.5 s and holds until 2.0 s; speeding up costs what braking gives back.
+    assert position.x == pytest.approx(1.0, abs=1e-6)
     assert position.y == pytest.approx(0.0, abs=1e-9)
     assert odometry[-1].twist.twist.linear.x == 0.0
 

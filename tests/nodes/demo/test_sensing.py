@@ -23,10 +23,11 @@ async def test_the_scan_sees_walls_at_their_distances(lab: Any) -> None:
         angle = math.radians(degrees)
         return float(scan.ranges[round((angle - scan.angle_min) / scan.angle_increment) % 360])
 
-    # From (-3.4, -2.5): the outer wall in the south, the inner one in the north with the door's west edge
-    # at x = -3.6, the shelf in the west.
+    # From (-3.4, -2.5): outer walls in the south and the west, the shelf beside the latter, and the inner wall in
+    # the north, just west of its door.
     assert ray(-90) == pytest.approx(1.4, abs=2e-3)
-    assert ray(180) == pytest.approx(1.1, abs=2e-3)
+    assert ray(180) == pytest.approx(1.5, abs=2e-3)
+    assert ray(-170) == pytest.approx(1.1 / math.cos(math.radians(10)), abs=2e-3)
     assert ray(97) == pytest.approx(2.4 / math.sin(math.radians(97)), abs=2e-3)
     assert scan.angle_max == pytest.approx(scan.angle_min + 359 * scan.angle_increment)
 
