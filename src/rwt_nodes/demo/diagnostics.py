@@ -1,4 +1,4 @@
-"""How the robot is: `/diagnostics`, once a second."""
+"""How the robot is: `/diagnostics`."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Diagnostics:
         self._battery = battery
         self._navigation = navigation
         self._reports = node.advertise("/diagnostics", "diagnostic_msgs/DiagnosticArray")
-        node.create_timer(1.0, self._publish)
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
+        """Publish the state of this moment."""
         self._reports.publish(
             {
                 "header": messages.header(self._node.clock.time_ns(), ""),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Iterable
 
 from rwt_nodes.demo.pose import Pose
 from rwt_nodes.demo.world import Box, Pillar, World
@@ -36,6 +37,8 @@ class Lidar:
         self.noise = 0.0
         self._world = world
         self._random = random.Random(seed)
+        # Drawn once: a scan takes a random stretch of it, which is far cheaper than drawing for each ray.
+        self._errors = [self._random.gauss(0.0, 1.0) for _ in range(16 * ray_count)]
         angles = [self.angle_min + i * self.angle_increment for i in range(ray_count)]
         # Twice around: a span of rays that crosses the seam is then one run of indices.
         self._cos = [math.cos(angle) for angle in angles] * 2
@@ -49,14 +52,17 @@ class Lidar:
         for pillar in self._world.pillars:
             self._see_pillar(pillar, pose, ranges)
         nearest = map(min, ranges[: self.ray_count], ranges[self.ray_count :])
-        return [self._measured(distance) for distance in nearest]
+        return self._measured(nearest)
 
-    def _measured(self, distance: float) -> float:
-        if self.noise:
-            distance += self._random.gauss(0.0, self.noise)
-        if distance > self.range_max:
-            return math.inf
-        return round(max(distance, self.range_min), 3)
+    def _measured(self, distances: Iterable[float]) -> list[float]:
+        shortest, longest, noise = self.range_min, self.range_max, self.noise
+        first = self._random.randrange(len(self._errors) - self.ray_count)
+        errors = self._errors[first : first + self.ray_count]
+        noisy = [distance + noise * error for distance, error in zip(distances, errors, strict=True)]
+        return [
+            math.inf if distance > longest else round(distance, 3) if distance > shortest else shortest
+            for distance in noisy
+        ]
 
     def _see_box(self, box: Box, pose: Pose, ranges: list[float]) -> None:
         """Cast the sides that face the scanner: at most two of the four."""

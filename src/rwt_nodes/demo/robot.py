@@ -24,6 +24,8 @@ from rwt_nodes.demo.world import World, draw_map, house
 
 #: Seconds from one control step to the next.
 CONTROL_PERIOD = 0.05
+#: Seconds from one battery state, diagnosis and hello to the next.
+REPORT_PERIOD = 1.0
 #: The longest time that one step makes up for when the program was held up, seconds.
 _LONGEST_STEP = 0.2
 
@@ -65,21 +67,32 @@ class DemoRobot:
         self._state = StatePublisher(self._node, self._drive, chassis, self._world.start)
         self._scans = ScanPublisher(self._node, self._drive, self._lidar)
         self._fibonacci = Fibonacci(self._node)
-        BatteryPublisher(self._node, self._battery)
-        Diagnostics(self._node, self._drive, self._battery, self._navigation)
+        self._battery_states = BatteryPublisher(self._node, self._battery)
+        self._diagnostics = Diagnostics(self._node, self._drive, self._battery, self._navigation)
         self._serve()
         self._declare_parameters()
         self._publish_map()
         self._describe(urdf(chassis))
         self._chatter = self._node.advertise("/chatter", "std_msgs/String")
         self._said = 0
-        self._node.create_timer(1.0, self._say_hello)
         self._stepped = self._node.clock.monotonic()
-        self._node.create_timer(CONTROL_PERIOD, self._step)
+        self._start()
 
     def close(self) -> None:
         """Leave the graph."""
         self._node.close()
+
+    def _start(self) -> None:
+        """Start every timer at one moment: what is due together then wakes the program once."""
+        self._node.create_timer(CONTROL_PERIOD, self._step)
+        self._scans.start()
+        self._node.create_timer(REPORT_PERIOD, self._report)
+
+    def _report(self) -> None:
+        self._battery_states.publish()
+        self._diagnostics.publish()
+        self._said += 1
+        self._chatter.publish({"data": f"hello world {self._said}"})
 
     def _step(self) -> None:
         """One control step: who drives, one step of the world, and what is to be told of it."""
@@ -163,10 +176,6 @@ class DemoRobot:
         self._node.parameters.declare(
             "robot_description", description, description="The robot as URDF.", read_only=True
         )
-
-    def _say_hello(self) -> None:
-        self._said += 1
-        self._chatter.publish({"data": f"hello world {self._said}"})
 
 
 def _add_two_ints(request: msgspec.Struct) -> messages.Message:

@@ -23,15 +23,19 @@ class ScanPublisher:
         self._drive = drive
         self._lidar = lidar
         self._scans = node.advertise("/scan", "sensor_msgs/LaserScan", qos=SENSOR_DATA)
-        self._period = 0.0
+        self._period = 0.1
         self._timer: Timer | None = None
+
+    def start(self) -> None:
+        """Begin to scan."""
+        self._timer = self._node.create_timer(self._period, self._scan)
 
     def set_rate(self, rate: float) -> None:
         """Scan `rate` times a second from now on."""
+        self._period = 1 / rate
         if self._timer is not None:
             self._timer.cancel()
-        self._period = 1 / rate
-        self._timer = self._node.create_timer(self._period, self._scan)
+            self.start()
 
     def _scan(self) -> None:
         # Nobody pays for rays that nobody sees.
@@ -53,15 +57,15 @@ class ScanPublisher:
 
 
 class BatteryPublisher:
-    """Publishes `/battery_state` once a second."""
+    """Publishes `/battery_state`."""
 
     def __init__(self, node: Node, battery: Battery) -> None:
         self._node = node
         self._battery = battery
         self._states = node.advertise("/battery_state", "sensor_msgs/BatteryState")
-        node.create_timer(1.0, self._publish)
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
+        """Publish the state of this moment."""
         battery = self._battery
         self._states.publish(
             {
