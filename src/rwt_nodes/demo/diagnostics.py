@@ -56,7 +56,7 @@ class Diagnostics:
         if self._battery.level < _LOW_BATTERY:
             level, text = WARN, "low"
         if self._battery.level < _EMPTY_BATTERY:
-            level, text = ERROR, "nearly empty; call /reset for a fresh one"
+            level, text = ERROR, "nearly empty; it is swapped when it is"
         return _status(
             level,
             "battery",

@@ -156,13 +156,13 @@ class Navigation:
         return origins.get(frame.lstrip("/"))
 
     async def _execute(self, goal: ActionGoal) -> messages.Message:
+        self.abort("a newer goal took its place")
         wanted = cast("NavigateRequest", goal.request).pose
         origin = self._frame_origin(wanted.header.frame_id) or Pose()
         try:
             follower = self._plan(origin.after(messages.read_pose(wanted.pose)))
         except NoWay as error:
             raise GoalAborted(self._result(str(error)), str(error)) from error
-        self.abort("a newer goal took its place")
         trip = self._trip = _Trip(goal, follower, self._node.clock.monotonic())
         try:
             await trip.ended.wait()

@@ -101,6 +101,10 @@ class DemoRobot:
         self._stepped = now
         self._drive.step(self._wanted(), seconds)
         self._battery.drain(self._drive.velocity, seconds)
+        if self._battery.level == 0.0:
+            # A demo that ran overnight must still drive in the morning.
+            self._battery.swap()
+            self._node.log.warning("the battery was empty and has been swapped for a full one")
         self._state.publish()
 
     def _wanted(self) -> Velocity:

@@ -8,7 +8,7 @@ from rwt_nodes.demo import messages
 from rwt_nodes.demo.battery import CAPACITY, Battery
 from rwt_nodes.demo.drive import DifferentialDrive
 from rwt_nodes.demo.lidar import Lidar
-from rwt_nodes.demo.urdf import LASER
+from rwt_nodes.demo.urdf import BASE, LASER
 
 #: Numbers of `sensor_msgs/BatteryState`.
 _DISCHARGING, _HEALTH_GOOD, _LITHIUM_ION = 2, 1, 2
@@ -69,7 +69,7 @@ class BatteryPublisher:
         battery = self._battery
         self._states.publish(
             {
-                "header": messages.header(self._node.clock.time_ns(), "base_link"),
+                "header": messages.header(self._node.clock.time_ns(), BASE),
                 "voltage": round(battery.voltage, 3),
                 "current": round(-battery.current, 3),
                 "charge": round(battery.level * CAPACITY, 4),

@@ -154,6 +154,14 @@ async def test_a_newer_goal_takes_over(lab: Any) -> None:
     assert (await in_map(lab))[:2] == pytest.approx((-3.4, -1.0), abs=0.06)
 
 
+async def test_even_a_goal_that_fails_ends_the_one_before(lab: Any) -> None:
+    first = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
+    await lab.settle()
+    second = await lab.user.send_goal(NAVIGATE, pose(50.0, 0.0))
+    await lab.settle()
+    assert [(await handle.result())[0] for handle in (first, second)] == [GoalStatus.ABORTED] * 2
+
+
 async def test_reset_aborts_the_trip(lab: Any) -> None:
     handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
     await lab.settle()

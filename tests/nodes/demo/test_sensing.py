@@ -8,6 +8,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from rwt_graph import MemoryGraph, Node, SimulatedClock
+from rwt_nodes.demo import DemoRobot
 from rwt_nodes.demo.world import draw_map, house
 
 pytestmark = pytest.mark.anyio
@@ -23,8 +25,8 @@ async def test_the_scan_sees_walls_at_their_distances(lab: Any) -> None:
         angle = math.radians(degrees)
         return float(scan.ranges[round((angle - scan.angle_min) / scan.angle_increment) % 360])
 
-    # From (-3.4, -2.5): outer walls in the south and the west, the shelf beside the latter, and the inner wall in
-    # the north, just west of its door.
+    # From (-3.4, -2.5): outer walls in the south and the west, the shelf beside the latter, and in the north
+    # the inner wall, just west of its door.
     assert ray(-90) == pytest.approx(1.4, abs=2e-3)
     assert ray(180) == pytest.approx(1.5, abs=2e-3)
     assert ray(-170) == pytest.approx(1.1 / math.cos(math.radians(10)), abs=2e-3)
@@ -63,6 +65,24 @@ async def test_the_battery_drains_and_faster_while_driving(lab: Any) -> None:
     assert len(states) == 120
     assert 0 < resting < driving
     assert states[-1].current < 0
+
+
+def test_an_empty_battery_is_swapped() -> None:
+    clock = SimulatedClock()
+    graph = MemoryGraph(clock=clock)
+    robot, user = DemoRobot(graph), Node(graph, "user")
+    levels: list[float] = []
+    lines: list[str] = []
+    user.subscribe("/battery_state", lambda state: levels.append(state.percentage))
+    user.subscribe("/rosout", lambda line: lines.append(line.msg))
+    stick = user.advertise("/cmd_vel", "geometry_msgs/Twist")
+    for _ in range(80 * 120):
+        stick.publish({"angular": {"z": 2.0}})
+        clock.advance(0.5)
+    robot.close()
+    assert min(levels) < 0.01
+    assert levels[-1] > 0.9
+    assert any("swapped" in line for line in lines)
 
 
 async def test_the_description_is_kept_as_topic_and_as_parameter(lab: Any) -> None:
