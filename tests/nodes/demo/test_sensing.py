@@ -90,8 +90,8 @@ async def test_the_description_is_kept_as_topic_and_as_parameter(lab: Any) -> No
     (message,) = lab.watch("/robot_description")
     assert ET.fromstring(message.data).get("name") == "demo_robot"
     await lab.settle()
-    name = "/robot_description" if lab.graph.distro.ros_version == 1 else "/demo_robot:robot_description"
-    assert await lab.user.get_param(name) == message.data
+    for name in ("/robot_description", lab.parameter("robot_description")):
+        assert await lab.user.get_param(name) == message.data
 
 
 async def test_diagnostics_report_each_part_once_a_second(lab: Any) -> None:
