@@ -31,9 +31,7 @@ class SentGoal:
         self._op = op
         self._listening = True
         self.action = resolve(split_suffix(op.action)[0])
-        events = GoalEvents(
-            on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None
-        )
+        events = GoalEvents(on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None)
         peer.goals.add(self)
         self._goal: ClientGoal = peer.bridge.participant.send_goal(self.action, goal, events)
 
@@ -149,9 +147,13 @@ class ProvidedAction:
         """Pass feedback on (ACT-14)."""
         goal = self._goals.get(op.id) if isinstance(op.id, str) else None
         if goal is None:
-            raise Refused(f"action_feedback: no goal of {self._name} runs under id {op.id!r}", level="warning")
+            raise Refused(
+                f"action_feedback: no goal of {self._name} runs under id {op.id!r}", level="warning"
+            )
         values = object_or_empty(op.values)
-        goal.feedback(payload_of(self._type.feedback, values, "action_feedback.values", self._peer.bridge.now))
+        goal.feedback(
+            payload_of(self._type.feedback, values, "action_feedback.values", self._peer.bridge.now)
+        )
 
     def result(self, op: ops.ActionResult) -> None:
         """End a goal (ACT-15, ACT-16)."""

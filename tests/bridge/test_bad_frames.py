@@ -7,8 +7,8 @@ import logging
 from typing import Any
 
 import pytest
-from rwt_protocol.ops import OPS
 
+from rwt_protocol.ops import OPS
 from tests.bridge.recording_client import Client
 
 FRAMES: dict[str, str | bytes] = {
