@@ -1,4 +1,4 @@
-"""send_action_goal, cancel_action_goal, action_feedback, action_result, advertise_action, unadvertise_action."""
+"""The ops about actions: goals, cancels, feedback and results, both ways."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class ProvidedAction:
         id_ = f"action_goal:{self._name}:{self._count}"
         self._goals[id_] = goal
         goal.on_cancel = lambda: self._peer.send(CancelActionGoal(action=self._name, id=id_))
-        goal.on_end = lambda _: self._goals.pop(id_, None) and None
+        goal.on_end = lambda _: self._forget(id_)
         goal.accept()
         self._peer.send(
             SendActionGoal(
@@ -142,6 +142,9 @@ class ProvidedAction:
                 id=id_,
             )
         )
+
+    def _forget(self, id_: str) -> None:
+        self._goals.pop(id_, None)
 
     def feedback(self, op: ops.ActionFeedback) -> None:
         """Pass feedback on (ACT-14)."""
