@@ -48,7 +48,8 @@ def resolve(name: str, namespace: str = "/", node: str = "") -> str:
         node: absolute name of the node, for private names.
 
     Raises:
-        InvalidGraphName: a character that ROS does not allow, an empty name, or a private name without a node.
+        InvalidGraphName: a character that ROS does not allow, an empty name, or a private name without a
+        node.
     """
     if not name or len(name) > MAX_LENGTH:
         reason = "it is empty" if not name else f"it is longer than {MAX_LENGTH} characters"
@@ -85,7 +86,9 @@ def node_name(name: str, namespace: str = "/") -> str:
         InvalidGraphName: `name` has a slash in it without being absolute, or a character that is not allowed.
     """
     if "/" in name and not name.startswith("/"):
-        raise InvalidGraphName(f"{_shown(name)} is not a node name: give the part before the name as namespace")
+        raise InvalidGraphName(
+            f"{_shown(name)} is not a node name: give the part before the name as namespace"
+        )
     return resolve(name, namespace)
 
 
