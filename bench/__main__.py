@@ -12,17 +12,15 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.cases import CASES, MEMORY, METRICS, Case, Result
+from bench.cases import CASES, METRICS
 from bench.load import WrongAnswer
 from bench.processes import Server, ServerFailed
 from bench.report import document, rows, table
-from bench.wire import ConnectionLost
+from bench.turns import Turns
 
 HERE = Path(__file__).parent
 FULL = (5, 1.0)
 QUICK = (2, 0.5)
-
-Results = dict[str, list[Result]]
 
 
 def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -58,36 +56,6 @@ def cpus(pin: bool) -> tuple[Iterable[int] | None, Iterable[int] | None]:
     return usable[:1], usable[-1:]
 
 
-def measure(servers: Sequence[Server], cases: Sequence[Case], rounds: int, seconds: float) -> list[Results]:
-    """Run each case on each server in turns; the one that begins changes from round to round."""
-    found: list[Results] = [{case.name: [] for case in cases} for _ in servers]
-    for turn in range(rounds):
-        order = (0, 1) if turn % 2 == 0 else (1, 0)
-        for case in cases:
-            for index in order:
-                if index and not case.relay:
-                    continue
-                _progress(f"round {turn + 1}/{rounds}: {case.name}, {servers[index].name}")
-                found[index][case.name].append(run(case, servers[index], seconds))
-    _progress("")
-    for server, results in zip(servers, found, strict=True):
-        results[MEMORY] = [server.memory()]
-    return found
-
-
-def run(case: Case, server: Server, seconds: float) -> Result:
-    """One load on one server."""
-    try:
-        return case.run(server, seconds)
-    except ConnectionLost as error:
-        raise ServerFailed(f"{case.name}: {server.name}: {error}; {server.fate}") from error
-
-
-def _progress(text: str) -> None:
-    if sys.stderr.isatty():
-        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     options = arguments(argv)
     cases = [case for case in CASES if not options.only or options.only in case.name]
@@ -101,10 +69,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         for name, args in (("this server", options.server), ("relay", [str(HERE / "relay.py")])):
             servers.append(Server(name, args, server_cpus))
             stack.callback(servers[-1].stop)
-        server, relay = measure(servers, cases, options.rounds, options.seconds)
+        turns = Turns(servers, cases, options.seconds)
+        server, relay = turns.take(options.rounds)
     wanted = [m for m in METRICS if m.case in server and (m.relay_case or m.case) in relay]
     found = rows(wanted, server, relay)
     print(table(found))
+    if turns.disturbed:
+        count = f"{turns.disturbed} of {turns.measured}"
+        print(f"\n{count} measurements had to share their CPUs with other programs: trust them less.")
     if options.json:
         text = json.dumps(document(found, cases, server, relay), indent=2, ensure_ascii=False)
         options.json.write_text(text + "\n", encoding="utf-8")

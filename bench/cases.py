@@ -90,8 +90,8 @@ MEMORY = "memory"
 CASES = (
     Case("twist 1→1", _fan_out(messages.twists(), 1, Window(512, 64))),
     Case("twist 1→100", _fan_out(messages.twists(), SUBSCRIBERS, Window(64, 8, nap=0.002))),
-    Case("string", _fan_out(messages.strings(), 1, Window(4, 1))),
-    Case("image", _fan_out(messages.images(), 1, Window(4, 1))),
+    Case("string", _fan_out(messages.strings(), 1, Window(2, 1))),
+    Case("image", _fan_out(messages.images(), 1, Window(2, 1))),
     Case("calls in server 1", _calls(SERVICE_IN_SERVER, 1, provided_here=False), relay=False),
     Case("calls in server 32", _calls(SERVICE_IN_SERVER, DEPTH, provided_here=False), relay=False),
     Case("calls of client 1", _calls(SERVICE_OF_CLIENT, 1, provided_here=True)),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import re
 import time
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from bench.messages import Stream, advertise_service, call, twist, twists
-from bench.processes import Server
+from bench.processes import CpuTime, Server, cpu_time
 from bench.wire import Connection, Loop, masked
 
 WARM_UP_SECONDS: Final = 0.3
@@ -42,6 +43,7 @@ class Throughput:
         seconds: how long it took.
         cpu: seconds that the server spent on the CPU meanwhile.
         load_cpu: the same for the load; near `seconds` means that the load may have been the bottleneck.
+        waited: seconds for which server and load were ready to run and did not get a CPU.
         lost: deliveries that never came, in the whole run.
     """
 
@@ -49,6 +51,7 @@ class Throughput:
     seconds: float
     cpu: float
     load_cpu: float
+    waited: float
     lost: int
 
     @property
@@ -62,9 +65,16 @@ class Throughput:
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Milliseconds from before a message was sent until it was read, ascending."""
+    """How long messages were on their way.
+
+    Attributes:
+        milliseconds: from before each message was written until it was read, ascending.
+        seconds, waited, lost: as in `Throughput`.
+    """
 
     milliseconds: tuple[float, ...]
+    seconds: float
+    waited: float
     lost: int
 
     def percentile(self, percent: float) -> float:
@@ -130,6 +140,7 @@ def latency(server: Server, seconds: float) -> Latency:
 
         reader.on_data = note_arrival
         sent = int(seconds * LATENCY_HZ)
+        begin = session.moment(0)
         due = time.perf_counter()
         for _ in range(sent):
             publisher.send(masked(stream.publish(twist(time.perf_counter(), 0.5))))
@@ -137,7 +148,10 @@ def latency(server: Server, seconds: float) -> Latency:
             while (left := due - time.perf_counter()) > 0:
                 session.loop.turn(left)
         session.loop.until(lambda: len(arrived) >= sent, GRACE_SECONDS)
-        return Latency(tuple(sorted(arrived)), sent - len(arrived))
+        end = session.moment(len(arrived))
+        return Latency(
+            tuple(sorted(arrived)), end.time - begin.time, _waited(begin, end), sent - len(arrived)
+        )
 
 
 def service_calls(
@@ -174,18 +188,23 @@ def service_calls(
 class _Moment:
     time: float
     received: int
-    cpu: float
-    load_cpu: float
+    server: CpuTime
+    load: CpuTime
 
 
 def _throughput(begin: _Moment, end: _Moment, lost: int) -> Throughput:
     return Throughput(
         count=end.received - begin.received,
         seconds=end.time - begin.time,
-        cpu=end.cpu - begin.cpu,
-        load_cpu=end.load_cpu - begin.load_cpu,
+        cpu=end.server.used - begin.server.used,
+        load_cpu=end.load.used - begin.load.used,
+        waited=_waited(begin, end),
         lost=lost,
     )
+
+
+def _waited(begin: _Moment, end: _Moment) -> float:
+    return end.server.waited - begin.server.waited + end.load.waited - begin.load.waited
 
 
 def _batches(frames: list[bytes], size: int) -> list[list[bytes]]:
@@ -278,9 +297,9 @@ class _Session:
     ) -> tuple[_Moment, _Moment]:
         """Keep the load up: first to warm up, then for `seconds` between the two moments returned."""
         self._run(keep_going, WARM_UP_SECONDS)
-        begin = self._moment(received())
+        begin = self.moment(received())
         self._run(keep_going, seconds)
-        return begin, self._moment(received())
+        return begin, self.moment(received())
 
     def _run(self, keep_going: Callable[[], None], seconds: float) -> None:
         end = time.perf_counter() + seconds
@@ -289,5 +308,5 @@ class _Session:
             if not self.loop.turn(GRACE_SECONDS):
                 return  # nothing came for that long: the count of what is lost will say so
 
-    def _moment(self, received: int) -> _Moment:
-        return _Moment(time.perf_counter(), received, self._server.cpu_seconds(), time.process_time())
+    def moment(self, received: int) -> _Moment:
+        return _Moment(time.perf_counter(), received, self._server.cpu_time(), cpu_time(os.getpid()))

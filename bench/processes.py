@@ -29,6 +29,29 @@ class Memory:
     peak: float
 
 
+@dataclass(frozen=True, slots=True)
+class CpuTime:
+    """What a process has had of the CPUs so far, in seconds, all its threads together.
+
+    Attributes:
+        used: spent on a CPU.
+        waited: ready to run, with the CPU given to somebody else; 0 where the kernel does not count it.
+    """
+
+    used: float
+    waited: float
+
+
+def cpu_time(pid: int) -> CpuTime:
+    try:
+        texts = [(task / "schedstat").read_text() for task in Path(f"/proc/{pid}/task").iterdir()]
+        used, waited, _ = zip(*(map(int, text.split()) for text in texts), strict=True)
+        return CpuTime(sum(used) / 1e9, sum(waited) / 1e9)
+    except FileNotFoundError:  # a kernel without schedstat: clock ticks, usually of 10 ms
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return CpuTime((int(fields[11]) + int(fields[12])) / TICK, 0.0)
+
+
 class Server:
     """A server that prints `listening on ws://HOST:PORT` on its standard output when it is ready."""
 
@@ -75,14 +98,8 @@ class Server:
         code = self._process.poll()
         return "it still runs" if code is None else f"it ended with exit code {code}"
 
-    def cpu_seconds(self) -> float:
-        """What the process has spent on the CPU so far, in all its threads."""
-        try:
-            tasks = (self._proc / "task").iterdir()
-            return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
-        except FileNotFoundError:  # a kernel without schedstat: clock ticks, usually 10 ms
-            fields = (self._proc / "stat").read_text().rpartition(")")[2].split()
-            return (int(fields[11]) + int(fields[12])) / TICK
+    def cpu_time(self) -> CpuTime:
+        return cpu_time(self._process.pid)
 
     def memory(self) -> Memory:
         text = (self._proc / "status").read_text()

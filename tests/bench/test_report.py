@@ -9,7 +9,10 @@ from bench.report import rows, table
 
 
 def measured(*rates: float, lost: int = 0) -> list[Result]:
-    return [Throughput(count=int(rate), seconds=1.0, cpu=0.5, load_cpu=0.1, lost=lost) for rate in rates]
+    return [
+        Throughput(count=int(rate), seconds=1.0, cpu=0.5, load_cpu=0.1, waited=0.0, lost=lost)
+        for rate in rates
+    ]
 
 
 def rate(result: Result) -> float:
