@@ -15,7 +15,7 @@ import anyio
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import Settings, SettingsError, read_settings
 from rwt_cli.errors import CommandError
-from rwt_graph import MemoryGraph
+from rwt_graph.memory import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry

@@ -21,18 +21,20 @@ class Dispatcher(Generic[C]):
         handlers: a handler for each op that may arrive, by the op's type: called with the context that
             :meth:`dispatch` was given, and the op. It refuses by raising `Refused`.
         on_error: called with the op and any other exception, within the `except` block; it must not raise.
+        refusals: further exceptions that refuse, of layers that know no ops; their text goes to the peer as it is.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
 
     Raises:
         IncompleteDispatcher: a handler is missing, or is there for something that does not arrive.
     """
 
-    __slots__ = ("_handlers", "_on_error")
+    __slots__ = ("_handlers", "_on_error", "_refusals")
 
     def __init__(
         self,
         handlers: Mapping[type[Op], Callable[[C, Never], None]],
         on_error: Callable[[Op, Exception], None],
+        refusals: tuple[type[Exception], ...] = (),
         direction: Direction = Direction.TO_SERVER,
     ) -> None:
         expected = inbound(direction)
@@ -44,6 +46,7 @@ class Dispatcher(Generic[C]):
             model: cast("Callable[[C, Op], None]", handler) for model, handler in handlers.items()
         }
         self._on_error = on_error
+        self._refusals = refusals
 
     def dispatch(self, context: C, op: Op) -> Op | None:
         """Run the handler of `op`, which is one that `Session.decode` gave.
@@ -55,6 +58,8 @@ class Dispatcher(Generic[C]):
             self._handlers[type(op)](context, op)
         except Refused as refused:
             return SPEC_OF[type(op)].refuse(Address.of(op), refused.reason, refused.level)
+        except self._refusals as refused:
+            return SPEC_OF[type(op)].refuse(Address.of(op), f"{op.op}: {refused}", "error")
         except Exception as error:
             self._on_error(op, error)
             return SPEC_OF[type(op)].refuse(Address.of(op), INTERNAL_ERROR, "error")

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import pytest
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.settings import Settings
-from rwt_graph import MemoryGraph, SimulatedClock
+from rwt_graph.clock import SimulatedClock
+from rwt_graph.memory import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 

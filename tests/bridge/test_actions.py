@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from rwt_graph import MemoryGraph
+from rwt_graph.memory import MemoryGraph
 
 from tests.bridge.recording_client import Client
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from rwt_graph import MemoryGraph, ServiceFailed, SimulatedClock
+from rwt_graph.clock import SimulatedClock
+from rwt_graph.errors import ServiceFailed
+from rwt_graph.memory import MemoryGraph
 
 from tests.bridge.recording_client import Client
 

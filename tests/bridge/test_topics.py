@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from rwt_graph import MemoryGraph, SimulatedClock
+from rwt_graph.clock import SimulatedClock
+from rwt_graph.memory import MemoryGraph
 
 from tests.bridge.recording_client import Client
 
