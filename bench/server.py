@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING
+from typing import Any
 
 import anyio
 
@@ -11,17 +11,9 @@ from rwt_bridge.serve import serve
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes.rosapi import Rosapi
 
-if TYPE_CHECKING:
-    from typing import Protocol
 
-    class AddTwoInts(Protocol):
-        """The request of `example_interfaces/AddTwoInts`."""
-
-        a: int
-        b: int
-
-
-def add_two_ints(request: AddTwoInts) -> dict[str, object]:
+def add_two_ints(request: Any) -> dict[str, object]:
+    """`request` is a Struct of a type that is known at run time only."""
     return {"sum": request.a + request.b}
 
 
