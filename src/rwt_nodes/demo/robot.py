@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, cast
-
-import msgspec
+from typing import Protocol
 
 from rwt_graph import Graph, Node, ServiceFailed
 from rwt_nodes.demo import messages
@@ -120,7 +118,7 @@ class DemoRobot:
         self._node.advertise_service("/reset", "std_srvs/Empty", self._reset)
         self._node.advertise_service("/enable_motors", "std_srvs/SetBool", self._enable_motors)
 
-    def _reset(self, request: msgspec.Struct) -> messages.Message:
+    def _reset(self, request: object) -> messages.Message:
         """Back to the start with a fresh battery; the motors stay as they are."""
         self._navigation.abort("the robot was reset")
         self._teleop.forget()
@@ -129,12 +127,11 @@ class DemoRobot:
         self._node.log.info("reset: back at the start, battery full")
         return {}
 
-    def _enable_motors(self, request: msgspec.Struct) -> messages.Message:
-        on = cast("_Switch", request).data
-        self._drive.enabled = on
-        if not on:
+    def _enable_motors(self, request: _Switch) -> messages.Message:
+        self._drive.enabled = request.data
+        if not request.data:
             self._drive.stop()
-        return {"success": True, "message": f"motors {'enabled' if on else 'disabled'}"}
+        return {"success": True, "message": f"motors {'enabled' if request.data else 'disabled'}"}
 
     def _declare_parameters(self) -> None:
         limits, lidar = self._drive.limits, self._lidar
@@ -184,10 +181,9 @@ class DemoRobot:
         graph.run_on_graph(lambda: graph.parameters.set("/robot_description", description))
 
 
-def _add_two_ints(request: msgspec.Struct) -> messages.Message:
-    a, b = cast("_Addends", request).a, cast("_Addends", request).b
-    total = a + b
+def _add_two_ints(request: _Addends) -> messages.Message:
+    total = request.a + request.b
     if not -(2**63) <= total < 2**63:
-        msg = f"{a} + {b} does not fit an int64"
+        msg = f"{request.a} + {request.b} does not fit an int64"
         raise ServiceFailed(msg)
     return {"sum": total}
