@@ -170,14 +170,14 @@ class DemoRobot:
         )
 
     def _describe(self, description: str) -> None:
-        """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global one."""
-        self._node.advertise("/robot_description", "std_msgs/String", latch=True).publish(
-            {"data": description}
-        )
-        self._node.parameters.declare(
-            "robot_description", description, description="The robot as URDF.", read_only=True
-        )
-        graph = self._node.graph
+        """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global parameter."""
+        node = self._node
+        node.advertise("/robot_description", "std_msgs/String", latch=True).publish({"data": description})
+        if node.distro.ros_version == 2:
+            node.parameters.declare(
+                "robot_description", description, description="The robot as URDF.", read_only=True
+            )
+        graph = node.graph
         graph.run_on_graph(lambda: graph.parameters.set("/robot_description", description))
 
 
