@@ -1,8 +1,8 @@
 """Real servers and real, unpatched client programs, each in a process of its own.
 
 A program is started once for each distribution and stays: a test writes the name of a scenario and reads the
-line that says what the client observed. What the library complained about on the way fails the test, unless the
-test asks for the complaints.
+line that says what the client observed. What the library complained about on the way fails the test, unless
+the test asks for the complaints.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ def disconnect(ros: Value) -> None:
 
 def settled(ros: Value) -> None:
     """Return when the server has done everything sent before on this connection."""
-    ros.get_topic_type("/chatter")
+    call(ros, "/rosapi/topic_type", "rosapi/TopicType", {"topic": "/chatter"})
 
 
 def publish(ros: Value, name: str, type_: str, *messages: Value, **options: Value) -> Value:

@@ -21,7 +21,7 @@ class Connections {
   }
 
   async open() {
-    const ros = new this.library.ROSLIB.Ros();
+    const ros = new this.library.ROSLIB.Ros(this.library.options);
     this.opened.push(ros);
     ros.on('error', (error) => complaints.push(String(error?.message ?? error)));
     await connect(ros, this.url);

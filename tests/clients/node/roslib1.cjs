@@ -5,6 +5,8 @@ const ROSLIB = require('roslib1');
 const library = {
   name: 'roslib1',
   ROSLIB,
+  // Without an encoding it warns on standard error that it takes this one.
+  options: { encoding: 'utf8' },
   message: (values) => new ROSLIB.Message(values),
   request: (values) => new ROSLIB.ServiceRequest(values),
 };
