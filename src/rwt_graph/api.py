@@ -10,8 +10,9 @@ Rules that hold for every backend:
 * Names are absolute and resolved (`/chatter`); see :mod:`rwt_graph.names`.
 * The other side may be in another process: an answer comes through a callback, never as a return value, and
   what introspection returns is a snapshot of what is known now.
-* Callbacks are never called before the method that took them has returned, except `on_sample`, which is
-  called from within `publish` when the subscriber is in the same process.
+* A callback may be called before the method that took it has returned (the other side is often in the same
+  process, and then it is a plain function call: `on_sample` from within `publish`, and from within `subscribe`
+  for kept samples; `on_reply` from within `call_service`; goal events from within `send_goal`), or any time later.
 * A callback that raises is logged and disturbs nobody else.
 * Every `close` and `cancel` may be called twice.
 """
@@ -19,25 +20,27 @@ Rules that hold for every backend:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
+
+from msgspec import Struct
 
 from rwt_graph.qos import BEST_AVAILABLE, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_graph.errors import CallFailed
+    from rwt_graph.params import ParameterTree
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A payload in the graph.
+class Sample(Struct, frozen=True, eq=False, gc=False):
+    """A payload in the graph. One is made per publish: a msgspec Struct, which costs a fifth of a dataclass.
 
     Attributes:
         topic: absolute name.
@@ -105,6 +108,8 @@ class Registration(ABC):
 class ServiceCall(ABC):
     """One request as its provider sees it. Exactly one of `reply` and `fail` has an effect, and only once."""
 
+    __slots__ = ()
+
     service: str
     request: Payload
 
@@ -124,6 +129,8 @@ class ServiceCall(ABC):
 
 class PendingCall(ABC):
     """One request as its caller sees it."""
+
+    __slots__ = ()
 
     @abstractmethod
     def cancel(self) -> None:
@@ -221,6 +228,11 @@ class ClientGoal(ABC):
     def status(self) -> GoalStatus:
         """The last state that was heard of."""
 
+    @property
+    @abstractmethod
+    def reason(self) -> str:
+        """Why the server ended the goal as it did; empty while it runs or when nothing was said."""
+
     @abstractmethod
     def cancel(self) -> None:
         """Ask the server to cancel; the outcome comes as the result."""
@@ -270,13 +282,18 @@ class Participant(ABC):
         type: ServiceType,  # noqa: A002
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
-        """Offer a service. A provider of the same name is replaced (SVP-07)."""
+        """Offer a service. A provider of the same name is replaced; its calls in flight fail (SVP-07)."""
 
     @abstractmethod
     def call_service(
         self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
     ) -> PendingCall:
-        """Call a service; `timeout` in seconds, None waits for ever. An unknown service is a reply too."""
+        """Call a service; an unknown service is a reply too.
+
+        Args:
+            timeout: seconds after which the reply is :exc:`CallTimeout`, kept to within 20 ms and never early;
+                None waits for ever.
+        """
 
     @abstractmethod
     def advertise_action(
@@ -291,7 +308,18 @@ class Participant(ABC):
     def send_goal(
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
     ) -> ClientGoal:
-        """Send a goal; an unknown action is a result too. `goal_id` is 32 hex digits, or made here."""
+        """Send a goal; an unknown action is a result too.
+
+        Args:
+            goal_id: 32 lower-case hex digits; None makes one. One that is in use on the action is rejected.
+
+        Raises:
+            InvalidGraphName: `goal_id` is something else.
+        """
+
+    @abstractmethod
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Ask to cancel a goal that anybody sent, by its id. An unknown goal or action is no error (ACT-07)."""
 
     @abstractmethod
     def close(self) -> None:
@@ -353,11 +381,13 @@ class Graph(ABC):
         distro: the ROS distribution whose names and messages this graph speaks.
         registry: the interfaces it knows.
         clock: ROS time, steady time and timers.
+        parameters: the global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
     """
 
     distro: Distro
     registry: Registry
     clock: Clock
+    parameters: ParameterTree
 
     @abstractmethod
     def participant(self, name: str) -> Participant:
@@ -391,12 +421,34 @@ class Graph(ABC):
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Every node, sorted by name."""
 
+    @property
     @abstractmethod
-    def run_on_graph(self, call: Callable[[], None]) -> None:
-        """Run `call` on the graph's thread, soon and in order; safe from any thread."""
+    def running(self) -> bool:
+        """Whether the graph is on an event loop now."""
 
     @abstractmethod
-    async def __aenter__(self) -> Graph:
+    def on_graph_thread(self) -> bool:
+        """Whether the graph may be touched from here: this is its thread, or no loop runs it."""
+
+    @abstractmethod
+    def run_on_graph(self, call: Callable[[], None]) -> None:
+        """Run `call` on the graph's thread, soon and in order; safe from any thread.
+
+        While the graph is not running, `call` runs at once. What it raises is logged.
+        """
+
+    @abstractmethod
+    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
+        """Run a coroutine function as a task of the graph; before the graph runs it is kept until then.
+
+        What it raises is logged and ends nothing else; it is cancelled when the graph is left.
+
+        Raises:
+            NotRunning: the graph was left already.
+        """
+
+    @abstractmethod
+    async def __aenter__(self) -> Self:
         """Run on the current event loop (asyncio or trio): timers, coroutine handlers, calls from threads."""
 
     @abstractmethod

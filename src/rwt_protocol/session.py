@@ -1,0 +1,259 @@
+"""One peer's wire state: frames in, ops out, and back. No I/O, no clock, no log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import msgspec
+from pydantic import ValidationError
+
+from rwt_protocol.codecs import JSON
+from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.errors import Level
+from rwt_protocol.frames import Frame
+from rwt_protocol.ops import OPS, Address, Direction, Op, OpSpec, SetLevel, Status
+from rwt_protocol.ops.base import Opaque
+from rwt_protocol.profiles import COMPAT, Profile, StatusRule
+from rwt_protocol.rawjson import RawJson
+from rwt_protocol.wording import describe, explain, nearest
+
+_SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
+
+
+@dataclass(frozen=True, slots=True)
+class WireLimits:
+    """What one peer may send.
+
+    Attributes:
+        max_message_size: bytes in one frame.
+        max_depth: objects and arrays open at once in one message, itself included.
+    """
+
+    max_message_size: int = 10_000_000
+    max_depth: int = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Something in a frame that is not done.
+
+    Attributes:
+        reason: why, in words for the sender.
+        op: the name of the op as it was sent, empty when none could be read.
+        id: the sender's id, None when none could be read.
+        name: the service or action that was meant, empty when none could be read.
+        answer: the op that tells the sender; None on a client's side where the protocol has no way to.
+    """
+
+    reason: str
+    op: str = ""
+    id: str | int | None = None
+    name: str = ""
+    answer: Op | None = None
+
+
+class Session:
+    """The wire state of one peer.
+
+    What asks something of the session itself (`set_level`) is done by it, and not given out.
+
+    Args:
+        profile: which version of the protocol is spoken.
+        direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
+        limits: what the peer may send.
+    """
+
+    __slots__ = ("_direction", "_level", "_limits", "_max_size", "_profile", "_readers")
+
+    def __init__(
+        self,
+        profile: Profile = COMPAT,
+        direction: Direction = Direction.TO_SERVER,
+        limits: WireLimits = WireLimits(),
+    ) -> None:
+        self._profile = profile
+        self._direction = direction
+        self._limits = limits
+        self._max_size = limits.max_message_size
+        self._readers = _readers(profile, direction)
+        self._level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
+
+    def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
+        """The messages of one frame, in order. Never raises, and keeps nothing of a frame that is cut short.
+
+        A binary frame is read as JSON text (ENV-12).
+
+        Args:
+            data: the whole frame.
+            binary: whether it came as binary rather than as text.
+            now: seconds on any clock that never goes back.
+        """
+        if len(data) > self._max_size:
+            return (
+                self._refusal(
+                    {}, f"{len(data)} bytes are more than the {self._max_size} of max_message_size"
+                ),
+            )
+        if binary and not data.lstrip(b" \t\r\n").startswith(b"{"):
+            return (self._refusal({}, "a binary frame must hold JSON text in UTF-8: cbor is not enabled"),)
+        parts = JSON.split(data, self._limits.max_depth)
+        if len(parts) == 1:
+            one = self._read(parts[0])
+            return () if one is None else (one,)
+        return [read for part in parts if (read := self._read(part)) is not None]
+
+    def encode(self, op: Op) -> Frame:
+        """One op as a frame.
+
+        Raises:
+            MalformedPayload: its payload came from another peer, and is not JSON.
+        """
+        return JSON.encode(op)
+
+    def answer(self, op: Op) -> Frame | None:
+        """One op as a frame, or None for a `status` that this client does not want to hear (STA-02)."""
+        if isinstance(op, Status) and not self.wants_status(op.level):
+            return None
+        return JSON.encode(op)
+
+    @property
+    def level(self) -> Level | None:
+        """The least severity of which the client hears; None when it hears none in this profile."""
+        return self._level
+
+    def wants_status(self, level: Level) -> bool:
+        """Whether a `status` of that severity may be sent now (STA-02)."""
+        return self._level is not None and level != "none" and _SEVERITY[level] >= _SEVERITY[self._level]
+
+    def _read(self, members: Members | Fault) -> Op | Refusal | None:
+        """One message as its op, validated once; None when the session itself has done what it asks."""
+        if isinstance(members, Fault):
+            return self._refusal(members.members, members.reason)
+        name = members.get("op")
+        reader = self._readers.get(name) if isinstance(name, str) else None
+        if reader is None:
+            return self._refusal(members, self._why_no_op(members))
+        try:
+            op = reader.read(members)
+        except ValidationError as error:
+            return self._refusal(members, explain(str(name), reader.spec.model, error))
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            return self._refusal(members, f"{name}: holds a string that is not valid")
+        return self._done_here(op) if reader.spec.in_session else op
+
+    def _done_here(self, op: Op) -> Refusal | None:
+        if isinstance(op, SetLevel):
+            self._level = op.level
+            return None
+        members: Members = {"op": op.op, "id": op.id}
+        return self._refusal(members, f"{op.op}: not enabled")
+
+    def _why_no_op(self, members: Members) -> str:
+        """Why the `op` of a message is not one that is taken here (ENV-03, ENV-04, ENV-05)."""
+        allowed = f"expected one of {', '.join(sorted(self._readers))}"
+        if "op" not in members:
+            if "receiver" in members:
+                return 'a message of rosbridge v1 ("receiver"): in v2 every message has an "op"'
+            return f'no "op": {allowed}'
+        name = members["op"]
+        if not isinstance(name, str):
+            return f"op: expected a string, got {describe(name)}"
+        if name in OPS and name in self._profile.ops:
+            return f'operation "{name}" only goes {OPS[name].direction.value}'
+        return f"unknown operation {describe(name)}{nearest(name, self._readers)}: {allowed}"
+
+    def _refusal(self, members: Members, reason: str) -> Refusal:
+        address = _address(members)
+        spec = OPS.get(address.op, OPS["status"])
+        answer: Op | None = spec.refuse(address, reason, "error")
+        if isinstance(answer, Status) and self._direction is Direction.TO_CLIENT:
+            answer = None
+        return Refusal(reason, address.op, address.id, address.name, answer)
+
+
+class _Reader:
+    """How the members of one op become that op, in one profile."""
+
+    __slots__ = ("_ignored", "_name", "_optional", "_payloads", "_validate", "spec")
+
+    def __init__(self, spec: OpSpec, ignored: frozenset[str]) -> None:
+        self.spec = spec
+        self._name = spec.name
+        self._ignored = tuple(ignored)
+        self._validate = spec.model.__pydantic_validator__.validate_python
+        self._payloads = _converters(spec.model)
+        self._optional = tuple(n for n, field in spec.model.model_fields.items() if not field.is_required())
+
+    def read(self, members: Members) -> Op:
+        """The op. `members` is used up.
+
+        Raises:
+            ValidationError: a member is missing or wrong.
+            msgspec.DecodeError, UnicodeDecodeError: a text among the payloads is not a string.
+        """
+        for name, convert in self._payloads:
+            raw = members.get(name)
+            if isinstance(raw, msgspec.Raw | RawJson):
+                members[name] = convert(raw)
+        for name in self._ignored:
+            members.pop(name, None)
+        members["op"] = self._name
+        try:
+            op: Op = self._validate(members)
+        except ValidationError:
+            # Null stands for an absent member (STA-07, SUB-11). Few send it, so the others do not pay for it.
+            nulls = [name for name in self._optional if name in members and members[name] is None]
+            if not nulls:
+                raise
+            for name in nulls:
+                del members[name]
+            op = self._validate(members)
+        return op
+
+
+_Convert = Callable[[msgspec.Raw | RawJson], object]
+
+
+def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
+    """What to do with the members that arrive undecoded."""
+    found: list[tuple[str, _Convert]] = []
+    for name, field in model.model_fields.items():
+        marks = [item for item in field.metadata if isinstance(item, Opaque)]
+        if marks:
+            found.append((name, marks[0].convert))
+        elif name == "msg":
+            found.append((name, _decode_text))
+    return tuple(found)
+
+
+def _decode_text(raw: msgspec.Raw | RawJson) -> object:
+    """A member that is a payload in another op and a text in this one."""
+    return msgspec.json.decode(raw.data if isinstance(raw, RawJson) else raw)
+
+
+@cache
+def _readers(profile: Profile, direction: Direction) -> Mapping[str, _Reader]:
+    """The readers of the ops that arrive in one direction, by every name that the ops go by."""
+    table: dict[str, _Reader] = {}
+    for name, spec in OPS.items():
+        if name in profile.ops and spec.direction in (direction, Direction.BOTH):
+            reader = _Reader(spec, profile.without.get(name, frozenset()))
+            table.update(dict.fromkeys((name, *spec.aliases), reader))
+    return table
+
+
+def _address(members: Members) -> Address:
+    """Where to answer a message, as far as that can be read."""
+    op, mark = members.get("op"), members.get("id")
+    name = members.get("service", members.get("action"))
+    known = isinstance(mark, str) or (
+        isinstance(mark, int) and not isinstance(mark, bool) and -(2**63) <= mark < 2**64
+    )
+    return Address(
+        op if isinstance(op, str) else "",
+        mark if known and isinstance(mark, str | int) else None,
+        name if isinstance(name, str) else "",
+    )
