@@ -52,7 +52,7 @@ class _Process:
         )
         self._name = " ".join(Path(part).name for part in command)
         self._log = Path(log.name)
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -60,7 +60,7 @@ class _Process:
         assert self.popen.stdout is not None
         for line in self.popen.stdout:
             self._lines.put(line.rstrip("\n"))
-        self._lines.put("")
+        self._lines.put(None)
 
     def write(self, line: str) -> None:
         assert self.popen.stdin is not None
@@ -73,7 +73,7 @@ class _Process:
             line = self._lines.get(timeout=_LINE_LIMIT)
         except queue.Empty:
             pytest.fail(f"{self._name} printed nothing for {_LINE_LIMIT:g} s:\n{self.log()}")
-        if not line:
+        if line is None:
             pytest.fail(f"{self._name} ended with {self.popen.wait()}:\n{self.log()}")
         return line
 
