@@ -102,8 +102,12 @@ class Server:
     def __init__(self, distro: str, log: IO[bytes], url: str = "ws://127.0.0.1:0") -> None:
         command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", "--distro", distro, url]
         self._process = _Process(command, log)
-        announced = self._process.line()
-        assert announced.startswith("listening on ws://127.0.0.1:"), announced
+        try:
+            announced = self._process.line()
+            assert announced.startswith("listening on ws://127.0.0.1:"), announced
+        except BaseException:
+            self._process.end(signal.SIGKILL)
+            raise
         self.url = announced.removeprefix("listening on ")
 
     def end(self) -> int:
