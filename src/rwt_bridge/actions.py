@@ -29,6 +29,7 @@ class SentGoal:
     def __init__(self, peer: Peer, op: SendActionGoal, goal: Payload) -> None:
         self._peer = peer
         self._op = op
+        self._listening = True
         self.action = resolve(split_suffix(op.action)[0])
         events = GoalEvents(
             on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None
@@ -45,7 +46,13 @@ class SentGoal:
         """Ask the server to cancel; the outcome is the result (ACT-07, ACT-08)."""
         self._goal.cancel()
 
+    def orphan(self) -> None:
+        """The client has gone; the goal runs on, and nobody hears of it (ACT-19)."""
+        self._listening = False
+
     def _on_feedback(self, feedback: Payload) -> None:
+        if not self._listening:
+            return
         self._peer.send(
             ActionFeedback(action=self._op.action, values=RawJson(feedback.json()), id=self._op.id)
         )
@@ -54,6 +61,8 @@ class SentGoal:
         peer, op = self._peer, self._op
         peer.goals.discard(self)
         peer.bridge.forget_goal(self)
+        if not self._listening:
+            return
         if isinstance(outcome, CallFailed):
             peer.send(
                 ActionResult(

@@ -91,6 +91,7 @@ class Bridge:
         """Forget a client; its goals run on, and can still be cancelled from the same address."""
         self._peers.discard(peer)
         for goal in peer.goals:
+            goal.orphan()
             self._orphans[goal] = peer.info.address
         while len(self._orphans) > _MOST_ORPHANS:
             del self._orphans[next(iter(self._orphans))]

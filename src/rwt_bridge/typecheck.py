@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from rwt_interfaces.errors import PayloadError
 from rwt_interfaces.payload import Payload
 from rwt_protocol.errors import Refused
@@ -34,31 +32,26 @@ def payload_of(type: MessageType, raw: RawJson, where: str, now: Callable[[], in
         if not raw.verified:
             # A large payload was cut out of its frame unseen; only a full parse says what is wrong with it.
             return payload_of(type, raw.proven(), where, now)
-        path = f"{where}.{error.path}" if error.path else where
-        raise Refused(f"{path}: {error.reason}") from None
+        raise _refused(where, error) from None
 
 
 def arguments_of(type: MessageType, raw: RawJson, where: str, now: Callable[[], int]) -> Payload:  # noqa: A002
-    """Check the arguments of a call or a goal: an object by name, or a list by position (SRV-02).
-
-    A short list leaves the rest at its defaults, what a long one has too much is ignored, and any other JSON
-    stands for no arguments.
+    """Check the arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
 
     Raises:
-        Refused: they do not fit.
+        Refused: as :func:`payload_of`.
     """
-    if raw.shape == "array":
-        raw = _by_name(type, raw.proven())
-    elif raw.shape != "object":
-        raw = EMPTY
-    return payload_of(type, raw, where, now)
+    if raw.shape == "object":
+        return payload_of(type, raw, where, now)
+    try:
+        return Payload.from_args(type, raw.proven().data, now)
+    except PayloadError as error:
+        raise _refused(where, error) from None
 
 
-def _by_name(type: MessageType, raw: RawJson) -> RawJson:  # noqa: A002
-    """A positional list as the object that says the same."""
-    values = msgspec.json.decode(raw.data, type=list[msgspec.Raw])
-    pairs = zip(type.definition.fields, values, strict=False)
-    return RawJson(b"{%b}" % b",".join(b'"%b":%b' % (field.name.encode(), value) for field, value in pairs))
+def _refused(where: str, error: PayloadError) -> Refused:
+    path = f"{where}.{error.path}" if error.path else where
+    return Refused(f"{path}: {error.reason}")
 
 
 def failure_text(values: RawJson | str, instead: str) -> str:

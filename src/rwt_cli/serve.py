@@ -96,6 +96,10 @@ def _registry(settings: Settings) -> Registry:
             registry.add_directory(folder)
         except (InterfaceError, OSError) as error:
             raise CommandError(f"--interfaces {folder}: {error}", exit_code=2) from error
+    try:
+        registry.verify()
+    except InterfaceError as error:
+        raise CommandError(f"--interfaces: {error}", exit_code=2) from error
     return registry
 
 

@@ -135,7 +135,9 @@ class MemoryGoal(ServerGoal):
     def reject(self, reason: str) -> None:
         """End an UNKNOWN goal; the client receives :exc:`GoalRejected`."""
         if self._status is not GoalStatus.UNKNOWN or self._server.goals.pop(self.id, None) is None:
-            raise InvalidTransition(f"goal {self.id} of {self.action} is {self._status.name}: too late to reject")
+            raise InvalidTransition(
+                f"goal {self.id} of {self.action} is {self._status.name}: too late to reject"
+            )
         self._end(GoalRejected(reason), reason)
 
     def feedback(self, feedback: Payload) -> None:

@@ -47,7 +47,7 @@ class TopicPublisher:
         self.type = publisher.type
         self._graph = graph
         self._publisher = publisher
-        self._now = graph.clock.time_ns
+        self.now_ns = graph.clock.time_ns
 
     def publish(self, message: MessageLike) -> None:
         """Send one message to every subscriber.
@@ -58,7 +58,7 @@ class TopicPublisher:
         Raises:
             PayloadError: the message does not fit the topic's type.
         """
-        payload = to_payload(self.type, message, self._now)
+        payload = to_payload(self.type, message, self.now_ns)
         if self._graph.on_graph_thread():
             self._publisher.publish(payload)
         else:
@@ -207,7 +207,9 @@ class TopicSubscription:
             RuntimeError: the subscription has a callback, which receives them already.
         """
         if self._queue is None or self._has_callback:
-            raise RuntimeError(f"the subscription of {self.topic} has a callback; subscribe without one to iterate")
+            raise RuntimeError(
+                f"the subscription of {self.topic} has a callback; subscribe without one to iterate"
+            )
         return Samples(self._queue)
 
     def close(self) -> None:

@@ -85,7 +85,9 @@ def node_name(name: str, namespace: str = "/") -> str:
         InvalidGraphName: `name` has a slash in it without being absolute, or a character that is not allowed.
     """
     if "/" in name and not name.startswith("/"):
-        raise InvalidGraphName(f"{_shown(name)} is not a node name: give the part before the name as namespace")
+        raise InvalidGraphName(
+            f"{_shown(name)} is not a node name: give the part before the name as namespace"
+        )
     return resolve(name, namespace)
 
 

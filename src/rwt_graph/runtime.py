@@ -44,6 +44,7 @@ class Runtime:
         self._thread: int | None = None
         self._group: anyio.abc.TaskGroup | None = None
         self._waiting: list[tuple[Task, str]] = []
+        self._wake: anyio.Event | None = None
         self._over = False
 
     @property
@@ -110,10 +111,23 @@ class Runtime:
         """
         if self._over:
             raise NotRunning(f"{name} cannot start: the graph was closed")
-        if self._group is None:
-            self._waiting.append((task, name))
-        else:
-            self._group.start_soon(_guarded, task, name, name=name)
+        self._waiting.append((task, name))
+        if self._wake is not None:
+            self._wake.set()
+
+    async def _start_tasks(self, group: anyio.abc.TaskGroup) -> None:
+        """Start what was spawned.
+
+        A task of its own does it, because most of what spawns is a callback of the event loop (a socket's, a
+        timer's), and there a task group cannot start anything.
+        """
+        while True:
+            waiting, self._waiting = self._waiting, []
+            for task, name in waiting:
+                group.start_soon(_guarded, task, name, name=name)
+            wake = self._wake = anyio.Event()
+            if not self._waiting:
+                await wake.wait()
 
     async def start(self) -> None:
         """Take hold of the running event loop.
@@ -128,10 +142,8 @@ class Runtime:
         self._group = group
         self._door = _loop_door()
         self._thread = threading.get_ident()
-        self.spawn(self.clock.drive, "clock")
-        waiting, self._waiting = self._waiting, []
-        for task, name in waiting:
-            self.spawn(task, name)
+        group.start_soon(_guarded, self.clock.drive, "clock", name="clock")
+        group.start_soon(self._start_tasks, group, name="task starter")
 
     async def stop(self, close: Callable[[], None]) -> None:
         """Run `close`, cancel every task and wait for their end."""
@@ -148,6 +160,8 @@ class Runtime:
             # Not given the body's exception: it goes on by itself, unwrapped by any group.
             await group.__aexit__(None, None, None)
             self._group = None
+            self._wake = None
+            self._waiting.clear()
             self._thread = None
 
 

@@ -92,7 +92,9 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
 class MemoryProvider(Registration):
     """One service that a node offers; `open` are its calls in flight."""
 
-    def __init__(self, services: Services, name: str, type: ServiceType, owner: Owner, on_call: OnCall) -> None:  # noqa: A002 - the contract's word
+    def __init__(
+        self, services: Services, name: str, type: ServiceType, owner: Owner, on_call: OnCall
+    ) -> None:  # noqa: A002 - the contract's word
         self.name = name
         self.type = type
         self.node = owner.name

@@ -149,7 +149,9 @@ class MemoryPublisher(Publisher):
 class MemorySubscription(Subscription):
     """A subscriber of one topic. `typed` tells whether it came with a type, and so holds the topic's."""
 
-    def __init__(self, topics: Topics, topic: Topic, on_sample: OnSample, typed: bool, qos: QoS, owner: Owner) -> None:
+    def __init__(
+        self, topics: Topics, topic: Topic, on_sample: OnSample, typed: bool, qos: QoS, owner: Owner
+    ) -> None:
         self.topic = topic.name
         self.on_sample = on_sample
         self.typed = typed

@@ -53,7 +53,7 @@ def interface_files(folder: Path) -> list[InterfaceFile]:
         raise DefinitionError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
     if not found:
         raise DefinitionError(
-            f"{folder}: no interface files; expected PACKAGE/msg/X.msg, PACKAGE/srv/X.srv or PACKAGE/action/X.action"
+            f"{folder}: no interface files; expected PACKAGE/msg/X.msg, and so on for srv and action"
         )
     return found
 

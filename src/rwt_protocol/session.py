@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Final
 
 import msgspec
@@ -14,12 +13,12 @@ from rwt_protocol.codecs import JSON
 from rwt_protocol.codecs.base import Fault, Members
 from rwt_protocol.errors import Level
 from rwt_protocol.frames import Frame
-from rwt_protocol.ops import OPS, Address, Direction, Op, OpSpec, SetLevel, Status
-from rwt_protocol.ops.base import Opaque
+from rwt_protocol.ops import ALIASES, OPS, Address, Direction, Op, SetLevel, Status
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.readers import readers
 from rwt_protocol.wording import describe, explain, nearest
 
+_split: Final = JSON.split
 _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
 
 
@@ -66,7 +65,7 @@ class Session:
         limits: what the peer may send.
     """
 
-    __slots__ = ("_direction", "_level", "_limits", "_max_size", "_profile", "_readers")
+    __slots__ = ("_direction", "_level", "_max_depth", "_max_size", "_profile", "_readers")
 
     def __init__(
         self,
@@ -76,9 +75,9 @@ class Session:
     ) -> None:
         self._profile = profile
         self._direction = direction
-        self._limits = limits
         self._max_size = limits.max_message_size
-        self._readers = _readers(profile, direction)
+        self._max_depth = limits.max_depth
+        self._readers = readers(profile, direction)
         self._level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
 
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
@@ -93,17 +92,14 @@ class Session:
         """
         if len(data) > self._max_size:
             return (
-                self._refusal(
-                    {}, f"{len(data)} bytes are more than the {self._max_size} of max_message_size"
-                ),
+                self._refusal({}, f"{len(data)} bytes: the limit is {self._max_size} (max_message_size)"),
             )
         if binary and not data.lstrip(b" \t\r\n").startswith(b"{"):
             return (self._refusal({}, "a binary frame must hold JSON text in UTF-8: cbor is not enabled"),)
-        parts = JSON.split(data, self._limits.max_depth)
+        parts = _split(data, self._max_depth)
         if len(parts) == 1:
-            one = self._read(parts[0])
-            return () if one is None else (one,)
-        return [read for part in parts if (read := self._read(part)) is not None]
+            return self._read(parts[0])
+        return [read for part in parts for read in self._read(part)]
 
     def encode(self, op: Op) -> Frame:
         """One op as a frame.
@@ -128,32 +124,39 @@ class Session:
         """Whether a `status` of that severity may be sent now (STA-02)."""
         return self._level is not None and level != "none" and _SEVERITY[level] >= _SEVERITY[self._level]
 
-    def _read(self, members: Members | Fault) -> Op | Refusal | None:
-        """One message as its op, validated once; None when the session itself has done what it asks."""
+    def _read(self, members: Members | Fault) -> Sequence[Op | Refusal]:
+        """One message as its op; nothing when the session itself has done what it asks."""
         if isinstance(members, Fault):
-            return self._refusal(members.members, members.reason)
-        name = members.get("op")
-        reader = self._readers.get(name) if isinstance(name, str) else None
-        if reader is None:
-            return self._refusal(members, self._why_no_op(members))
+            return (self._refusal(members.members, members.reason),)
+        try:
+            reader = self._readers[members["op"]]
+        except (KeyError, TypeError):
+            return self._read_other(members)
         try:
             op = reader.read(members)
         except ValidationError as error:
-            return self._refusal(members, explain(str(name), reader.spec.model, error))
+            return (self._refusal(members, explain(str(members["op"]), reader.model, error)),)
         except (msgspec.DecodeError, UnicodeDecodeError):
-            return self._refusal(members, f"{name}: holds a string that is not valid")
-        return self._done_here(op) if reader.spec.in_session else op
+            return (self._refusal(members, f"{members['op']}: holds a string that is not valid"),)
+        return self._do(op) if reader.in_session else (op,)
 
-    def _done_here(self, op: Op) -> Refusal | None:
+    def _read_other(self, members: Members) -> Sequence[Op | Refusal]:
+        """A message whose `op` is not one that arrives here: another name of one, or none at all."""
+        name = members.get("op")
+        if isinstance(name, str) and ALIASES.get(name) in self._readers:
+            return self._read(members | {"op": ALIASES[name]})
+        return (self._refusal(members, self._why_no_op(members)),)
+
+    def _do(self, op: Op) -> Sequence[Op | Refusal]:
+        """What is asked of the session itself."""
         if isinstance(op, SetLevel):
             self._level = op.level
-            return None
-        members: Members = {"op": op.op, "id": op.id}
-        return self._refusal(members, f"{op.op}: not enabled")
+            return ()
+        return (self._refusal({"op": op.op, "id": op.id}, f"{op.op}: not enabled"),)
 
     def _why_no_op(self, members: Members) -> str:
         """Why the `op` of a message is not one that is taken here (ENV-03, ENV-04, ENV-05)."""
-        allowed = f"expected one of {', '.join(sorted(self._readers))}"
+        allowed = f"expected one of {', '.join(sorted(map(str, self._readers)))}"
         if "op" not in members:
             if "receiver" in members:
                 return 'a message of rosbridge v1 ("receiver"): in v2 every message has an "op"'
@@ -163,7 +166,7 @@ class Session:
             return f"op: expected a string, got {describe(name)}"
         if name in OPS and name in self._profile.ops:
             return f'operation "{name}" only goes {OPS[name].direction.value}'
-        return f"unknown operation {describe(name)}{nearest(name, self._readers)}: {allowed}"
+        return f"unknown operation {describe(name)}{nearest(name, map(str, self._readers))}: {allowed}"
 
     def _refusal(self, members: Members, reason: str) -> Refusal:
         address = _address(members)
@@ -172,77 +175,6 @@ class Session:
         if isinstance(answer, Status) and self._direction is Direction.TO_CLIENT:
             answer = None
         return Refusal(reason, address.op, address.id, address.name, answer)
-
-
-class _Reader:
-    """How the members of one op become that op, in one profile."""
-
-    __slots__ = ("_ignored", "_name", "_optional", "_payloads", "_validate", "spec")
-
-    def __init__(self, spec: OpSpec, ignored: frozenset[str]) -> None:
-        self.spec = spec
-        self._name = spec.name
-        self._ignored = tuple(ignored)
-        self._validate = spec.model.__pydantic_validator__.validate_python
-        self._payloads = _converters(spec.model)
-        self._optional = tuple(n for n, field in spec.model.model_fields.items() if not field.is_required())
-
-    def read(self, members: Members) -> Op:
-        """The op. `members` is used up.
-
-        Raises:
-            ValidationError: a member is missing or wrong.
-            msgspec.DecodeError, UnicodeDecodeError: a text among the payloads is not a string.
-        """
-        for name, convert in self._payloads:
-            raw = members.get(name)
-            if isinstance(raw, msgspec.Raw | RawJson):
-                members[name] = convert(raw)
-        for name in self._ignored:
-            members.pop(name, None)
-        members["op"] = self._name
-        try:
-            op: Op = self._validate(members)
-        except ValidationError:
-            # Null stands for an absent member (STA-07, SUB-11). Few send it, so the others do not pay for it.
-            nulls = [name for name in self._optional if name in members and members[name] is None]
-            if not nulls:
-                raise
-            for name in nulls:
-                del members[name]
-            op = self._validate(members)
-        return op
-
-
-_Convert = Callable[[msgspec.Raw | RawJson], object]
-
-
-def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
-    """What to do with the members that arrive undecoded."""
-    found: list[tuple[str, _Convert]] = []
-    for name, field in model.model_fields.items():
-        marks = [item for item in field.metadata if isinstance(item, Opaque)]
-        if marks:
-            found.append((name, marks[0].convert))
-        elif name == "msg":
-            found.append((name, _decode_text))
-    return tuple(found)
-
-
-def _decode_text(raw: msgspec.Raw | RawJson) -> object:
-    """A member that is a payload in another op and a text in this one."""
-    return msgspec.json.decode(raw.data if isinstance(raw, RawJson) else raw)
-
-
-@cache
-def _readers(profile: Profile, direction: Direction) -> Mapping[str, _Reader]:
-    """The readers of the ops that arrive in one direction, by every name that the ops go by."""
-    table: dict[str, _Reader] = {}
-    for name, spec in OPS.items():
-        if name in profile.ops and spec.direction in (direction, Direction.BOTH):
-            reader = _Reader(spec, profile.without.get(name, frozenset()))
-            table.update(dict.fromkeys((name, *spec.aliases), reader))
-    return table
 
 
 def _address(members: Members) -> Address:

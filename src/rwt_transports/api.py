@@ -9,12 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from rwt_protocol.frames import Buffer, Frame
 
-Framing = Callable[[Frame], bytes]
-"""Turns a frame into a wire's bytes; must depend on nothing but the frame, so that connections share the outcome."""
+
+@dataclass(frozen=True, slots=True)
+class Framing:
+    """How frames become a wire's bytes; depends on nothing but the frame, so that connections share the outcome.
+
+    Attributes:
+        whole: the frame as one piece.
+        pieces: the same bytes in several pieces, of which the large ones are the frame's own parts, uncopied.
+    """
+
+    whole: Callable[[Frame], bytes]
+    pieces: Callable[[Frame], tuple[Buffer, ...]]
 
 
 class Link(Protocol):

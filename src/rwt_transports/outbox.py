@@ -23,9 +23,11 @@ from .limits import Limits
 READY_BYTES = 128 * 1024
 """Bytes that may wait in front of the lanes: what one write joins, and the most that dropping cannot reach."""
 SLICE_BYTES = 256 * 1024
-"""A larger frame is handed over in slices of this size, so that a slow peer's rest stays shared and uncopied."""
-ALONE_BYTES = 16 * 1024
-"""A frame of this size is not joined with others: copying it would cost more than one more write."""
+"""A larger piece is handed over in slices of this size, so that a slow peer's rest stays shared and uncopied."""
+ALONE_BYTES = 32 * 1024
+"""A piece of this size is not joined with others: copying it would cost more than one more write."""
+PIECES_BYTES = 256 * 1024
+"""A frame of this size is not joined even with its own header."""
 QUANTUM_BYTES = 64 * 1024
 """What each topic may send per turn when several wait."""
 
@@ -55,7 +57,7 @@ class Outbox:
 
     __slots__ = (
         "_closed", "_control", "_control_bytes", "_current", "_data_bytes", "_data_frames", "_dropped", "_flows",
-        "_framing", "_hang_up", "_limits", "_on_empty", "_overflow", "_ready", "_room", "_turns", "_wake",
+        "_framing", "_hang_up", "_large", "_limits", "_on_empty", "_overflow", "_ready", "_room", "_turns", "_wake", "_whole",
     )  # fmt: skip
 
     def __init__(
@@ -67,11 +69,13 @@ class Outbox:
         hang_up: Callable[[int, str], None],
     ) -> None:
         self._framing = framing
+        self._whole = framing.whole
         self._limits = limits
         self._wake = wake
         self._overflow = overflow
         self._hang_up = hang_up
-        self._ready: list[bytes] = []
+        self._ready: list[Buffer] = []
+        self._large = 0  # how many of them are not to be joined
         self._room = READY_BYTES
         self._current: memoryview | None = None
         self._control: deque[Frame] = deque()
@@ -89,12 +93,14 @@ class Outbox:
     def send(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
         """Queue one frame; see :meth:`rwt_protocol.frames.Sink.send`."""
         if self._room > 0:
-            data = frame.framed(self._framing)
             ready = self._ready
             if not ready:
                 self._wake()
-            ready.append(data)
-            self._room -= len(data)
+            if frame.size < ALONE_BYTES:
+                ready.append(frame.framed(self._whole))
+            else:
+                self._ready_large(frame)
+            self._room -= frame.size
         elif self._closed:
             return
         elif lane is Lane.CONTROL:
@@ -116,6 +122,17 @@ class Outbox:
     def dropped(self) -> Mapping[str, int]:
         """Frames dropped so far, by topic."""
         return self._dropped
+
+    def _ready_frame(self, frame: Frame) -> None:
+        if frame.size < ALONE_BYTES:
+            self._ready.append(frame.framed(self._whole))
+        else:
+            self._ready_large(frame)
+
+    def _ready_large(self, frame: Frame) -> None:
+        pieces = (frame.framed(self._whole),) if frame.size < PIECES_BYTES else self._framing.pieces(frame)
+        self._ready.extend(pieces)
+        self._large += sum(len(piece) >= ALONE_BYTES for piece in pieces)
 
     def _queue_control(self, frame: Frame) -> None:
         limits = self._limits
@@ -171,6 +188,7 @@ class Outbox:
         if not self._ready:
             self._wake()
         self._ready.append(data)
+        self._large += len(data) >= ALONE_BYTES
         self._room -= len(data)
 
     def mark(self) -> int:
@@ -186,14 +204,16 @@ class Outbox:
         """Forget what was sent since :meth:`mark`."""
         self._discard_lanes()
         del self._ready[mark:]
+        self._large = sum(len(piece) >= ALONE_BYTES for piece in self._ready)
         self._closed = False
         self._room = READY_BYTES
 
     def finish(self, last: bytes) -> None:
         """Queue `last` after the control lane and let nothing follow: data still queued is thrown away."""
-        self._ready.extend(frame.framed(self._framing) for frame in self._control)
+        for frame in self._control:
+            self._ready_frame(frame)
         if last:
-            self._ready.append(last)
+            self.push(last)
         self.seal()
         self._wake()
 
@@ -207,6 +227,7 @@ class Outbox:
         """The peer is gone: free everything, and let nothing follow."""
         self.seal()
         self._ready.clear()
+        self._large = 0
         self._current = None
         self._on_empty = None
 
@@ -226,7 +247,7 @@ class Outbox:
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def take(self) -> Buffer | None:
-        """The next bytes to write, None when there are none. A small frame never waits behind two large ones."""
+        """The next bytes to write, None when there are none."""
         if self._current is not None:
             return self._slice(self._current)
         ready = self._ready
@@ -235,19 +256,23 @@ class Outbox:
             if not ready:
                 self._empty()
                 return None
-        if len(ready) == 1:
-            data = ready.pop()
-        elif len(ready[-1]) >= ALONE_BYTES:
-            last = ready.pop()
-            data = b"".join(ready)
-            ready[:] = [last]
-        else:
-            data = b"".join(ready)
-            ready.clear()
-        if len(data) > SLICE_BYTES:
-            return self._slice(memoryview(data))
+        if self._large:
+            return self._take_mixed(ready)
+        data = ready[0] if len(ready) == 1 else b"".join(ready)
+        ready.clear()
         self._make_room()
         return data
+
+    def _take_mixed(self, ready: list[Buffer]) -> Buffer:
+        """The small pieces up to the first large one, joined; or that one, by itself and in slices."""
+        small = next(at for at, piece in enumerate(ready) if len(piece) >= ALONE_BYTES)
+        if small:
+            data = b"".join(ready[:small])
+            del ready[:small]
+            self._room = 0
+            return data
+        self._large -= 1
+        return self._slice(memoryview(ready.pop(0)))
 
     def _slice(self, data: memoryview) -> memoryview:
         if len(data) > SLICE_BYTES:
@@ -269,14 +294,12 @@ class Outbox:
 
     def _refill(self) -> None:
         """Move frames from the lanes to the ready bytes, as much as one write may join."""
-        ready = self._ready
-        framing = self._framing
         room = READY_BYTES
         control = self._control
         while control and room > 0:
             frame = control.popleft()
             self._control_bytes -= frame.size
-            ready.append(frame.framed(framing))
+            self._ready_frame(frame)
             room -= frame.size
         while self._data_frames and room > 0:
             room -= self._serve(self._turns[0])
@@ -292,7 +315,7 @@ class Outbox:
             self._forget(flow, frame)
             flow.credit -= frame.size
             moved += frame.size
-            self._ready.append(frame.framed(self._framing))
+            self._ready_frame(frame)
             if moved >= QUANTUM_BYTES:
                 break
         self._turns.popleft()

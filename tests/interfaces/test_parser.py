@@ -268,6 +268,6 @@ def test_the_name_given_is_checked() -> None:
 
 
 def test_formatting_is_definition_syntax() -> None:
-    text = 'int8 A=0x1\nstring<=4[<=2] names ["a", "\\"b"]\nfloat64 w 1.0\nmy_pkg/Other[3] others\nbool on true\n'
+    text = 'int8 A=0x1\nstring<=4[<=2] names ["a", "\\"b"]\nfloat64 w 1.0\nmy_pkg/Other[3] o\nbool on true\n'
     definition = parse_message(text, "my_pkg/Thing")
     assert format_message(definition) == text

@@ -14,12 +14,13 @@ from pydantic import BaseModel
 
 from rwt_protocol.codecs.base import Fault, Members
 from rwt_protocol.codecs.large import LARGE, split_large
-from rwt_protocol.codecs.members import PAYLOADS
+from rwt_protocol.codecs.members import DECODER, PAYLOADS
 from rwt_protocol.codecs.whole import split_whole
 from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.ops import OPS, Op
 from rwt_protocol.rawjson import RawJson
 
+_decode: Final = DECODER.decode
 _encode: Final = msgspec.json.Encoder().encode
 
 _RELIED_ON: Final = frozenset({"result", "status"})
@@ -33,7 +34,14 @@ class JsonCodec:
 
     def split(self, data: bytes, max_depth: int) -> Sequence[Members | Fault]:
         """The messages in one frame, in order. Never raises."""
-        if len(data) > LARGE:
+        size = len(data)
+        if size <= 2 * max_depth and data.isascii():
+            # The usual frame: short, so not deep, and of one object.
+            try:
+                return (_decode(data),)
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                return split_whole(data, max_depth)
+        if size > LARGE:
             members = split_large(data, max_depth)
             if members is not None:
                 return (members,)

@@ -29,15 +29,17 @@ def payload_names(model: type[Op]) -> frozenset[str]:
 PAYLOADS: Final = {name: payload_names(spec.model) for name, spec in OPS.items()}
 """The members of each op that hold undecoded JSON."""
 
+UNDECODED: Final = frozenset[str]().union(*PAYLOADS.values())
+"""The members that hold undecoded JSON in some op."""
+
 
 def _decoder() -> msgspec.json.Decoder[Members]:
     """One decoder for all ops: with a type per op the name of the op would have to come first to be cheap."""
-    opaque = frozenset[str]().union(*PAYLOADS.values())
     names = dict.fromkeys(
         (*_FIRST, *(name for spec in OPS.values() for name in spec.model.model_fields), *_OTHERS)
     )
     # The key "msg" is a payload in one op and a text in another, so it is left undecoded in both.
-    kinds: dict[str, Any] = {name: msgspec.Raw if name in opaque else Any for name in names}
+    kinds: dict[str, Any] = {name: msgspec.Raw if name in UNDECODED else Any for name in names}
     return msgspec.json.Decoder(TypedDict("AnyOp", kinds, total=False))  # type: ignore[operator]
 
 

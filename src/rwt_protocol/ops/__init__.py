@@ -30,6 +30,12 @@ SPEC_OF: Final[Mapping[type[Op], OpSpec]] = MappingProxyType({spec.model: spec f
 """Every op, by its model."""
 
 
+ALIASES: Final[Mapping[str, str]] = MappingProxyType(
+    {alias: spec.name for spec in _SPECS for alias in spec.aliases}
+)
+"""Other names of ops, and the name of each in `OPS` (X02)."""
+
+
 def inbound(direction: Direction) -> frozenset[type[Op]]:
     """The models that need a handler where messages of `direction` arrive.
 
@@ -42,6 +48,7 @@ def inbound(direction: Direction) -> frozenset[type[Op]]:
 
 
 __all__ = [
+    "ALIASES",
     "OPS",
     "SPEC_OF",
     "ActionFeedback",

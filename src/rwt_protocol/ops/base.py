@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar
 
 import msgspec
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler
@@ -41,16 +41,9 @@ class Opaque:
         return dict(self.schema)
 
 
-#: Payloads above this size stay a view of the frame that they came in.
-COPY_LIMIT: Final = 32 * 1024
-
-
 def opaque(raw: msgspec.Raw | RawJson) -> RawJson:
-    """The undecoded bytes as a payload; small ones are copied, so that they do not hold the frame."""
-    if isinstance(raw, RawJson):
-        return raw
-    view = memoryview(raw)
-    return RawJson(view if len(view) > COPY_LIMIT else bytes(view))
+    """The undecoded bytes as a payload of their own: copied, so that they do not keep the frame alive."""
+    return RawJson(bytes(raw)) if type(raw) is msgspec.Raw else raw
 
 
 def opaque_or_empty(raw: msgspec.Raw | RawJson) -> RawJson:

@@ -44,6 +44,9 @@ SPARE_BYTES = 4 * 1024 * 1024
 DIRECT_BYTES = 32 * 1024
 """With less than this to come, receiving elsewhere and copying is cheaper than one more read."""
 
+SMALL_PART_BYTES = 16 * 1024
+"""Parts below this are joined with the header rather than written by themselves."""
+
 _SHORT = Struct("!BB").pack
 _MEDIUM = Struct("!BBH").pack
 _LONG = Struct("!BBQ").pack
@@ -51,22 +54,42 @@ _UINT16 = Struct("!H")
 _SMALL_HEADERS = {op: tuple(_SHORT(0x80 | op, n) for n in range(126)) for op in (TEXT, BINARY)}
 
 
-def server_framing(frame: Frame) -> bytes:
-    """One unfragmented, unmasked frame (RFC 6455 section 5.2): header and parts joined in one copy."""
+def _server_header(frame: Frame) -> bytes:
     size = frame.size
     opcode = BINARY if frame.binary else TEXT
     if size < 126:
-        header = _SMALL_HEADERS[opcode][size]
-    elif size < 65536:
-        header = _MEDIUM(0x80 | opcode, 126, size)
-    else:
-        header = _LONG(0x80 | opcode, 127, size)
-    return b"".join((header, *frame.parts))
+        return _SMALL_HEADERS[opcode][size]
+    if size < 65536:
+        return _MEDIUM(0x80 | opcode, 126, size)
+    return _LONG(0x80 | opcode, 127, size)
 
 
-def client_framing(frame: Frame) -> bytes:
-    """One unfragmented frame masked with a fresh key, as a client must send it (RFC 6455 section 5.3)."""
+def _server_whole(frame: Frame) -> bytes:
+    return b"".join((_server_header(frame), *frame.parts))
+
+
+def _server_pieces(frame: Frame) -> tuple[Buffer, ...]:
+    pieces: list[Buffer] = []
+    small: list[Buffer] = [_server_header(frame)]
+    for part in frame.parts:
+        if len(part) < SMALL_PART_BYTES:
+            small.append(part)
+        else:
+            pieces += (b"".join(small), part)
+            small = []
+    if small:
+        pieces.append(b"".join(small))
+    return tuple(pieces)
+
+
+def _client_whole(frame: Frame) -> bytes:
     return _pack(BINARY if frame.binary else TEXT, frame.data, masked=True)
+
+
+SERVER_FRAMING = Framing(_server_whole, _server_pieces)
+"""One unfragmented, unmasked WebSocket frame (RFC 6455 section 5.2)."""
+CLIENT_FRAMING = Framing(_client_whole, lambda frame: (_client_whole(frame),))
+"""One unfragmented frame masked with a key of its own, as a client must send it (RFC 6455 section 5.3)."""
 
 
 def close_payload(code: int, reason: str) -> bytes:
@@ -185,7 +208,7 @@ class WebSocketWire:
     @property
     def framing(self) -> Framing:
         """How outgoing frames become bytes."""
-        return server_framing if self._server else client_framing
+        return SERVER_FRAMING if self._server else CLIENT_FRAMING
 
     # -- outgoing ------------------------------------------------------------------------------------------
 
