@@ -251,6 +251,12 @@ def client(request: pytest.FixtureRequest, distro: str, program_of: Callable[[st
     return program_of(request.param, distro)
 
 
+@pytest.fixture(params=["roslib2", "roslib1"])
+def roslib(request: pytest.FixtureRequest, distro: str, program_of: Callable[[str, str], Program]) -> Program:
+    """The JavaScript clients, for what roslibpy has no call for."""
+    return program_of(request.param, distro)
+
+
 @pytest.fixture
 def roslib2(distro: str, program_of: Callable[[str, str], Program]) -> Program:
     return program_of("roslib2", distro)

@@ -34,40 +34,40 @@ def last_status(observed: dict[str, Any]) -> int:
 
 
 @jazzy
-def test_a_goal_succeeds_with_feedback(roslib2: Program, distro: str) -> None:
+def test_a_goal_succeeds_with_feedback(roslib2: Program) -> None:
     observed = roslib2.observe("action_goal")
     assert observed == {"values": {"sequence": FIBONACCI[:5]}, "feedback": COUNTING}
 
 
 @jazzy
-def test_a_goal_succeeds_with_feedback_in_roslibpy(roslibpy: Program, distro: str) -> None:
+def test_a_goal_succeeds_with_feedback_in_roslibpy(roslibpy: Program) -> None:
     observed = roslibpy.observe("action_goal")
     assert observed == {"result": {"sequence": FIBONACCI[:5]}, "status": 4, "feedback": COUNTING}
 
 
 @jazzy
-def test_a_goal_is_canceled(roslib2: Program, distro: str) -> None:
+def test_a_goal_is_canceled(roslib2: Program) -> None:
     observed = roslib2.observe("action_cancel")
     assert was_canceled(observed["failed"])
     assert 1 <= len(observed["feedback"]) < 10
 
 
 @jazzy
-def test_a_goal_is_canceled_in_roslibpy(roslibpy: Program, distro: str) -> None:
+def test_a_goal_is_canceled_in_roslibpy(roslibpy: Program) -> None:
     observed = roslibpy.observe("action_cancel")
     assert observed["status"] == 5
     assert observed["result"]["sequence"][:3] == [0, 1, 1]
 
 
 @jazzy
-def test_all_goals_are_canceled_at_once(roslib2: Program, distro: str) -> None:
+def test_all_goals_are_canceled_at_once(roslib2: Program) -> None:
     both = roslib2.observe("action_cancel_all")
     assert len(both) == 2
     assert all(was_canceled(reason) for reason in both)
 
 
 @jazzy
-def test_goals_that_cannot_run_are_refused(roslib2: Program, distro: str) -> None:
+def test_goals_that_cannot_run_are_refused(roslib2: Program) -> None:
     observed = roslib2.observe("action_refused")
     for case, word in {
         "unknown": "/no_such_action",
@@ -83,7 +83,7 @@ def test_goals_that_cannot_run_are_refused(roslib2: Program, distro: str) -> Non
 
 
 @jazzy
-def test_goals_that_cannot_run_are_refused_in_roslibpy(roslibpy: Program, distro: str) -> None:
+def test_goals_that_cannot_run_are_refused_in_roslibpy(roslibpy: Program) -> None:
     observed = roslibpy.observe("action_refused")
     for case, word in {"unknown": "/no_such_action", "bad_field": "bogus", "by_the_server": "47"}.items():
         assert observed[case]["status"] == 0
@@ -91,7 +91,7 @@ def test_goals_that_cannot_run_are_refused_in_roslibpy(roslibpy: Program, distro
 
 
 @jazzy
-def test_a_client_provides_an_action(roslib2: Program, distro: str) -> None:
+def test_a_client_provides_an_action(roslib2: Program) -> None:
     observed = roslib2.observe("action_provided")
     assert observed["succeeded"] == {"values": {"sequence": [0, 1, 7]}, "feedback": [[0], [0, 1]]}
     assert observed["aborted"] == {
@@ -106,7 +106,7 @@ def test_a_client_provides_an_action(roslib2: Program, distro: str) -> None:
 
 
 @jazzy
-def test_goals_of_one_action_run_side_by_side(roslib2: Program, distro: str) -> None:
+def test_goals_of_one_action_run_side_by_side(roslib2: Program) -> None:
     observed = roslib2.observe("action_several_goals")
     canceled = {"failed": 'GoalError: Action was canceled: {"sequence":[0,5]}', "feedback": [[0]]}
     assert observed["ends"] == [
@@ -122,9 +122,7 @@ def test_goals_of_one_action_run_side_by_side(roslib2: Program, distro: str) -> 
 @pytest.mark.parametrize(
     ("scenario", "name"), [("action_provider_disconnects", "dies"), ("action_unadvertised", "leaves")]
 )
-def test_a_provider_that_leaves_aborts_its_goals(
-    roslib2: Program, distro: str, scenario: str, name: str
-) -> None:
+def test_a_provider_that_leaves_aborts_its_goals(roslib2: Program, scenario: str, name: str) -> None:
     observed = roslib2.observe(scenario)
     assert observed["during"]["failed"].startswith("GoalError: Action was aborted")
     assert observed["during"]["feedback"] == [[0]]
@@ -134,7 +132,7 @@ def test_a_provider_that_leaves_aborts_its_goals(
 
 
 @jazzy
-def test_the_robot_drives_itself_to_a_goal(roslib2: Program, distro: str) -> None:
+def test_the_robot_drives_itself_to_a_goal(roslib2: Program) -> None:
     observed = roslib2.observe("navigate")
     assert observed["near"] == "succeeded"
     assert observed["feedback"] >= 1
@@ -146,7 +144,7 @@ def test_the_robot_drives_itself_to_a_goal(roslib2: Program, distro: str) -> Non
 
 
 @noetic
-def test_an_actionlib_goal_succeeds(client: Program, distro: str) -> None:
+def test_an_actionlib_goal_succeeds(client: Program) -> None:
     observed = client.observe("actionlib_goal")
     assert observed["result"] == FIBONACCI[:5]
     assert observed["status"] == SUCCEEDED
@@ -156,14 +154,14 @@ def test_an_actionlib_goal_succeeds(client: Program, distro: str) -> None:
 
 @noetic
 @pytest.mark.parametrize("scenario", ["actionlib_cancel", "actionlib_cancel_all"])
-def test_an_actionlib_goal_is_canceled(client: Program, distro: str, scenario: str) -> None:
+def test_an_actionlib_goal_is_canceled(client: Program, scenario: str) -> None:
     observed = client.observe(scenario)
     assert observed["status"] == PREEMPTED
     assert observed["result"][:3] == FIBONACCI[:3]
 
 
 @noetic
-def test_a_client_provides_an_actionlib_server(client: Program, distro: str) -> None:
+def test_a_client_provides_an_actionlib_server(client: Program) -> None:
     observed = client.observe("actionlib_server")
     succeeded = observed["succeeded"]
     assert (succeeded["result"], succeeded["status"]) == ([0, 1, 1], SUCCEEDED)

@@ -62,10 +62,8 @@ def test_topics_and_their_types(client: Program, distro: str) -> None:
     assert observed["of_three_part_type"] == {"values": ["/odom"]}
 
 
-@pytest.mark.parametrize("library", ["roslib2", "roslib1"])
-def test_every_topic_has_a_definition(library: str, distro: str, request: pytest.FixtureRequest) -> None:
-    program: Program = request.getfixturevalue(library)
-    raw = program.observe("rosapi_topics")["raw"]["values"]
+def test_every_topic_has_a_definition(roslib: Program, distro: str) -> None:
+    raw = roslib.observe("rosapi_topics")["raw"]["values"]
     texts = dict(zip(raw["topics"], raw["typedefs_full_text"], strict=True))
     types = dict(zip(raw["topics"], raw["types"], strict=True))
     assert all(text.strip() for text in texts.values())
@@ -118,10 +116,8 @@ def test_message_details(client: Program, distro: str) -> None:
     assert not observed["unknown"].get("values")
 
 
-@pytest.mark.parametrize("library", ["roslib2", "roslib1"])
-def test_message_details_are_decoded(library: str, distro: str, request: pytest.FixtureRequest) -> None:
-    program: Program = request.getfixturevalue(library)
-    observed = program.observe("rosapi_messages")
+def test_message_details_are_decoded(roslib: Program, distro: str) -> None:
+    observed = roslib.observe("rosapi_messages")
     number = FLOAT64[distro]
     vector = {"x": number, "y": number, "z": number}
     assert observed["twist"] == {"linear": vector, "angular": vector}

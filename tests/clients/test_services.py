@@ -64,15 +64,11 @@ def test_an_unadvertised_service_is_gone(client: Program) -> None:
     assert observed == {"failed": f"Service /{client.name}/leaves does not exist"}
 
 
-@pytest.mark.parametrize("library", ["roslib2", "roslib1"])
-def test_a_provider_that_disconnects_fails_the_call(
-    library: str, distro: str, request: pytest.FixtureRequest
-) -> None:
-    program: Program = request.getfixturevalue(library)
-    observed = program.observe("provider_disconnects")
+def test_a_provider_that_disconnects_fails_the_call(roslib: Program) -> None:
+    observed = roslib.observe("provider_disconnects")
     assert isinstance(observed["during"]["failed"], str)
     assert observed["during"]["failed"]
-    assert observed["afterwards"] == {"failed": f"Service /{library}/dies does not exist"}
+    assert observed["afterwards"] == {"failed": f"Service /{roslib.name}/dies does not exist"}
 
 
 def test_an_exception_in_a_handler_fails_the_call(roslib2: Program) -> None:

@@ -14,9 +14,10 @@ pytestmark = pytest.mark.clients
 PAIRS = [("roslib2", "roslibpy"), ("roslibpy", "roslib2"), ("roslib1", "roslibpy"), ("roslib2", "roslib1")]
 
 
+@pytest.mark.usefixtures("distro")
 @pytest.mark.parametrize(("first", "second"), PAIRS)
 def test_one_program_talks_and_another_listens(
-    first: str, second: str, distro: str, request: pytest.FixtureRequest
+    first: str, second: str, request: pytest.FixtureRequest
 ) -> None:
     talker: Program = request.getfixturevalue(first)
     listener: Program = request.getfixturevalue(second)
@@ -25,9 +26,10 @@ def test_one_program_talks_and_another_listens(
     assert talker.finish() == ("said", [])
 
 
+@pytest.mark.usefixtures("distro")
 @pytest.mark.parametrize(("first", "second"), PAIRS)
 def test_one_program_serves_and_another_calls(
-    first: str, second: str, distro: str, request: pytest.FixtureRequest
+    first: str, second: str, request: pytest.FixtureRequest
 ) -> None:
     provider: Program = request.getfixturevalue(first)
     caller: Program = request.getfixturevalue(second)
