@@ -1,4 +1,4 @@
-"""send_action_goal, cancel_action_goal, action_feedback, action_result, advertise_action, unadvertise_action."""
+"""The ops about actions: goals, cancels, feedback and results, both ways."""
 
 from __future__ import annotations
 
@@ -31,9 +31,7 @@ class SentGoal:
         self._op = op
         self._listening = True
         self.action = resolve(split_suffix(op.action)[0])
-        events = GoalEvents(
-            on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None
-        )
+        events = GoalEvents(on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None)
         peer.goals.add(self)
         self._goal: ClientGoal = peer.bridge.participant.send_goal(self.action, goal, events)
 
@@ -133,7 +131,7 @@ class ProvidedAction:
         id_ = f"action_goal:{self._name}:{self._count}"
         self._goals[id_] = goal
         goal.on_cancel = lambda: self._peer.send(CancelActionGoal(action=self._name, id=id_))
-        goal.on_end = lambda _: self._goals.pop(id_, None) and None
+        goal.on_end = lambda _: self._forget(id_)
         goal.accept()
         self._peer.send(
             SendActionGoal(
@@ -145,13 +143,20 @@ class ProvidedAction:
             )
         )
 
+    def _forget(self, id_: str) -> None:
+        self._goals.pop(id_, None)
+
     def feedback(self, op: ops.ActionFeedback) -> None:
         """Pass feedback on (ACT-14)."""
         goal = self._goals.get(op.id) if isinstance(op.id, str) else None
         if goal is None:
-            raise Refused(f"action_feedback: no goal of {self._name} runs under id {op.id!r}", level="warning")
+            raise Refused(
+                f"action_feedback: no goal of {self._name} runs under id {op.id!r}", level="warning"
+            )
         values = object_or_empty(op.values)
-        goal.feedback(payload_of(self._type.feedback, values, "action_feedback.values", self._peer.bridge.now))
+        goal.feedback(
+            payload_of(self._type.feedback, values, "action_feedback.values", self._peer.bridge.now)
+        )
 
     def result(self, op: ops.ActionResult) -> None:
         """End a goal (ACT-15, ACT-16)."""

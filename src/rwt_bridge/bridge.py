@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Never
 
 from rwt_bridge import actions, control, services, topics
 from rwt_bridge.fanout import Fanout
@@ -28,7 +29,7 @@ logger = logging.getLogger("rwt.bridge")
 #: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
 _MOST_ORPHANS = 1000
 
-HANDLERS = {
+HANDLERS: dict[type[ops.Op], Callable[[Peer, Never], None]] = {
     ops.Advertise: topics.on_advertise,
     ops.Unadvertise: topics.on_unadvertise,
     ops.Publish: topics.on_publish,
@@ -116,7 +117,7 @@ class Bridge:
             fanout.close()
 
     def call_timeout(self, wished: float | None) -> float | None:
-        """Seconds that a service call may take: zero or less waits for ever, absent is the default (SRV-10)."""
+        """Seconds a service call may take: zero or less waits for ever, absent is the default (SRV-10)."""
         seconds = self._settings.default_call_service_timeout if wished is None else wished
         return seconds if seconds > 0 else None
 

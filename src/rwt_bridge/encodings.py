@@ -58,5 +58,7 @@ def encoding_of(compression: str | None) -> Encoding:
     """
     name = compression or "none"
     if name in _NOT_OFFERED:
-        raise Refused(f'subscribe: compression "{name}" is not offered here; use one of {", ".join(ENCODINGS)}')
+        raise Refused(
+            f'subscribe: compression "{name}" is not offered here; use one of {", ".join(ENCODINGS)}'
+        )
     return ENCODINGS.get(name, JSON)

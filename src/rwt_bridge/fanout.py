@@ -34,7 +34,7 @@ class _Encoded:
 
 
 class Channel:
-    """The clients of one topic that get the very same frames: same encoding, same spelling of the topic's name.
+    """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
 
     A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels.
     """

@@ -27,7 +27,7 @@ class Gate:
     * ``throttle == 0``: every sample at once (THR-01).
     * ``throttle > 0``, ``queue == 0``: at most one sample in `throttle` seconds, the others are dropped; no
       trailing delivery (THR-02).
-    * ``throttle > 0``, ``queue > 0``: first in, first out, the oldest is dropped beyond `queue` (THR-03, THR-05).
+    * ``throttle > 0``, ``queue > 0``: first in, first out, the oldest is dropped beyond `queue` (THR-03).
 
     Times count from the last sample sent, on the clock's steady time.
     """

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import html
 import json
-from importlib.metadata import version
 from collections.abc import Iterable
+from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from rwt_transports.http import HttpRequest, HttpResponse, Routes

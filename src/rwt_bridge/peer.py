@@ -21,7 +21,12 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("rwt.bridge")
 
-_LOG_LEVELS = {"error": logging.WARNING, "warning": logging.INFO, "info": logging.DEBUG, "none": logging.DEBUG}
+_LOG_LEVELS = {
+    "error": logging.WARNING,
+    "warning": logging.INFO,
+    "info": logging.DEBUG,
+    "none": logging.DEBUG,
+}
 
 #: Characters of one line of the log that a client has a say in.
 _LONGEST_LINE = 500

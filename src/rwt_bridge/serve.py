@@ -48,9 +48,7 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
     async with AsyncExitStack() as stack:
         stack.callback(bridge.close)
         listeners = [
-            await stack.enter_async_context(
-                listen(url, bridge.accept, routes=routes(bridge), limits=limits)
-            )
+            await stack.enter_async_context(listen(url, bridge.accept, routes=routes(bridge), limits=limits))
             for url in urls or settings.listen
         ]
         yield Server(tuple(listener.url for listener in listeners), bridge)

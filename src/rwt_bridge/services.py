@@ -38,9 +38,7 @@ class ClientCall:
         peer = self._peer
         peer.calls.discard(self)
         if isinstance(outcome, CallFailed):
-            peer.send(
-                ServiceResponse(service=self._service, values=str(outcome), result=False, id=self._id)
-            )
+            peer.send(ServiceResponse(service=self._service, values=str(outcome), result=False, id=self._id))
         else:
             peer.sink.send(response_frame(self._service, outcome.json(), self._id))
 
@@ -57,7 +55,9 @@ def on_call_service(peer: Peer, op: ops.CallService) -> None:
     request = arguments_of(info.type.request, op.args, "call_service.args", peer.bridge.now)
     call = ClientCall(peer, op)
     peer.calls.add(call)
-    call.pending = peer.bridge.participant.call_service(name, request, call, peer.bridge.call_timeout(op.timeout))
+    call.pending = peer.bridge.participant.call_service(
+        name, request, call, peer.bridge.call_timeout(op.timeout)
+    )
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:
@@ -92,13 +92,17 @@ class ProvidedService:
         """Hand the client's answer to the caller (SVP-03 … SVP-06)."""
         call = self._waiting.pop(op.id, None) if isinstance(op.id, str) else None
         if call is None:
-            raise Refused(f"service_response: no call of {self._name} waits under id {op.id!r}", level="warning")
+            raise Refused(
+                f"service_response: no call of {self._name} waits under id {op.id!r}", level="warning"
+            )
         if not op.result:
             call.fail(failure_text(op.values, "the service failed and gave no reason"))
             return
         try:
             values = object_or_empty(op.values)
-            response = payload_of(self._type.response, values, "service_response.values", self._peer.bridge.now)
+            response = payload_of(
+                self._type.response, values, "service_response.values", self._peer.bridge.now
+            )
         except Refused as refused:
             call.fail(f"the provider's answer does not fit {self._type.name}: {refused.reason}")
             raise
@@ -125,9 +129,7 @@ def on_unadvertise_service(peer: Peer, op: ops.UnadvertiseService) -> None:
     """Withdraw a service of this client (SVP-08, SVP-09)."""
     provided = peer.services.pop(resolve(op.service), None)
     if provided is None:
-        raise Refused(
-            f"unadvertise_service: this client does not advertise {op.service}", level="warning"
-        )
+        raise Refused(f"unadvertise_service: this client does not advertise {op.service}", level="warning")
     provided.close()
 
 

@@ -20,7 +20,7 @@ from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 from rwt_nodes.rosapi import Rosapi
-from rwt_transports.api import TransportError
+from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
@@ -44,7 +44,10 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "url", nargs="*", metavar="URL", help="where to listen (default ws://127.0.0.1:9090; port 0 picks one)"
+        "url",
+        nargs="*",
+        metavar="URL",
+        help="where to listen (default ws://127.0.0.1:9090; port 0 picks one)",
     )
     parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
     parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
@@ -120,7 +123,7 @@ async def _serve(settings: Settings) -> None:
 
 
 def _demo_robot(graph: Graph) -> ExitStack:
-    from rwt_nodes.demo import DemoRobot  # noqa: PLC0415 - a server without --demo does without its code
+    from rwt_nodes.demo import DemoRobot
 
     stack = ExitStack()
     stack.enter_context(DemoRobot(graph))

@@ -3,7 +3,7 @@
 Robot programs use :class:`MemoryGraph` and :class:`Node`; :mod:`rwt_graph.api` is what backends implement.
 """
 
-from rwt_graph.api import Graph, GoalStatus, Sample
+from rwt_graph.api import GoalStatus, Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, SteadyClock, Timer, WallClock
 from rwt_graph.endpoints import MessageLike, TopicPublisher, TopicSubscription
 from rwt_graph.errors import (

@@ -1,7 +1,7 @@
 """Actions in memory, and the state machine of a goal.
 
-The machine is ROS 2's, written as a table. A goal is proposed (`UNKNOWN`), then accepted and executed, perhaps
-asked to cancel, and ends in one of three states:
+The machine is ROS 2's, written as a table. A goal is proposed (`UNKNOWN`), then accepted and executed,
+perhaps asked to cancel, and ends in one of three states:
 
 ========== =========== ========== ========== ========== ========== ==========
 state      ACCEPT      EXECUTE    CANCEL     SUCCEED    CANCELED   ABORT, LOSE
@@ -13,7 +13,8 @@ CANCELING  -           -          CANCELING  SUCCEEDED  CANCELED   ABORTED
 ========== =========== ========== ========== ========== ========== ==========
 
 `CANCEL` is the request; the server that grants it ends the goal with `CANCELED`, one that finishes first with
-`SUCCEED`. `LOSE` is the server's going away. A cancel of a goal that is still proposed waits for its acceptance.
+`SUCCEED`. `LOSE` is the server's going away. A cancel of a goal that is still proposed waits for its
+acceptance.
 """
 
 from __future__ import annotations
@@ -228,9 +229,11 @@ class MemoryClientGoal(ClientGoal):
 class MemoryActionServer(Registration):
     """One action that a node offers; `goals` are those that have not ended, by id."""
 
-    def __init__(self, actions: Actions, name: str, type: ActionType, owner: Owner, on_goal: OnGoal) -> None:  # noqa: A002 - the contract's word
+    def __init__(
+        self, actions: Actions, name: str, interface: ActionType, owner: Owner, on_goal: OnGoal
+    ) -> None:
         self.name = name
-        self.type = type
+        self.type = interface
         self.node = owner.name
         self._owner = owner
         self.on_goal = on_goal
@@ -255,10 +258,12 @@ class Actions:
     def __init__(self) -> None:
         self._servers: dict[str, MemoryActionServer] = {}
 
-    def advertise(self, name: str, type: ActionType, owner: Owner, on_goal: OnGoal) -> MemoryActionServer:  # noqa: A002 - the contract's word
+    def advertise(
+        self, name: str, interface: ActionType, owner: Owner, on_goal: OnGoal
+    ) -> MemoryActionServer:
         """Offer an action; a server of the same name is replaced (ACT-18)."""
         old = self._servers.get(name)
-        server = self._servers[name] = MemoryActionServer(self, name, type, owner, on_goal)
+        server = self._servers[name] = MemoryActionServer(self, name, interface, owner, on_goal)
         owner.add(server, server.close)
         if old is not None:
             logger.warning("action %s of node %s replaces the one of node %s", name, owner.name, old.node)

@@ -11,8 +11,9 @@ Rules that hold for every backend:
 * The other side may be in another process: an answer comes through a callback, never as a return value, and
   what introspection returns is a snapshot of what is known now.
 * A callback may be called before the method that took it has returned (the other side is often in the same
-  process, and then it is a plain function call: `on_sample` from within `publish`, and from within `subscribe`
-  for kept samples; `on_reply` from within `call_service`; goal events from within `send_goal`), or any time later.
+  process, and then it is a plain function call: `on_sample` from within `publish`, and from within
+  `subscribe` for kept samples; `on_reply` from within `call_service`; goal events from within `send_goal`),
+  or any time later.
 * A callback that raises is logged and disturbs nobody else.
 * Every `close` and `cancel` may be called twice.
 """
@@ -27,7 +28,7 @@ from typing import TYPE_CHECKING, Self
 
 from msgspec import Struct
 
-from rwt_graph.qos import BEST_AVAILABLE, QoS
+from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
@@ -64,7 +65,7 @@ class Publisher(ABC):
 
     @abstractmethod
     def publish(self, payload: Payload) -> None:
-        """Hand one message to every subscriber, in the order of the calls. After `close` this does nothing."""
+        """Hand one message to every subscriber, in the order of the calls. Does nothing after `close`."""
 
     @property
     @abstractmethod
@@ -252,7 +253,12 @@ class Participant(ABC):
     name: str
 
     @abstractmethod
-    def advertise(self, topic: str, type: MessageType, qos: QoS = QoS()) -> Publisher:  # noqa: A002, B008
+    def advertise(
+        self,
+        topic: str,
+        type: MessageType,  # noqa: A002 - ROS's word
+        qos: QoS = DEFAULT_QOS,
+    ) -> Publisher:
         """Become a publisher of `topic`.
 
         Raises:
@@ -264,7 +270,7 @@ class Participant(ABC):
         self,
         topic: str,
         on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,  # noqa: A002
+        type: MessageType | None = None,  # noqa: A002 - ROS's word
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         """Become a subscriber of `topic`; kept samples of transient-local publishers come first.
@@ -279,7 +285,7 @@ class Participant(ABC):
     def advertise_service(
         self,
         service: str,
-        type: ServiceType,  # noqa: A002
+        type: ServiceType,  # noqa: A002 - ROS's word
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
         """Offer a service. A provider of the same name is replaced; its calls in flight fail (SVP-07)."""
@@ -291,15 +297,15 @@ class Participant(ABC):
         """Call a service; an unknown service is a reply too.
 
         Args:
-            timeout: seconds after which the reply is :exc:`CallTimeout`, kept to within 20 ms and never early;
-                None waits for ever.
+            timeout: seconds after which the reply is :exc:`CallTimeout`, kept to within 20 ms and never
+                early; None waits for ever.
         """
 
     @abstractmethod
     def advertise_action(
         self,
         action: str,
-        type: ActionType,  # noqa: A002
+        type: ActionType,  # noqa: A002 - ROS's word
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         """Offer an action. A server of the same name is replaced (ACT-18)."""
@@ -319,7 +325,7 @@ class Participant(ABC):
 
     @abstractmethod
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Ask to cancel a goal that anybody sent, by its id. An unknown goal or action is no error (ACT-07)."""
+        """Ask to cancel a goal that anybody sent, by its id. An unknown one is no error (ACT-07)."""
 
     @abstractmethod
     def close(self) -> None:

@@ -28,7 +28,7 @@ MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object]"
 MessageCallback: TypeAlias = Callable[[msgspec.Struct], Awaitable[None] | None]
 
 
-def to_payload(type: MessageType, message: MessageLike, now: Callable[[], int]) -> Payload:  # noqa: A002 - ROS's word
+def to_payload(interface: MessageType, message: MessageLike, now: Callable[[], int]) -> Payload:
     """A payload of that type.
 
     Raises:
@@ -36,7 +36,7 @@ def to_payload(type: MessageType, message: MessageLike, now: Callable[[], int]) 
     """
     if isinstance(message, Payload):
         return message
-    return Payload.from_value(type, message, now)
+    return Payload.from_value(interface, message, now)
 
 
 class TopicPublisher:
@@ -151,29 +151,23 @@ class TopicSubscription:
         topic: str,
         callback: MessageCallback | None,
         on_sample: Callable[[Sample], None] | None,
-        type: MessageType | None,  # noqa: A002 - ROS's word
+        interface: MessageType | None,
         qos: QoS,
         queue_size: int,
     ) -> None:
         self.topic = topic
         self._graph = graph
-        self._queue: SampleQueue | None = None
         self._has_callback = callback is not None
-        receive = on_sample or self._receiver(callback, queue_size)
-        self._subscription: Subscription = participant.subscribe(topic, receive, type, qos)
+        self._queue: SampleQueue | None
+        receive = on_sample or _at_once(callback)
+        if receive is None:
+            self._queue = SampleQueue(queue_size)
+            receive = self._queue.put
+        else:
+            self._queue = None
+        self._subscription: Subscription = participant.subscribe(topic, receive, interface, qos)
         if self._queue is not None and callback is not None:
             graph.spawn(partial(self._call_in_turn, self._queue, callback), f"subscriber of {topic}")
-
-    def _receiver(self, callback: MessageCallback | None, queue_size: int) -> Callable[[Sample], None]:
-        if callback is not None and not is_coroutine_function(callback):
-            plain = callback
-            return lambda sample: self._call_plain(plain, sample)
-        self._queue = SampleQueue(queue_size)
-        return self._queue.put
-
-    @staticmethod
-    def _call_plain(callback: MessageCallback, sample: Sample) -> None:
-        callback(sample.payload.value())
 
     async def _call_in_turn(self, queue: SampleQueue, callback: MessageCallback) -> None:
         while (sample := await queue.get()) is not None:
@@ -226,6 +220,17 @@ class TopicSubscription:
 
     def __exit__(self, *exc: object) -> None:
         self.close()
+
+
+def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | None:
+    """What calls a plain function; None for what needs a queue."""
+    if callback is None or is_coroutine_function(callback):
+        return None
+
+    def receive(sample: Sample) -> None:
+        callback(sample.payload.value())
+
+    return receive
 
 
 def is_coroutine_function(function: Callable[..., object]) -> bool:

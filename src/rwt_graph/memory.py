@@ -31,7 +31,7 @@ from rwt_graph.introspection import Introspection
 from rwt_graph.names import validate
 from rwt_graph.ownership import Owner
 from rwt_graph.params import ParameterTree
-from rwt_graph.qos import BEST_AVAILABLE, QoS
+from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 from rwt_graph.runtime import Runtime
 from rwt_graph.services import Services
 from rwt_graph.system import SystemTopics
@@ -57,7 +57,12 @@ class MemoryParticipant(Participant):
         if self._closed:
             raise NotRunning(f"node {self.name} was closed")
 
-    def advertise(self, topic: str, type: MessageType, qos: QoS = QoS()) -> Publisher:  # noqa: A002, B008 - as the contract
+    def advertise(
+        self,
+        topic: str,
+        type: MessageType,  # noqa: A002 - the contract's word
+        qos: QoS = DEFAULT_QOS,
+    ) -> Publisher:
         """Become a publisher of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.topic_table.advertise(validate(topic), type, qos, self._owner)

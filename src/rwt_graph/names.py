@@ -48,7 +48,8 @@ def resolve(name: str, namespace: str = "/", node: str = "") -> str:
         node: absolute name of the node, for private names.
 
     Raises:
-        InvalidGraphName: a character that ROS does not allow, an empty name, or a private name without a node.
+        InvalidGraphName: a character that ROS does not allow, an empty name, or a private name without a
+        node.
     """
     if not name or len(name) > MAX_LENGTH:
         reason = "it is empty" if not name else f"it is longer than {MAX_LENGTH} characters"

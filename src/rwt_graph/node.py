@@ -28,7 +28,7 @@ from rwt_graph.endpoints import MessageCallback, MessageLike, TopicPublisher, To
 from rwt_graph.errors import NotRunning, ProviderNotFound, WrongThread
 from rwt_graph.logs import NodeLog
 from rwt_graph.names import namespace_of, node_name, resolve
-from rwt_graph.qos import BEST_AVAILABLE, LATCHED, QoS
+from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, LATCHED, QoS
 from rwt_graph.service_handlers import ServiceFunction, ServiceHandler
 from rwt_graph.system import rosout_qos, rosout_type
 from rwt_graph.timers import PeriodicTimer
@@ -133,7 +133,7 @@ class Node:
             InvalidGraphName: not a name that ROS allows.
         """
         name, message = self.resolve(topic), self.registry.message(type)
-        wanted = qos or (LATCHED if latch else QoS())
+        wanted = qos or (LATCHED if latch else DEFAULT_QOS)
         return self._run(
             lambda: TopicPublisher(self.graph, self._participant.advertise(name, message, wanted))
         )
@@ -156,7 +156,8 @@ class Node:
                 iterate: `async for message in subscription`.
             type: None takes the topic's, as soon as it has one.
             queue_size: how many messages wait for a coroutine or an iterator; the newest are kept.
-            on_sample: instead of `callback`, called with each undecoded :class:`Sample` on the graph's thread.
+            on_sample: instead of `callback`, called with each undecoded :class:`Sample` on the graph's
+            thread.
 
         Raises:
             UnknownType: no such message is known.
@@ -173,7 +174,12 @@ class Node:
 
     # Services
 
-    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> Handle:  # noqa: A002 - ROS's word
+    def advertise_service(
+        self,
+        service: str,
+        type: str,  # noqa: A002 - ROS's word
+        handler: ServiceHandler,
+    ) -> Handle:
         """Offer a service; a provider of the same name is replaced.
 
         Args:
@@ -193,7 +199,10 @@ class Node:
         )
 
     async def call_service(
-        self, service: str, request: MessageLike | None = None, timeout: float | None = None
+        self,
+        service: str,
+        request: MessageLike | None = None,
+        timeout: float | None = None,  # noqa: ASYNC109 - the caller hears CallTimeout, it is not cancelled
     ) -> msgspec.Struct:
         """Call a service and wait for its response.
 

@@ -1,7 +1,8 @@
 """The global tree of parameters: all parameters of ROS 1, and those of ROS 2 that were set without a node.
 
-A value is anything JSON can say. A dictionary is a branch: `/robot` set to `{"speed": 1}` makes `/robot/speed`,
-and the other way round. A node that declared a parameter watches its name, and may refuse a value.
+A value is anything JSON can say. A dictionary is a branch: `/robot` set to `{"speed": 1}` makes
+`/robot/speed`, and the other way round. A node that declared a parameter watches its name, and may refuse a
+value.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How a graph runs on an event loop: one task group, one clock task, and a door for other threads.
 
-Backends compose this; it knows nothing of topics or services. Three states: *idle* (not entered yet: calls run
-where they are made, which is what tests and set-up code want), *running*, and *over* (left).
+Backends compose this; it knows nothing of topics or services. Three states: *idle* (not entered yet: calls
+run where they are made, which is what tests and set-up code want), *running*, and *over* (left).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias
 
 import anyio
 import msgspec
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+Answer: TypeAlias = "MessageLike | Awaitable[MessageLike | None] | None"
+
 #: Takes the request and gives the response; None stands for a response of defaults.
-ServiceHandler: TypeAlias = Callable[[msgspec.Struct], "MessageLike | Awaitable[MessageLike | None] | None"]
+ServiceHandler: TypeAlias = Callable[[msgspec.Struct], Answer]
 
 
 def failure_text(error: Exception) -> str:
@@ -33,8 +35,8 @@ class ServiceFunction:
     """Calls a handler for each request; what it raises is the caller's :exc:`ServiceFailed`.
 
     A plain handler runs on the graph's thread and holds everything up while it does: slow work belongs in an
-    `async def` handler, with `anyio.to_thread.run_sync` for what blocks. Each call of a coroutine handler is a
-    task; calls may overlap.
+    `async def` handler, with `anyio.to_thread.run_sync` for what blocks. Each call of a coroutine handler
+    is a task; calls may overlap.
     """
 
     def __init__(self, graph: Graph, service: str, response: MessageType, handler: ServiceHandler) -> None:
@@ -46,8 +48,8 @@ class ServiceFunction:
 
     def __call__(self, call: ServiceCall) -> None:
         """Answer one call, now or from a task."""
-        if self._is_coroutine and not self._graph.running:
-            call.fail(f"service {self._service} has a coroutine handler, and the graph is not running")
+        if self._is_coroutine:
+            self._answer_later(call, lambda: self._handler(call.request.value()))
             return
         try:
             answer = self._handler(call.request.value())
@@ -57,11 +59,17 @@ class ServiceFunction:
         except Exception as error:
             self._fail(call, error)
             return
-        pending = cast("Awaitable[MessageLike | None]", answer)
+        self._answer_later(call, lambda: answer)
+
+    def _answer_later(self, call: ServiceCall, begin: Callable[[], Answer]) -> None:
+        if not self._graph.running:
+            call.fail(f"service {self._service} has a coroutine handler, and the graph is not running")
+            return
 
         async def finish() -> None:
             try:
-                call.reply(self._payload(await pending))
+                answer = begin()
+                call.reply(self._payload(await answer if inspect.isawaitable(answer) else answer))
             except Exception as error:
                 self._fail(call, error)
 
@@ -76,7 +84,7 @@ class ServiceFunction:
         call.fail(failure_text(error))
 
 
-async def call(participant: Participant, service: str, request: Payload, timeout: float | None) -> Payload:
+async def call(participant: Participant, service: str, request: Payload, seconds: float | None) -> Payload:
     """Call a service and wait for the response.
 
     Raises:
@@ -90,7 +98,7 @@ async def call(participant: Participant, service: str, request: Payload, timeout
         if answered is not None:
             answered.set()
 
-    pending = participant.call_service(service, request, on_reply, timeout)
+    pending = participant.call_service(service, request, on_reply, seconds)
     if not answers:
         answered = anyio.Event()
         try:

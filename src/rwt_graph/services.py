@@ -1,7 +1,7 @@
 """Services in memory: a call is a function call, in both directions.
 
-A provider that answers at once costs no bookkeeping at all; only a call that is still open when its provider's
-callback returns is put on the provider's list and given a deadline.
+A provider that answers at once costs no bookkeeping at all; only a call that is still open when its
+provider's callback returns is put on the provider's list and given a deadline.
 """
 
 from __future__ import annotations
@@ -93,10 +93,10 @@ class MemoryProvider(Registration):
     """One service that a node offers; `open` are its calls in flight."""
 
     def __init__(
-        self, services: Services, name: str, type: ServiceType, owner: Owner, on_call: OnCall
-    ) -> None:  # noqa: A002 - the contract's word
+        self, services: Services, name: str, interface: ServiceType, owner: Owner, on_call: OnCall
+    ) -> None:
         self.name = name
-        self.type = type
+        self.type = interface
         self.node = owner.name
         self._owner = owner
         self.on_call = on_call
@@ -126,10 +126,10 @@ class Services:
         self._deadlines = deadlines
         self._providers: dict[str, MemoryProvider] = {}
 
-    def advertise(self, name: str, type: ServiceType, owner: Owner, on_call: OnCall) -> MemoryProvider:  # noqa: A002 - the contract's word
+    def advertise(self, name: str, interface: ServiceType, owner: Owner, on_call: OnCall) -> MemoryProvider:
         """Offer a service; a provider of the same name is replaced (SVP-07)."""
         old = self._providers.get(name)
-        provider = self._providers[name] = MemoryProvider(self, name, type, owner, on_call)
+        provider = self._providers[name] = MemoryProvider(self, name, interface, owner, on_call)
         owner.add(provider, provider.close)
         if old is not None:
             logger.warning("service %s of node %s replaces the one of node %s", name, owner.name, old.node)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 import math
 from collections.abc import Awaitable, Callable
-from typing import cast
 
 from rwt_graph.api import Graph
 from rwt_graph.clock import Timer
+from rwt_graph.endpoints import is_coroutine_function
 
 logger = logging.getLogger(__name__)
 
@@ -27,6 +26,7 @@ class PeriodicTimer(Timer):
         self._graph = graph
         self._period = period
         self._callback = callback
+        self._is_coroutine = is_coroutine_function(callback)
         self._on_cancel = on_cancel
         self._started_at = 0.0
         self._tick = 0
@@ -52,22 +52,22 @@ class PeriodicTimer(Timer):
         self._arm()
         if self._busy:
             return
+        if self._is_coroutine:
+            self._busy = True
+            self._graph.spawn(self._call_in_task, "timer")
+            return
         try:
-            returned = self._callback()
+            self._callback()
         except Exception:
             logger.exception("a timer's callback failed")
-            return
-        if inspect.isawaitable(returned):
-            self._busy = True
-            pending = cast("Awaitable[None]", returned)
 
-            async def finish() -> None:
-                try:
-                    await pending
-                finally:
-                    self._busy = False
-
-            self._graph.spawn(finish, "timer")
+    async def _call_in_task(self) -> None:
+        try:
+            returned = self._callback()
+            if returned is not None:
+                await returned
+        finally:
+            self._busy = False
 
     def cancel(self) -> None:
         """Call no more, from any thread; a coroutine callback that has begun goes on."""

@@ -1,10 +1,11 @@
 """Topics in memory: who publishes, who subscribes, what is kept for late joiners.
 
-A topic exists while it has an endpoint. Its type is established by the first publisher or typed subscriber and
-is free again when the last of those has left; a subscriber without a type takes what there is and holds nothing.
+A topic exists while it has an endpoint. Its type is established by the first publisher or typed subscriber
+and is free again when the last of those has left; a subscriber without a type takes what there is and holds
+nothing.
 
-`publish` is the hot path of the whole server: one `Sample`, then one call per subscriber. The subscribers are a
-tuple that is replaced when one joins or leaves, so a callback may join and leave as it likes.
+`publish` is the hot path of the whole server: one `Sample`, then one call per subscriber. The subscribers
+are a tuple that is replaced when one joins or leaves, so a callback may join and leave as it likes.
 Every reliability and deadline is met by a function call, so no combination of QoS is refused.
 """
 
@@ -105,9 +106,9 @@ class Kept:
 class MemoryPublisher(Publisher):
     """A publisher of one topic."""
 
-    def __init__(self, topics: Topics, topic: Topic, type: MessageType, qos: QoS, owner: Owner) -> None:  # noqa: A002 - the contract's word
+    def __init__(self, topics: Topics, topic: Topic, interface: MessageType, qos: QoS, owner: Owner) -> None:
         self.topic = topic.name
-        self.type = type
+        self.type = interface
         self.qos = qos
         self.node = owner.name
         self._owner = owner
@@ -203,12 +204,12 @@ class Topics:
         self.clock = clock
         self._topics: dict[str, Topic] = {}
 
-    def advertise(self, name: str, type: MessageType, qos: QoS, owner: Owner) -> MemoryPublisher:  # noqa: A002 - the contract's word
+    def advertise(self, name: str, interface: MessageType, qos: QoS, owner: Owner) -> MemoryPublisher:
         """Add a publisher. Raises :exc:`TypeConflict`."""
         topic = self._topics.get(name) or Topic(name)
-        topic.establish(type, self.registry)
+        topic.establish(interface, self.registry)
         self._topics[name] = topic
-        publisher = MemoryPublisher(self, topic, type, qos, owner)
+        publisher = MemoryPublisher(self, topic, interface, qos, owner)
         owner.add(publisher, publisher.close)
         topic.publishers = (*topic.publishers, publisher)
         return publisher
@@ -217,16 +218,16 @@ class Topics:
         self,
         name: str,
         on_sample: OnSample,
-        type: MessageType | None,  # noqa: A002 - the contract's word
+        interface: MessageType | None,
         qos: QoS,
         owner: Owner,
     ) -> MemorySubscription:
         """Add a subscriber and give it what is kept. Raises :exc:`TypeConflict`."""
         topic = self._topics.get(name) or Topic(name)
-        if type is not None:
-            topic.establish(type, self.registry)
+        if interface is not None:
+            topic.establish(interface, self.registry)
         self._topics[name] = topic
-        subscription = MemorySubscription(self, topic, on_sample, type is not None, qos, owner)
+        subscription = MemorySubscription(self, topic, on_sample, interface is not None, qos, owner)
         owner.add(subscription, subscription.close)
         topic.subscribers = (*topic.subscribers, subscription)
         subscription.replay()

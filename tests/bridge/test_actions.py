@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from rwt_graph.memory import MemoryGraph
 
+from rwt_graph.memory import MemoryGraph
 from tests.bridge.recording_client import Client
 
 FIBONACCI = {"action": "/fibonacci", "type": "example_interfaces/Fibonacci"}
@@ -59,9 +59,7 @@ def test_cancel(client: Client, other: Client) -> None:
     other.say("advertise_action", **FIBONACCI)
     request = _send_goal(client, other)
     client.say("cancel_action_goal", id="g", action="/fibonacci")
-    assert other.heard() == [
-        {"op": "cancel_action_goal", "id": request["id"], "action": "/fibonacci"}
-    ]
+    assert other.heard() == [{"op": "cancel_action_goal", "id": request["id"], "action": "/fibonacci"}]
     other.say("action_result", action="/fibonacci", id=request["id"], values={}, status=5, result=True)
     (result,) = client.heard()
     assert (result["status"], result["result"], result["values"]) == (5, True, {"sequence": []})
@@ -101,7 +99,12 @@ def test_a_goal_that_cannot_run_is_told(
     goal = {"id": "g", "action": "/fibonacci", "action_type": FIBONACCI["type"], "args": {"order": 3}}
     client.say("send_action_goal", **{**goal, **fields})
     (result,) = client.heard()
-    assert (result["op"], result["result"], result["status"], result["id"]) == ("action_result", False, 0, "g")
+    assert (result["op"], result["result"], result["status"], result["id"]) == (
+        "action_result",
+        False,
+        0,
+        "g",
+    )
     assert text in result["values"]
 
 

@@ -7,8 +7,8 @@ import logging
 from typing import Any
 
 import pytest
-from rwt_protocol.ops import OPS
 
+from rwt_protocol.ops import OPS
 from tests.bridge.recording_client import Client
 
 FRAMES: dict[str, str | bytes] = {
@@ -116,5 +116,5 @@ def test_half_a_message_is_not_glued_to_the_next(client: Client) -> None:
 @pytest.mark.parametrize("token", ["NaN", "Infinity", "-Infinity", "1e999999", "null"])
 def test_numbers_that_json_has_not_go_out_as_null(client: Client, token: str) -> None:
     client.say("subscribe", topic="/f", type="std_msgs/Float64")
-    client.say_raw('{"op":"publish","topic":"/f","msg":{"data":%s}}' % token)
+    client.say_raw('{"op":"publish","topic":"/f","msg":{"data":' + token + "}}")
     assert client.heard_of("/f") == [{"data": None}]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
+
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.errors import ServiceFailed
 from rwt_graph.memory import MemoryGraph
-
 from tests.bridge.recording_client import Client
 
 ADD = {"service": "/add_two_ints", "type": "example_interfaces/AddTwoInts"}
@@ -124,9 +124,7 @@ def test_a_client_provides_a_service(client: Client, other: Client) -> None:
         "args": {"a": 1, "b": 2},
     }
     assert client.heard() == []
-    other.say(
-        "service_response", service="/add_two_ints", id=request["id"], values={"sum": 3}, result=True
-    )
+    other.say("service_response", service="/add_two_ints", id=request["id"], values={"sum": 3}, result=True)
     (reply,) = client.heard()
     assert (reply["id"], reply["values"], reply["result"]) == ("mine", {"sum": 3}, True)
 
@@ -137,7 +135,9 @@ def test_answers_come_in_any_order(client: Client, other: Client) -> None:
         client.say("call_service", id=number, service="/add_two_ints", args=[number, 0])
     for request in reversed(other.heard()):
         total = request["args"]["a"]
-        other.say("service_response", service=ADD["service"], id=request["id"], values={"sum": total}, result=True)
+        other.say(
+            "service_response", service=ADD["service"], id=request["id"], values={"sum": total}, result=True
+        )
     assert [(reply["id"], reply["values"]["sum"]) for reply in client.heard()] == [(2, 2), (1, 1), (0, 0)]
 
 
@@ -211,7 +211,10 @@ def test_a_call_times_out(
     assert client.heard() == []
     clock.advance(after / 2 + 0.1)
     (reply,) = client.heard()
-    assert (reply["result"], reply["values"]) == (False, "Timeout exceeded while waiting for service response")
+    assert (reply["result"], reply["values"]) == (
+        False,
+        "Timeout exceeded while waiting for service response",
+    )
     other.say("service_response", service="/add_two_ints", id=request["id"], values={"sum": 1}, result=True)
     assert client.heard() == []
 
@@ -220,7 +223,9 @@ def test_a_timeout_of_zero_waits_for_ever(client: Client, other: Client, clock: 
     other.say("advertise_service", **ADD)
     client.say("call_service", id="x", service="/add_two_ints", timeout=0)
     clock.advance(3600)
-    other.say("service_response", service=ADD["service"], id=_request(other)["id"], values={"sum": 1}, result=True)
+    other.say(
+        "service_response", service=ADD["service"], id=_request(other)["id"], values={"sum": 1}, result=True
+    )
     (reply,) = client.heard()
     assert reply["result"] is True
 
@@ -229,7 +234,9 @@ def test_a_caller_that_left_is_forgotten(client: Client, other: Client) -> None:
     other.say("advertise_service", **ADD)
     client.say("call_service", id="x", service="/add_two_ints")
     client.leave()
-    other.say("service_response", service=ADD["service"], id=_request(other)["id"], values={"sum": 1}, result=True)
+    other.say(
+        "service_response", service=ADD["service"], id=_request(other)["id"], values={"sum": 1}, result=True
+    )
     assert client.heard() == []
 
 

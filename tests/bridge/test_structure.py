@@ -8,13 +8,13 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 import pytest
-from rwt_bridge import Settings, encodings, serve
-from rwt_bridge.encodings import Encoder, Encoding
-from rwt_graph.memory import MemoryGraph
-from rwt_graph.api import Sample
-from rwt_protocol.frames import Frame
 from websockets.asyncio.client import connect as connect_websocket
 
+from rwt_bridge import Settings, encodings, serve
+from rwt_bridge.encodings import Encoder, Encoding
+from rwt_graph.api import Sample
+from rwt_graph.memory import MemoryGraph
+from rwt_protocol.frames import Frame
 from tests.bridge.recording_client import Client
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from rwt_graph.clock import SimulatedClock
 
+from rwt_graph.clock import SimulatedClock
 from tests.bridge.recording_client import Client
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory import MemoryGraph
-
 from tests.bridge.recording_client import Client
 
 TWIST = {
@@ -30,7 +30,9 @@ def test_a_published_message_reaches_every_subscriber_the_sender_included(
 
 def test_the_payload_goes_through_as_it_came(client: Client) -> None:
     client.say("subscribe", topic="/chatter", type="std_msgs/String")
-    client.say_raw('{"op":"publish","topic":"/chatter","msg":{"data":"\\u00e9 \\/ é"},"type":"std_msgs/String"}')
+    client.say_raw(
+        '{"op":"publish","topic":"/chatter","msg":{"data":"\\u00e9 \\/ é"},"type":"std_msgs/String"}'
+    )
     (frame, _, _) = client.frames[0]
     assert frame.data == '{"op":"publish","topic":"/chatter","msg":{"data":"\\u00e9 \\/ é"}}'.encode()
 

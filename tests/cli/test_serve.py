@@ -137,7 +137,9 @@ def test_the_config_is_used_and_the_command_line_wins(tmp_path: Path) -> None:
     config = tmp_path / "rwt.toml"
     config.write_text('listen = ["ws://127.0.0.1:1"]\ndistro = "noetic"\ndemo = true\n')
     with _server("--config", str(config), "ws://127.0.0.1:0") as (_, url), connect(url) as wire:
-        wire.send(json.dumps({"op": "call_service", "service": "/rosapi/topic_type", "args": {"topic": "/odom"}}))
+        wire.send(
+            json.dumps({"op": "call_service", "service": "/rosapi/topic_type", "args": {"topic": "/odom"}})
+        )
         assert json.loads(wire.recv(timeout=10))["values"] == {"type": "nav_msgs/Odometry"}
 
 

@@ -77,9 +77,7 @@ class GraphQuestions:
         """The services of one type."""
         wanted = _two_part(request.type)
         return {
-            "services": [
-                service.name for service in self._graph.services() if service.type.name == wanted
-            ]
+            "services": [service.name for service in self._graph.services() if service.type.name == wanted]
         }
 
     def service_type(self, request: Any) -> Answer:

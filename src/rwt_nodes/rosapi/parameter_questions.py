@@ -16,7 +16,7 @@ Answer = dict[str, object]
 class ParameterQuestions:
     """Handlers of the parameter services. Names are `/node:name` on ROS 2 and `/name` on ROS 1 (API-08).
 
-    On ROS 2 a failure is told in `successful` and `reason`; on ROS 1, whose types lack them, it fails the call.
+    On ROS 2 a failure is told in `successful` and `reason`; ROS 1's types lack them, so it fails the call.
     """
 
     def __init__(self, node: Node) -> None:
