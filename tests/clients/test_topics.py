@@ -50,11 +50,11 @@ def test_missing_fields_are_filled_in(client: Program) -> None:
 
 
 def test_values_arrive_in_their_wire_forms(client: Program) -> None:
-    assert client.observe("values") == [
+    observed = client.observe("values")
+    assert [each for each in observed if each[0] != "Float32"] == [
         ["Float64", 0.1],
         ["Float64", None],
         ["Float64", 3],
-        ["Float32", 0.10000000149011612],
         ["Int64", 9007199254740991],
         ["Int64", -9007199254740991],
         ["Bool", True],
@@ -65,6 +65,10 @@ def test_values_arrive_in_their_wire_forms(client: Program) -> None:
         ["Float64MultiArray", [1, None, 2.5]],
         ["ColorRGBA", {"r": 1, "g": 0, "b": 0, "a": 0}],
     ]
+
+
+def test_a_float32_arrives_as_the_number_that_it_holds(client: Program) -> None:
+    assert ["Float32", 0.10000000149011612] in client.observe("values")
 
 
 def test_sixty_four_bit_integers_are_exact(roslibpy: Program) -> None:
@@ -111,19 +115,12 @@ def test_a_publisher_of_another_type_changes_nothing(client: Program, distro: st
     }
 
 
-@pytest.mark.parametrize(
-    ("scenario", "received"),
-    [
-        ("throttled_without_queue", ["0"]),
-        ("throttled_queue_of_one", ["0", "9"]),
-        ("throttled_queue_of_two", ["0", "8", "9"]),
-    ],
-)
-def test_a_burst_is_throttled(client: Program, scenario: str, received: list[str]) -> None:
-    observed = client.observe(scenario)
-    assert observed["received"] == received
+def test_a_burst_is_throttled(client: Program) -> None:
+    observed = client.observe("throttled")
+    assert [each["received"] for each in observed] == [["0"], ["0", "9"], ["0", "8", "9"]]
     # From before the burst to the last delivery, at one message each 300 ms.
-    assert observed["milliseconds"] >= 299 * (len(received) - 1)
+    for each in observed:
+        assert each["milliseconds"] >= 299 * (len(each["received"]) - 1)
 
 
 def test_the_last_latched_message_reaches_late_subscribers_once(client: Program) -> None:
