@@ -199,6 +199,23 @@ export function topicScenarios(asking) {
       return { length: message.data.length, same: message.data === text };
     },
 
+    // Milliseconds from one client's publish to the other's callback, when the other has just been answered.
+    async delivery_time(connections) {
+      const times = [];
+      for (let turn = 0; turn < 5; turn += 1) {
+        const { hearing, speaking, heard, spoken } = await pair(connections, `prompt_${turn}`, 'std_msgs/String');
+        const { complete } = asking.gather(heard, 1);
+        spoken.advertise();
+        await asking.settled(speaking);
+        await asking.settled(hearing);
+        const start = performance.now();
+        asking.publish(spoken, word('now'));
+        await complete;
+        times.push(performance.now() - start);
+      }
+      return times.sort((a, b) => a - b);
+    },
+
     // The library subscribes and advertises again by itself after it has connected again.
     async reconnect(connections) {
       const { hearing, speaking, heard, spoken } = await pair(connections, 'again', 'std_msgs/String');
