@@ -42,5 +42,9 @@ unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed
 
 test: lint types unit
 
+# Whole-process figures beside a yardstick, as ratios; needs Linux. `make bench ARGS=--quick` is the short run.
+bench: $(STAMP)
+	$(BIN)/python -m bench $(ARGS)
+
 clean:
 	rm -rf $(VENV) $(CLIENTS)/node_modules

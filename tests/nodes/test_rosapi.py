@@ -30,12 +30,12 @@ class Asker:
         self._client = Client(bridge)
         self._asked = 0
 
-    async def ask(self, service: str, **args: object) -> Any:
+    async def ask(self, service: str, /, **args: object) -> Any:
         reply = await self.reply(service, **args)
         assert reply["result"] is True, reply
         return reply["values"]
 
-    async def reply(self, service: str, **args: object) -> Any:
+    async def reply(self, service: str, /, **args: object) -> Any:
         import anyio
 
         self._asked += 1
