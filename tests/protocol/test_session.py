@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import pytest
-from tests.protocol.wire_examples import EXAMPLES, Malformed
 
 from rwt_protocol.ops import (
     ActionResult,
@@ -22,6 +21,7 @@ from rwt_protocol.ops import (
 )
 from rwt_protocol.profiles import COMPAT, PROFILES, ROS1, ROS2_2024, V2_0_0, Profile
 from rwt_protocol.session import Refusal, Session, WireLimits
+from tests.protocol.wire_examples import EXAMPLES, Malformed
 
 A = b'{"op":"subscribe","topic":"/a"}'
 B = b'{"op":"subscribe","topic":"/b"}'
@@ -299,10 +299,3 @@ def test_the_same_models_serve_a_client() -> None:
     (refusal,) = decode(b'{"op":"call_service","id":"r","service":5}', session)
     assert isinstance(refusal, Refusal)
     assert isinstance(refusal.answer, ServiceResponse)
-
-
-@pytest.mark.parametrize("name", ["fragment", "png"])
-def test_ops_of_the_wire_are_answered_clearly(name: str) -> None:
-    example = next(e for e in EXAMPLES.examples if e.message["op"] == name)
-    session = Session(direction=example.directions[-1])
-    assert refusals(json.dumps(example.message).encode(), session) == [f"{name}: not enabled"]
