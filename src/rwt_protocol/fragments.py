@@ -61,9 +61,7 @@ class Reassembly:
             Refused: the piece does not fit; what has arrived of the message stays (FRG-04).
         """
         if fragment.num >= fragment.total:
-            raise Refused(
-                f"fragment.num: expected less than the total of {fragment.total}, got {fragment.num}"
-            )
+            raise Refused(f"fragment.num: expected less than the total, {fragment.total}, got {fragment.num}")
         pieces = self._pieces_for(fragment, now)
         if fragment.total != pieces.total:
             raise Refused(f"fragment.total: expected {pieces.total} as before, got {fragment.total}")

@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 from pydantic import ValidationError
 
-from rwt_protocol.codecs import JSON, png
+from rwt_protocol.codecs import CBOR, JSON, png
 from rwt_protocol.codecs.base import Fault, Members
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
@@ -19,7 +19,9 @@ from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
 from rwt_protocol.wording import describe, explain, nearest
 
-_split: Final = JSON.split
+_MAPS: Final = frozenset(bytes((byte,)) for byte in range(0xA0, 0xC0))
+"""The first bytes of a CBOR map; no JSON text begins with one."""
+
 _MOST_INSIDE: Final = 4
 _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
 
@@ -101,7 +103,7 @@ class Session:
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
         """The messages of one frame, in order. Never raises, and keeps nothing of a frame that is cut short.
 
-        A binary frame is read as JSON text (ENV-12).
+        A binary frame is read as CBOR if it begins with a map, and as JSON text otherwise (ENV-12).
 
         Args:
             data: the whole frame.
@@ -112,9 +114,8 @@ class Session:
             return (
                 self._refusal({}, f"{len(data)} bytes: the limit is {self._max_size} (max_message_size)"),
             )
-        if binary and not data.lstrip(b" \t\r\n").startswith(b"{"):
-            return (self._refusal({}, "a binary frame must hold JSON text in UTF-8: cbor is not enabled"),)
-        parts = _split(data, self._max_depth)
+        codec = CBOR if binary and data[:1] in _MAPS else JSON
+        parts = codec.split(data, self._max_depth)
         if len(parts) == 1:
             return self._read(parts[0], now)
         return [read for part in parts for read in self._read(part, now)]

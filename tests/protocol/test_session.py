@@ -188,9 +188,9 @@ def test_a_nesting_bomb_is_refused(opening: bytes, prefix: bytes, closing: bool)
 def test_binary_frames_hold_json_text() -> None:
     assert decode(A, binary=True) == [OP_A]
     assert decode(b"\n" + A, binary=True) == [OP_A]
-    cbor = bytes.fromhex(EXAMPLES.cbor[0].hex)
-    assert refusals(cbor, binary=True) == ["a binary frame must hold JSON text in UTF-8: cbor is not enabled"]
-    assert refusals(b"", binary=True)
+    assert refusals(b"", binary=True) == ["the message is empty"]
+    assert refusals(b"\x01\x02", binary=True) == ["not JSON: expected an object that starts with {"]
+    assert refusals(b"\xff\xfe", binary=True) == ["not UTF-8, at byte 0"]
 
 
 def test_a_call_that_cannot_be_read_is_still_answered() -> None:
