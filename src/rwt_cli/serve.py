@@ -6,7 +6,7 @@ import argparse
 import logging
 import signal
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
+    from rwt_nodes.demo import DemoRobot
 
 _EXAMPLES = """\
 examples:
@@ -114,20 +115,18 @@ async def _serve(settings: Settings) -> None:
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
             async with serve(graph, *settings.listen, settings=settings) as server:
-                for url in server.urls:
-                    _say(f"listening on {url}")
+                said = [f"listening on {url}" for url in server.urls]
                 if settings.demo:
-                    _say(_next_steps(server.urls[0]))
+                    said.append(_next_steps(server.urls[0]))
+                _say("\n".join(said))
                 async for _ in signals:
                     break
 
 
-def _demo_robot(graph: Graph) -> ExitStack:
-    from rwt_nodes.demo import DemoRobot
+def _demo_robot(graph: Graph) -> closing[DemoRobot]:
+    from rwt_nodes.demo import DemoRobot  # Its code is read only where it runs.
 
-    stack = ExitStack()
-    stack.enter_context(DemoRobot(graph))
-    return stack
+    return closing(DemoRobot(graph))
 
 
 def _next_steps(url: str) -> str:
