@@ -16,7 +16,7 @@ import pybase64
 
 from rwt_interfaces import shapes
 from rwt_interfaces.errors import PayloadError
-from rwt_interfaces.misfit import describe, fields_of, under, unknown_field, with_article
+from rwt_interfaces.misfit import describe, fields_of, has_lone_surrogate, under, unknown_field, with_article
 from rwt_interfaces.numbers import array_from_numpy, as_float, as_int, is_numpy_array, number_list
 from rwt_interfaces.shapes import Shape, Slot
 from rwt_interfaces.structs import slot_default, time_struct
@@ -49,6 +49,8 @@ def compile_message(message: MessageType) -> Completer:
     in_header = message.name == _HEADER
     fields = [_field(slot, in_header) for slot in message.slots]
     names = [slot.name for slot in message.slots]
+    # ROS 2 headers have no seq, but roslibpy's do, whatever it talks to.
+    ignored = {"seq"} - set(names) if in_header else set()
     struct = message.struct
 
     def complete(value: object, now: Now, /) -> msgspec.Struct:
@@ -66,8 +68,8 @@ def compile_message(message: MessageType) -> Completer:
                 values.append(take(given[name], now))
             except PayloadError as error:
                 raise under(name, error) from None
-        if found != len(given):
-            raise PayloadError("", unknown_field(message.name, names, given))
+        if found != len(given) and not given.keys() <= ignored.union(names):
+            raise PayloadError("", unknown_field(message.name, names, given.keys() - ignored))
         return struct(*values)
 
     return complete
@@ -125,7 +127,7 @@ def _string(shape: shapes.String) -> Completer:
     def complete(value: object, now: Now, /) -> str:
         if not isinstance(value, str):
             raise PayloadError("", f"expected {shape}, got {describe(value)}")
-        if not value.isascii() and any("\ud800" <= letter <= "\udfff" for letter in value):
+        if not value.isascii() and has_lone_surrogate(value):
             raise PayloadError("", f"expected {shape}, got text with a lone surrogate")
         if shape.bound is not None and len(value) > shape.bound:
             raise PayloadError("", f"expected at most {shape.bound} characters, got {len(value)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import msgspec
 
@@ -25,7 +25,7 @@ def describe(value: object) -> str:
         case int():
             return str(value) if value.bit_length() <= 128 else "a very large integer"
         case float():
-            return repr(value)
+            return float.__repr__(value)
         case list() | tuple():
             return "a list"
         case Mapping():
@@ -53,9 +53,9 @@ def with_article(name: str) -> str:
     return f"an {name}" if name[:1].lower() in "aeiou" else f"a {name}"
 
 
-def unknown_field(message: str, names: list[str], given: Mapping[str, object]) -> str:
-    """What to say of the first field that the message does not have (JSN-25)."""
-    stranger = next(str(key) for key in given if key not in names)
+def unknown_field(message: str, names: list[str], given: Iterable[str]) -> str:
+    """What to say of the first field, in the alphabet, that the message does not have (JSN-25)."""
+    stranger = min(str(key) for key in given if key not in names)
     has = f"it has {', '.join(names)}" if names else "it has no fields"
     return f"{message} has no field {quote(stranger)}; {has}"
 
@@ -70,3 +70,13 @@ def fields_of(value: object) -> Mapping[str, object] | None:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     return None
+
+
+def has_lone_surrogate(text: str) -> bool:
+    """Whether the text cannot be encoded; JSON's escapes and Python's file names can bring such text
+    about."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return True
+    return False

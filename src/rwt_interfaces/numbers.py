@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 import sys
 from functools import lru_cache
 from numbers import Integral, Real
@@ -67,8 +68,7 @@ def float_annotation(shape: shapes.Float) -> object:
 
 @lru_cache(maxsize=32)
 def _list_annotation(shape: shapes.Int | shapes.Float) -> Any:
-    element = int_annotation(shape) if isinstance(shape, shapes.Int) else float_annotation(shape)
-    return _LIST[element]
+    return _LIST[int_annotation(shape) if isinstance(shape, shapes.Int) else float_annotation(shape)]
 
 
 def number_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
@@ -76,10 +76,22 @@ def number_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
     try:
         numbers: list[Any] = msgspec.convert(value, _list_annotation(shape))
     except (msgspec.ValidationError, TypeError):
+        if shape.code == "f":
+            return _float32_list(value, shape)
         return _one_by_one(value, shape)
     if isinstance(shape, shapes.Float):
         return [math.nan if number is None else number for number in numbers] if None in numbers else numbers
     if shape.high > _LARGEST_BOUND and numbers and max(numbers) > shape.high:
+        return _one_by_one(value, shape)
+    return numbers
+
+
+def _float32_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
+    """Float32 numbers with infinities among them, which a laser scan is full of and a range check refuses."""
+    try:
+        numbers: list[float] = msgspec.convert(value, list[float])
+        struct.pack(f"<{len(numbers)}f", *numbers)
+    except (msgspec.ValidationError, TypeError, OverflowError):
         return _one_by_one(value, shape)
     return numbers
 

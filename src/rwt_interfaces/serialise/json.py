@@ -22,6 +22,7 @@ import pybase64
 
 from rwt_interfaces import shapes
 from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.misfit import has_lone_surrogate
 from rwt_interfaces.numbers import float_annotation, int_annotation
 from rwt_interfaces.shapes import Shape
 
@@ -61,22 +62,24 @@ class JsonCodec:
         "_check_small",
         "_complete",
         "_decode",
-        "_exceeds_uint64",
         "_kinds",
         "_pack",
+        "_too_large",
+        "_unsendable",
         "strict",
     )
 
     def __init__(self, message: MessageType) -> None:
         self.strict = _strict_struct(message)
         self._kinds = frozenset(_kinds(message))
-        self._exceeds_uint64 = _uint64_excess(message)
+        self._too_large = _flaw_in(message, _too_large)
+        self._unsendable = _flaw_in(message, _unsendable)
         self._decode: Callable[[RawText], msgspec.Struct] = msgspec.json.Decoder(message.struct).decode
         self._complete: Callable[[object, Callable[[], int]], msgspec.Struct] = message.completer
         self._pack = _packer(message)
         decode = msgspec.json.Decoder(self.strict).decode
         self._check_small: Callable[[RawText], object] = (
-            decode if self._exceeds_uint64 is None else self._decode_bounded
+            decode if self._too_large is None else self._decode_bounded
         )
         self._check_large = self._large_check()
 
@@ -90,7 +93,8 @@ class JsonCodec:
     def convert(self, value: object) -> msgspec.Struct:
         """Copy a mapping or object into a `strict` Struct, or raise one of :data:`REJECTIONS`."""
         message = msgspec.convert(value, self.strict, from_attributes=True)
-        self._refuse_excess(message)
+        if self._unsendable is not None and self._unsendable(message):
+            raise msgspec.ValidationError
         return message
 
     def decode(self, raw: RawText) -> msgspec.Struct:
@@ -104,16 +108,8 @@ class JsonCodec:
             return self._complete(parse(raw), _no_clock)
 
     def encode(self, value: msgspec.Struct) -> bytes:
-        """The message as compact JSON: every field, in order, NaN and infinities as null (JSN-04, JSN-08).
-
-        Raises:
-            PayloadError: it holds something that JSON cannot.
-        """
-        try:
-            return _ENCODER.encode(value if self._pack is None else self._pack(value))
-        except UnicodeEncodeError:
-            self._complete(value, _no_clock)  # Names the field that holds the lone surrogate.
-            raise
+        """The message as compact JSON: every field, in order, NaN and infinities as null (JSN-04, JSN-08)."""
+        return _ENCODER.encode(value if self._pack is None else self._pack(value))
 
     def _large_check(self) -> Callable[[RawText], object]:
         if self._kinds & {"fixed octets", "bounded string"}:
@@ -125,16 +121,25 @@ class JsonCodec:
         return self._check_small
 
     def _check_around_base64(self, raw: RawText) -> None:
-        self._check_small(_without_long_string(raw, _is_base64) or raw)
+        self._check_around(raw, _is_base64)
 
     def _check_around_text(self, raw: RawText) -> None:
-        self._check_small(_without_long_string(raw, _is_string_content) or raw)
+        self._check_around(raw, _is_string_content)
+
+    def _check_around(self, raw: RawText, is_content: Callable[[memoryview], bool]) -> None:
+        shortened = _without_long_string(raw, is_content)
+        if shortened is not None:
+            try:
+                self._check_small(shortened)
+            except REJECTIONS:
+                # Perhaps what was cut out was no string after all; the whole text decides.
+                shortened = None
+        if shortened is None:
+            self._check_small(raw)
 
     def _decode_bounded(self, raw: RawText) -> None:
-        self._refuse_excess(msgspec.json.decode(raw, type=self.strict))
-
-    def _refuse_excess(self, message: msgspec.Struct) -> None:
-        if self._exceeds_uint64 is not None and self._exceeds_uint64(message):
+        message = msgspec.json.decode(raw, type=self.strict)
+        if self._too_large is not None and self._too_large(message):
             raise msgspec.ValidationError
 
 
@@ -293,26 +298,41 @@ def _kinds(message: MessageType) -> Iterable[str]:
                 yield "float"
 
 
-def _uint64_excess(message: MessageType) -> Callable[[Any], bool] | None:
-    """A function that tells whether a message holds an integer too large for its uint64; None if it has
-    none."""
-    tests = [(slot.attribute, test) for slot in message.slots if (test := _excess_in(slot.shape)) is not None]
-    if not tests:
+#: Tells whether a value of some shape has a flaw that no msgspec annotation expresses.
+_Flaw = Callable[[Any], bool]
+
+
+def _too_large(shape: Shape) -> _Flaw | None:
+    """The flaw of a uint64 above its range: msgspec's bounds end at int64's."""
+    if isinstance(shape, shapes.Int) and shape.high == _UINT64_MAX:
+        return lambda value: bool(value > _UINT64_MAX)
+    return None
+
+
+def _unsendable(shape: Shape) -> _Flaw | None:
+    """The flaws of Python's own values: lone surrogates too, which no JSON text brings."""
+    if isinstance(shape, shapes.String):
+        return lambda text: not text.isascii() and has_lone_surrogate(text)
+    return _too_large(shape)
+
+
+def _flaw_in(message: MessageType, leaf: Callable[[Shape], _Flaw | None]) -> _Flaw | None:
+    """Looks for flaws anywhere in a message; None if nothing in it can have one."""
+    flaws = [(slot.attribute, flaw) for slot in message.slots if (flaw := _shape_flaw(slot.shape, leaf))]
+    if not flaws:
         return None
-    return lambda value: any(test(getattr(value, attribute)) for attribute, test in tests)
+    return lambda value: any(flaw(getattr(value, attribute)) for attribute, flaw in flaws)
 
 
-def _excess_in(shape: Shape) -> Callable[[Any], bool] | None:
+def _shape_flaw(shape: Shape, leaf: Callable[[Shape], _Flaw | None]) -> _Flaw | None:
     match shape:
-        case shapes.Int() if shape.high == _UINT64_MAX:
-            return lambda value: bool(value > _UINT64_MAX)
         case shapes.Message():
-            return _uint64_excess(shape.type)
+            return _flaw_in(shape.type, leaf)
         case shapes.Array():
-            test = _excess_in(shape.element)
-            return None if test is None else lambda items: any(map(test, items))
+            flaw = _shape_flaw(shape.element, leaf)
+            return None if flaw is None else lambda items: any(map(flaw, items))
         case _:
-            return None
+            return leaf(shape)
 
 
 def _plain(value: object) -> object:
