@@ -30,7 +30,8 @@ class HandshakeAnswer:
 
 
 def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
-    """Whether a request asks to become a WebSocket: its ``Upgrade`` header names it (RFC 6455 section 4.1)."""
+    """Whether a request asks to become a WebSocket: its ``Upgrade`` header names it (RFC 6455 section
+    4.1)."""
     return any(
         name.lower() == "upgrade" and "websocket" in [token.strip().lower() for token in value.split(",")]
         for name, value in headers
