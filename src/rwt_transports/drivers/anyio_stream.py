@@ -88,9 +88,13 @@ class _Link:
             while not self._closing:
                 await self._awake.wait()
                 self._awake = anyio.Event()
+                more = False
                 while (data := driven.take()) is not None:
+                    if more:
+                        # What is ahead of it has been taken by the network, so the peer reads.
+                        driven.progress()
                     await self._stream.send(data if isinstance(data, bytes) else bytes(data))
-                    driven.progress()
+                    more = True
                 if self._finishing:
                     self._finishing = False
                     await self._stream.send_eof()

@@ -1,7 +1,9 @@
-"""Peers in the same process, for tests and for embedding: no sockets, no tasks, no clock; everything happens at once.
+"""Peers in the same process, for tests and for embedding: no sockets, no tasks, no clock; everything
+happens at once.
 
-:class:`MemoryPeer` meets an endpoint frame by frame, without any wire. :class:`MemoryDriver` moves bytes, so that a
-wire can be driven like over a network, byte by byte where that is wanted, and with a reader that stops.
+:class:`MemoryPeer` meets an endpoint frame by frame, without any wire. :class:`MemoryDriver` moves bytes,
+so that a wire can be driven like over a network, byte by byte where that is wanted, and with a reader that
+stops.
 """
 
 from __future__ import annotations
@@ -140,7 +142,6 @@ class MemoryPipe:
             if data is None:
                 break
             self._taken += data
-            self._driven.progress()
         if self._closing and not self.stalled:
             self.cut()
 
