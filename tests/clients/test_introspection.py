@@ -44,7 +44,7 @@ def decoded_header(distro: str) -> dict[str, Any]:
 
 
 def refusal(client: Program, answer: dict[str, Any]) -> str:
-    """Why a parameter was not set: roslib 2 hands over the reason alone, the older libraries the whole answer."""
+    """Why a parameter was not set: roslib 2 hands over the reason, the older libraries the whole answer."""
     if client.name == "roslib2":
         return str(answer["failed"])
     assert answer["values"]["successful"] is False
