@@ -56,7 +56,9 @@ class Payload:
         try:
             message_type.json.check(raw)
         except REJECTIONS:
-            return cls(message_type, None, message_type.completer(parse(raw), now or time.time_ns))
+            return cls(
+                message_type, None, message_type.completer(message_type.json.parse(raw), now or time.time_ns)
+            )
         return cls(message_type, raw, None)
 
     @classmethod

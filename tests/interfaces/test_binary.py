@@ -341,7 +341,7 @@ def test_an_empty_string_may_come_without_its_zero() -> None:
             "00" * 16 + "02000000" + "00" * 60,
             "poses[1].position.x: data cut",
         ),
-        ("ros1", "t_msgs/Holder", "00" + "ffffffff", "ns: data cut short"),
+        ("ros1", "t_msgs/Holder", "00" + "ffffffff", "ns: expected at most 16 elements"),
         ("cbor", "std_msgs/String", "a164646174619fff", "data: expected string, got a list"),
         ("cbor", "std_msgs/String", "a1646461746161ff", "not valid UTF-8"),
         ("cbor", "std_msgs/String", "9bffffffffffffffff", "CBOR cut short"),
