@@ -11,10 +11,15 @@ from __future__ import annotations
 
 import sys
 from collections import defaultdict
+from collections.abc import Container
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc
 
 ROOT = Path(__file__).parent.parent / "src" / "rwt_interfaces" / "standard"
 STORES = {"jazzy": Stores.ROS2_JAZZY, "noetic": Stores.ROS1_NOETIC}
@@ -40,39 +45,42 @@ DERIVED = ("Action", "ActionGoal", "ActionResult", "ActionFeedback", "Goal", "Re
 TIMES = {"builtin_interfaces/msg/Time": "time", "builtin_interfaces/msg/Duration": "duration"}
 
 
-def type_text(description: tuple, package: str, distro: str) -> str:
+def type_text(description: FieldDesc, package: str, distro: str) -> str:
     """A field's type in definition syntax."""
-    kind, rest = description
-    if kind == Nodetype.BASE:
-        name, limit = rest
+    if description[0] == Nodetype.BASE:
+        name, limit = description[1]
         return f"{name}<={limit}" if limit else name
-    if kind == Nodetype.NAME:
-        if distro == "noetic" and rest in TIMES:
-            return TIMES[rest]
-        owner, _, name = rest.split("/")
-        return name if owner == package and name != "Header" else f"{owner}/{name}"
-    element, count = rest
+    if description[0] == Nodetype.NAME:
+        return message_name(description[1], package, distro)
+    element, count = description[1]
     text = type_text(element, package, distro)
-    if kind == Nodetype.ARRAY:
+    if description[0] == Nodetype.ARRAY:
         return f"{text}[{count}]"
     return f"{text}[<={count}]" if count else f"{text}[]"
 
 
-def message_text(distro: str, name: str, constants: list, fields: list) -> str:
+def message_name(name: str, package: str, distro: str) -> str:
+    """How a definition of `package` names another message."""
+    if distro == "noetic" and name in TIMES:
+        return TIMES[name]
+    owner, _, short = name.split("/")
+    # A bare `Header` means std_msgs/Header everywhere; say so.
+    return short if owner == package and short != "Header" else f"{owner}/{short}"
+
+
+def message_text(distro: str, name: str, constants: Constdefs, fields: Fielddefs) -> str:
     """One message in definition syntax."""
     package = name.split("/")[0]
     lines = [f"{kind} {constant}={value}" for constant, kind, value in constants]
     for field, description in fields:
-        if field == "structure_needs_at_least_one_member":
-            continue
-        default = DEFAULTS.get((distro, name, field))
-        lines.append(
-            f"{type_text(description, package, distro)} {field}" + (f" {default}" if default else "")
-        )
+        if field != "structure_needs_at_least_one_member":
+            default = DEFAULTS.get((distro, name, field))
+            line = f"{type_text(description, package, distro)} {field}"
+            lines.append(line if default is None else f"{line} {default}")
     return "".join(f"{line}\n" for line in lines)
 
 
-def is_derived(name: str, names: set[str]) -> bool:
+def is_derived(name: str, names: Container[str]) -> bool:
     """Whether a message is one of those that an action's definition gives."""
     for suffix in sorted(DERIVED, key=len, reverse=True):
         base = name.removesuffix(suffix)
@@ -81,21 +89,26 @@ def is_derived(name: str, names: set[str]) -> bool:
     return False
 
 
+def generate(distro: str) -> dict[str, str]:
+    """The data file of each package of a distribution."""
+    definitions = get_typestore(STORES[distro]).fielddefs
+    packages: defaultdict[str, str] = defaultdict(str)
+    for name in sorted(definitions):
+        package, _, short = name.split("/")
+        if package not in LEFT_OUT[distro] and not is_derived(name, definitions):
+            packages[package] += f"=== msg/{short}\n{message_text(distro, name, *definitions[name])}"
+    return dict(packages)
+
+
 def main() -> int:
     """Write every file, and say what was written."""
-    for distro, store in STORES.items():
-        folder = ROOT / distro
-        for old in folder.glob("*.generated.txt"):
+    for distro in STORES:
+        for old in (ROOT / distro).glob("*.generated.txt"):
             old.unlink()
-        definitions = get_typestore(store).fielddefs
-        packages: dict[str, list[str]] = defaultdict(list)
-        for name in sorted(definitions):
-            package, _, short = name.split("/")
-            if package not in LEFT_OUT[distro] and not is_derived(name, set(definitions)):
-                packages[package].append(f"=== msg/{short}\n{message_text(distro, name, *definitions[name])}")
-        for package, sections in packages.items():
-            (folder / f"{package}.generated.txt").write_text("".join(sections), "utf-8")
-        print(f"{distro}: {sum(map(len, packages.values()))} messages of {len(packages)} packages")
+        packages = generate(distro)
+        for package, text in packages.items():
+            (ROOT / distro / f"{package}.generated.txt").write_text(text, "utf-8")
+        print(f"{distro}: {len(packages)} packages")
     return 0
 
 

@@ -48,20 +48,20 @@ def interface_files(folder: Path) -> list[InterfaceFile]:
     if not folder.is_dir():
         raise DefinitionError(f"{folder}: no such folder")
     try:
-        found = sorted(_files(folder.resolve(), set()), key=lambda file: file.path)
+        found = sorted(_files(folder.absolute(), set()), key=lambda file: file.path)
     except OSError as error:
         raise DefinitionError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
     if not found:
         raise DefinitionError(
-            f"{folder}: no interface files; expected below it PACKAGE/msg/NAME.msg, or srv/NAME.srv, action/NAME.action"
+            f"{folder}: no interface files; expected PACKAGE/msg/X.msg, and so on for srv and action"
         )
     return found
 
 
 def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
-    if folder in seen:
-        return  # a link that leads back to where it is
-    seen.add(folder)
+    if folder.resolve() in seen:
+        return  # a link to where the walk has been
+    seen.add(folder.resolve())
     for kind in KINDS:
         for path in sorted((folder / kind).glob(f"*.{kind}")):
             package = _package_name(folder)
@@ -73,7 +73,7 @@ def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
             yield InterfaceFile(path, package, kind, path.stem)
     for entry in sorted(folder.iterdir()):
         if entry.is_dir() and not entry.name.startswith("."):
-            yield from _files(entry.resolve(), seen)
+            yield from _files(entry, seen)
 
 
 def _package_name(folder: Path) -> str:

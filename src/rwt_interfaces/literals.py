@@ -106,7 +106,7 @@ class Literals:
             return _bounded(_ESCAPE.sub(_unescape, token[1:-1]), field_type)
         token = self._token(_BARE)
         if token is None:
-            raise DefinitionError(f"expected a {field_type.name}, got {_shown(self._line[self._at :])}")
+            raise DefinitionError(f"expected {field_type.name}, got {_shown(self._line[self._at :])}")
         return _scalar(token, field_type.name)
 
     def _token(self, pattern: re.Pattern[str]) -> str | None:
@@ -149,7 +149,7 @@ def _scalar(token: str, name: str) -> Value:
             return float(token)
     elif _INTEGER.fullmatch(token) and len(token) <= 80:
         return _integer(token, name)
-    raise DefinitionError(f"expected a {name}, got {_shown(token)}")
+    raise DefinitionError(f"expected {name}, got {_shown(token)}")
 
 
 def _integer(token: str, name: str) -> int:

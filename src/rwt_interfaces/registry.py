@@ -21,7 +21,7 @@ from rwt_interfaces.names import KINDS, Kind, parse_type_name, three_part
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _SEPARATOR = "=" * 80
-_NOUNS: dict[Kind, str] = {"msg": "message", "srv": "service", "action": "action"}
+_NOUNS: dict[Kind, str] = {"msg": "a message", "srv": "a service", "action": "an action"}
 
 #: A name much longer than any type's is not worth a search for what it resembles.
 _LONGEST_GUESSED = 120
@@ -104,7 +104,7 @@ class Registry:
             return compiled
 
     def action(self, name: str) -> ActionType:
-        """The action of that name.
+        """The action of that name, which ROS 1 calls ``FibonacciAction`` after the message of its parts.
 
         Raises:
             UnknownType: see :meth:`message`.
@@ -113,7 +113,7 @@ class Registry:
         if found is not None:
             return found
         with self._lock:
-            definition = self._wanted("action", name, self._action_definition)
+            definition = self._wanted("action", name, self._action_or_its_message)
             compiled = self._actions.get(definition.name)
             if compiled is None:
                 goal, result, feedback = (
@@ -138,8 +138,10 @@ class Registry:
 
         Raises:
             DefinitionError: the text cannot be read; says on which line.
-            InvalidName: `name` is not a type name.
+            InvalidName: `name` is not a type name, or `kind` not a kind.
         """
+        if kind not in KINDS:
+            raise InvalidName(f'"{kind}" is not a kind of interface: expected msg, srv or action')
         self._add([(kind, self._parse(kind, name, text, ""))])
 
     def add_directory(self, path: str | PathLike[str]) -> None:
@@ -222,6 +224,11 @@ class Registry:
     def _action_definition(self, package: str, name: str) -> ActionDefinition | None:
         found = self._read("action", package, name)
         return found if isinstance(found, ActionDefinition) else None
+
+    def _action_or_its_message(self, package: str, name: str) -> ActionDefinition | None:
+        return self._action_definition(package, name) or self._action_definition(
+            package, name.removesuffix("Action")
+        )
 
     def _service_part(self, package: str, name: str) -> MessageDefinition | None:
         split = actionlib.split_part(name, actionlib.SERVICE_PARTS)
@@ -355,10 +362,10 @@ class Registry:
     def _unknown(self, kind: Kind, name: str) -> str:
         """Why a name is not known, with what may have been meant."""
         package, short = name.split("/")
-        text = f'no {_NOUNS[kind]} "{name}" is known'
+        text = f'no {_NOUNS[kind].split()[1]} "{name}" is known'
         for other in KINDS:
             if other != kind and self._read(other, package, short) is not None:
-                return f"{text}: it is {_NOUNS[other]} {name}"
+                return f"{text}: it is {_NOUNS[other]}"
         return f"{text}{self._meant(kind, name)}"
 
     def _meant(self, kind: Kind, name: str) -> str:
