@@ -6,7 +6,7 @@ import argparse
 import logging
 import signal
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
+    from rwt_nodes.demo import DemoRobot
 
 _EXAMPLES = """\
 examples:
@@ -122,12 +123,10 @@ async def _serve(settings: Settings) -> None:
                     break
 
 
-def _demo_robot(graph: Graph) -> ExitStack:
-    from rwt_nodes.demo import DemoRobot
+def _demo_robot(graph: Graph) -> closing[DemoRobot]:
+    from rwt_nodes.demo import DemoRobot  # Its code is read only where it runs.
 
-    stack = ExitStack()
-    stack.enter_context(DemoRobot(graph))
-    return stack
+    return closing(DemoRobot(graph))
 
 
 def _next_steps(url: str) -> str:

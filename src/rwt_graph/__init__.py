@@ -24,6 +24,7 @@ from rwt_graph.errors import (
     TypeConflict,
     WrongThread,
 )
+from rwt_graph.goals import ActionGoal, GoalHandle
 from rwt_graph.memory import MemoryGraph
 from rwt_graph.node import Handle, Node
 from rwt_graph.qos import BEST_AVAILABLE, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
@@ -37,6 +38,8 @@ __all__ = [
     "TopicSubscription",
     "Sample",
     "GoalStatus",
+    "ActionGoal",
+    "GoalHandle",
     "Graph",
     "Clock",
     "WallClock",

@@ -33,7 +33,7 @@ from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_graph.errors import CallFailed
-    from rwt_graph.params import ParameterTree
+    from rwt_graph.param_tree import ParameterTree
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.registry import Registry

@@ -7,7 +7,7 @@ import logging
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import anyio
 import msgspec
@@ -24,8 +24,12 @@ logger = logging.getLogger(__name__)
 #: What may be given where a message is wanted: values are checked and completed by its type.
 MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object]"
 
+#: A typed message: a Struct compiled from its definition, shared and read-only. Its fields are known when the
+#: program runs and not before, so type checkers are told nothing.
+Message: TypeAlias = Any
+
 #: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.
-MessageCallback: TypeAlias = Callable[[msgspec.Struct], Awaitable[None] | None]
+MessageCallback: TypeAlias = Callable[[Message], Awaitable[None] | None]
 
 
 def to_payload(interface: MessageType, message: MessageLike, now: Callable[[], int]) -> Payload:
@@ -191,7 +195,7 @@ class TopicSubscription:
     def __aiter__(self) -> TopicSubscription:
         return self
 
-    async def __anext__(self) -> msgspec.Struct:
+    async def __anext__(self) -> Message:
         return (await anext(self.samples())).payload.value()
 
     def samples(self) -> Samples:
@@ -243,6 +247,7 @@ def is_coroutine_function(function: Callable[..., object]) -> bool:
 
 
 __all__ = [
+    "Message",
     "MessageCallback",
     "MessageLike",
     "SampleQueue",

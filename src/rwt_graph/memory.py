@@ -30,7 +30,7 @@ from rwt_graph.errors import NotRunning
 from rwt_graph.introspection import Introspection
 from rwt_graph.names import validate
 from rwt_graph.ownership import Owner
-from rwt_graph.params import ParameterTree
+from rwt_graph.param_tree import ParameterTree
 from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 from rwt_graph.runtime import Runtime
 from rwt_graph.services import Services

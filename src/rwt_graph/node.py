@@ -19,15 +19,25 @@ from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, TypeVar
 
-import msgspec
-
 from rwt_graph import service_handlers
 from rwt_graph.api import Graph, Registration, Sample
-from rwt_graph.clock import Clock, Timer
-from rwt_graph.endpoints import MessageCallback, MessageLike, TopicPublisher, TopicSubscription, to_payload
+from rwt_graph.clock import Clock, SimulatedClock, Timer
+from rwt_graph.endpoints import (
+    Message,
+    MessageCallback,
+    MessageLike,
+    TopicPublisher,
+    TopicSubscription,
+    to_payload,
+)
 from rwt_graph.errors import NotRunning, ProviderNotFound, WrongThread
+from rwt_graph.goals import AcceptGoal, ActionFunction, Execute, GoalHandle
 from rwt_graph.logs import NodeLog
 from rwt_graph.names import namespace_of, node_name, resolve
+from rwt_graph.param_client import ParameterClient
+from rwt_graph.param_services import EVENTS_QOS, ParameterEvents, ParameterServices
+from rwt_graph.param_tree import Value
+from rwt_graph.params import NodeParameters, NodeStore, TreeStore
 from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, LATCHED, QoS
 from rwt_graph.service_handlers import ServiceFunction, ServiceHandler
 from rwt_graph.system import rosout_qos, rosout_type
@@ -78,6 +88,7 @@ class Node:
     Attributes:
         name: absolute name.
         log: writes to `/rosout` and Python's logging.
+        parameters: the node's own; `get_param` and its like reach those of all nodes.
 
     Raises:
         InvalidGraphName: the name or the namespace is not one that ROS allows.
@@ -91,6 +102,20 @@ class Node:
         self._timers: set[PeriodicTimer] = set()
         rosout = self.advertise("/rosout", rosout_type(graph.distro), rosout_qos(graph.distro))
         self.log = NodeLog(self.name, graph.distro, rosout)
+        self.parameters = self._make_parameters()
+        self._remote = ParameterClient(graph, self.namespace, self.name, self.call_service)
+
+    def _make_parameters(self) -> NodeParameters:
+        if self.distro.ros_version == 1:
+            tree = TreeStore(self.graph.parameters, self.name)
+            return NodeParameters(self.name, tree, True, self._run)
+        publisher = self.advertise("/parameter_events", "rcl_interfaces/ParameterEvent", EVENTS_QOS)
+        events = ParameterEvents(self.name, self.distro, publisher)
+        parameters = NodeParameters(self.name, NodeStore(events.stored), False, self._run)
+        for name, interface, handler in ParameterServices(parameters).handlers():
+            self.advertise_service(f"~/{name}", interface, handler)
+        parameters.declare("use_sim_time", isinstance(self.clock, SimulatedClock), read_only=True)
+        return parameters
 
     @property
     def clock(self) -> Clock:
@@ -203,7 +228,7 @@ class Node:
         service: str,
         request: MessageLike | None = None,
         timeout: float | None = None,  # noqa: ASYNC109 - the caller hears CallTimeout, it is not cancelled
-    ) -> msgspec.Struct:
+    ) -> Message:
         """Call a service and wait for its response.
 
         Args:
@@ -221,7 +246,7 @@ class Node:
 
     def call_service_sync(
         self, service: str, request: MessageLike | None = None, timeout: float | None = None
-    ) -> msgspec.Struct:
+    ) -> Message:
         """:meth:`call_service` for plain functions in threads: blocks until the response is there.
 
         Raises:
@@ -235,6 +260,109 @@ class Node:
         if info is None:
             raise ProviderNotFound(f"Service {name} does not exist")
         return to_payload(info.type.request, {} if request is None else request, self.clock.time_ns)
+
+    # Actions
+
+    def advertise_action(
+        self,
+        action: str,
+        type: str,  # noqa: A002 - ROS's word
+        execute: Execute,
+        accept: AcceptGoal | None = None,
+    ) -> Handle:
+        """Offer an action; a server of the same name is replaced.
+
+        Args:
+            execute: a coroutine function, run as a task for each goal. What it returns is the result of a
+                goal that succeeded; :exc:`GoalCanceled` and :exc:`GoalAborted` end it otherwise, and so
+                does any other exception, as aborted. Cancelled itself when the action is withdrawn.
+            accept: looks at the goal's message first: True accepts, False or a reason rejects.
+
+        Raises:
+            UnknownType: no such action is known.
+            InvalidGraphName: not a name that ROS allows.
+            TypeError: `execute` is not a coroutine function.
+        """
+        name, interface = self.resolve(action), self.registry.action(type)
+        function = ActionFunction(self.graph, name, interface, execute, accept)
+        return self._run(
+            lambda: Handle(self.graph, self._participant.advertise_action(name, interface, function))
+        )
+
+    async def send_goal(
+        self,
+        action: str,
+        goal: MessageLike | None = None,
+        on_feedback: Callable[[Message], None] | None = None,
+        *,
+        goal_id: str | None = None,
+    ) -> GoalHandle:
+        """Send a goal, and wait until the server has taken it.
+
+        Args:
+            goal: None for one of defaults.
+            on_feedback: a plain function, called on the graph's thread with each feedback message.
+            goal_id: 32 lower-case hex digits; made here by default.
+
+        Raises:
+            ProviderNotFound: nobody offers the action (a :exc:`CallFailed` and a :exc:`NotFound`).
+            GoalRejected: its server refuses.
+            ProviderGone: its server went away meanwhile.
+            PayloadError: the goal does not fit the action's type.
+        """
+        name = self.resolve(action)
+        info = self.graph.action(name)
+        if info is None:
+            raise ProviderNotFound(f"Action {name} does not exist")
+        payload = to_payload(info.type.goal, {} if goal is None else goal, self.clock.time_ns)
+        handle = GoalHandle(name, on_feedback)
+        handle.send(self._participant, payload, goal_id)
+        await handle.accepted()
+        return handle
+
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Ask to cancel a goal that anybody sent, by its id; an unknown one is no error."""
+        name = self.resolve(action)
+        self._run(lambda: self._participant.cancel_goal(name, goal_id))
+
+    # Parameters of any node
+
+    async def get_param(self, name: str) -> Value:
+        """The value of a parameter: `/node:param`, or a name of the global tree.
+
+        Raises:
+            NotFound: there is no such node, parameter or value.
+            CallFailed: the node did not answer.
+        """
+        return await self._remote.get(name)
+
+    async def set_param(self, name: str, value: Value) -> None:
+        """Set a parameter.
+
+        Raises:
+            ParameterRejected: the node refused, and why.
+            NotFound: there is no such node.
+            CallFailed: the node did not answer.
+        """
+        await self._remote.set(name, value)
+
+    async def delete_param(self, name: str) -> None:
+        """Remove a parameter.
+
+        Raises:
+            ParameterRejected: the node does not allow it.
+            NotFound: there is no such node or parameter.
+            CallFailed: the node did not answer.
+        """
+        await self._remote.delete(name)
+
+    async def has_param(self, name: str) -> bool:
+        """Whether a parameter has a value. Raises :exc:`CallFailed` when its node does not answer."""
+        return await self._remote.has(name)
+
+    async def list_params(self) -> tuple[str, ...]:
+        """The full names of all parameters, sorted: `/node:param` on ROS 2, `/param` of the global tree."""
+        return await self._remote.names()
 
     # Time
 
@@ -317,6 +445,7 @@ class Node:
     def _close(self) -> None:
         for timer in tuple(self._timers):
             timer.cancel()
+        self.parameters.close()
         self._participant.close()
 
     def __enter__(self) -> Node:

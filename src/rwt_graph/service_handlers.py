@@ -7,12 +7,10 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, TypeAlias
 
-import anyio
-import msgspec
-
 from rwt_graph.api import Graph, Participant, ServiceCall
-from rwt_graph.endpoints import MessageLike, is_coroutine_function, to_payload
+from rwt_graph.endpoints import Message, MessageLike, is_coroutine_function, to_payload
 from rwt_graph.errors import CallFailed, ServiceFailed
+from rwt_graph.outcome import Outcome
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -23,7 +21,7 @@ logger = logging.getLogger(__name__)
 Answer: TypeAlias = "MessageLike | Awaitable[MessageLike | None] | None"
 
 #: Takes the request and gives the response; None stands for a response of defaults.
-ServiceHandler: TypeAlias = Callable[[msgspec.Struct], Answer]
+ServiceHandler: TypeAlias = Callable[[Message], Answer]
 
 
 def failure_text(error: Exception) -> str:
@@ -90,22 +88,12 @@ async def call(participant: Participant, service: str, request: Payload, seconds
     Raises:
         CallFailed: with the reason, by its subclass.
     """
-    answers: list[Payload | CallFailed] = []
-    answered: anyio.Event | None = None
-
-    def on_reply(answer: Payload | CallFailed) -> None:
-        answers.append(answer)
-        if answered is not None:
-            answered.set()
-
-    pending = participant.call_service(service, request, on_reply, seconds)
-    if not answers:
-        answered = anyio.Event()
-        try:
-            await answered.wait()
-        finally:
-            pending.cancel()
-    answer = answers[0]
+    outcome: Outcome[Payload | CallFailed] = Outcome()
+    pending = participant.call_service(service, request, outcome.set, seconds)
+    try:
+        answer = await outcome.wait()
+    finally:
+        pending.cancel()
     if isinstance(answer, CallFailed):
         raise answer
     return answer

@@ -21,7 +21,7 @@ class Dispatcher(Generic[C]):
         handlers: a handler for each op that may arrive, by the op's type: called with the context that
             :meth:`dispatch` was given, and the op. It refuses by raising `Refused`.
         on_error: called with the op and any other exception, within the `except` block; it must not raise.
-        refusals: further exceptions that refuse, of layers that know no ops; their text goes to the peer as it is.
+        refusals: exceptions that refuse, of layers that know no ops; the peer is told their text.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
 
     Raises:

@@ -66,16 +66,22 @@ async def listen(
     """
     place = parse_listen_url(url)
     chosen = Limits() if limits is None else limits
-    async with anyio.create_task_group() as tasks:
-        reception = _reception(place, accept, routes, chosen, tasks)
-        async with (driver or fastest_driver()).serve(place.host, place.port, reception.attach) as port:
-            tasks.start_soon(_tick, reception)
-            try:
-                yield OpenListener(place.with_port(port), reception)
-            finally:
-                with anyio.CancelScope(shield=True):
-                    await _close_all(reception, chosen.close_seconds)
-                tasks.cancel_scope.cancel()
+    try:
+        async with anyio.create_task_group() as tasks:
+            reception = _reception(place, accept, routes, chosen, tasks)
+            async with (driver or fastest_driver()).serve(place.host, place.port, reception.attach) as port:
+                tasks.start_soon(_tick, reception)
+                try:
+                    yield OpenListener(place.with_port(port), reception)
+                finally:
+                    with anyio.CancelScope(shield=True):
+                        await _close_all(reception, chosen.close_seconds)
+                    tasks.cancel_scope.cancel()
+    except BaseExceptionGroup as group:
+        # That there is a task group inside is not the caller's business: one error is raised as itself.
+        if len(group.exceptions) > 1:
+            raise
+        raise group.exceptions[0] from group.exceptions[0].__cause__
 
 
 def _reception(

@@ -156,7 +156,7 @@ def test_interfaces_of_ones_own(tmp_path: Path) -> None:
 def test_bad_interfaces_are_one_line(tmp_path: Path) -> None:
     folder = tmp_path / "my_msgs" / "msg"
     folder.mkdir(parents=True)
-    (folder / "Mood.msg").write_text("string name\nuint7 level\n")
+    (folder / "Mood.msg").write_text("string name\nuint8[ level\n")
     code, error = _fails("ws://127.0.0.1:0", "--interfaces", str(tmp_path))
     assert code == 2
     assert "Mood.msg:2" in error

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, cast
-
-import msgspec
+from typing import Protocol
 
 from rwt_graph import ActionGoal, GoalCanceled, Node
 from rwt_nodes.demo.messages import Message
@@ -34,14 +32,14 @@ class Fibonacci:
         self._node = node
         node.advertise_action("/fibonacci", name, self._execute, accept=self._accept)
 
-    def _accept(self, request: msgspec.Struct) -> bool | str:
-        order = cast("FibonacciRequest", request).order
-        if 0 <= order <= _HIGHEST_ORDER:
+    def _accept(self, request: FibonacciRequest) -> bool | str:
+        if 0 <= request.order <= _HIGHEST_ORDER:
             return True
-        return f"order must be 0 to {_HIGHEST_ORDER}, where int32 ends, got {order}"
+        return f"order must be 0 to {_HIGHEST_ORDER}, where int32 ends, got {request.order}"
 
     async def _execute(self, goal: ActionGoal) -> Message:
-        order = cast("FibonacciRequest", goal.request).order
+        request: FibonacciRequest = goal.request
+        order = request.order
         sequence = [0, 1][: order + 1]
         while len(sequence) <= order:
             await self._node.clock.sleep(1 / self.rate)

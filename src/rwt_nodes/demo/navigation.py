@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol, cast
+from typing import Protocol
 
 import anyio
-import msgspec
 
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node
 from rwt_graph.api import GoalStatus
@@ -134,13 +133,12 @@ class Navigation:
         trip.still_since = None
         return False
 
-    def _accept(self, request: msgspec.Struct) -> bool | str:
+    def _accept(self, request: NavigateRequest) -> bool | str:
         """True, or why the goal cannot even be tried."""
-        goal = cast("NavigateRequest", request).pose
-        target = messages.read_pose(goal.pose)
+        target = messages.read_pose(request.pose.pose)
         if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
             return "the goal's pose has a value that is not a finite number"
-        frame = goal.header.frame_id
+        frame = request.pose.header.frame_id
         if self._frame_origin(frame) is None:
             return f'the goal is in frame "{frame}"; use map, odom or {BASE}'
         return True
@@ -157,10 +155,10 @@ class Navigation:
 
     async def _execute(self, goal: ActionGoal) -> messages.Message:
         self.abort("a newer goal took its place")
-        wanted = cast("NavigateRequest", goal.request).pose
-        origin = self._frame_origin(wanted.header.frame_id) or Pose()
+        request: NavigateRequest = goal.request
+        origin = self._frame_origin(request.pose.header.frame_id) or Pose()
         try:
-            follower = self._plan(origin.after(messages.read_pose(wanted.pose)))
+            follower = self._plan(origin.after(messages.read_pose(request.pose.pose)))
         except NoWay as error:
             raise GoalAborted(self._result(str(error)), str(error)) from error
         trip = self._trip = _Trip(goal, follower, self._node.clock.monotonic())

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, cast
-
-import msgspec
+from typing import Protocol
 
 from rwt_graph import Graph, Node, ServiceFailed
 from rwt_nodes.demo import messages
@@ -120,7 +118,7 @@ class DemoRobot:
         self._node.advertise_service("/reset", "std_srvs/Empty", self._reset)
         self._node.advertise_service("/enable_motors", "std_srvs/SetBool", self._enable_motors)
 
-    def _reset(self, request: msgspec.Struct) -> messages.Message:
+    def _reset(self, request: object) -> messages.Message:
         """Back to the start with a fresh battery; the motors stay as they are."""
         self._navigation.abort("the robot was reset")
         self._teleop.forget()
@@ -129,12 +127,11 @@ class DemoRobot:
         self._node.log.info("reset: back at the start, battery full")
         return {}
 
-    def _enable_motors(self, request: msgspec.Struct) -> messages.Message:
-        on = cast("_Switch", request).data
-        self._drive.enabled = on
-        if not on:
+    def _enable_motors(self, request: _Switch) -> messages.Message:
+        self._drive.enabled = request.data
+        if not request.data:
             self._drive.stop()
-        return {"success": True, "message": f"motors {'enabled' if on else 'disabled'}"}
+        return {"success": True, "message": f"motors {'enabled' if request.data else 'disabled'}"}
 
     def _declare_parameters(self) -> None:
         limits, lidar = self._drive.limits, self._lidar
@@ -173,21 +170,20 @@ class DemoRobot:
         )
 
     def _describe(self, description: str) -> None:
-        """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global one."""
-        self._node.advertise("/robot_description", "std_msgs/String", latch=True).publish(
-            {"data": description}
-        )
-        self._node.parameters.declare(
-            "robot_description", description, description="The robot as URDF.", read_only=True
-        )
-        graph = self._node.graph
+        """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global parameter."""
+        node = self._node
+        node.advertise("/robot_description", "std_msgs/String", latch=True).publish({"data": description})
+        if node.distro.ros_version == 2:
+            node.parameters.declare(
+                "robot_description", description, description="The robot as URDF.", read_only=True
+            )
+        graph = node.graph
         graph.run_on_graph(lambda: graph.parameters.set("/robot_description", description))
 
 
-def _add_two_ints(request: msgspec.Struct) -> messages.Message:
-    a, b = cast("_Addends", request).a, cast("_Addends", request).b
-    total = a + b
+def _add_two_ints(request: _Addends) -> messages.Message:
+    total = request.a + request.b
     if not -(2**63) <= total < 2**63:
-        msg = f"{a} + {b} does not fit an int64"
+        msg = f"{request.a} + {request.b} does not fit an int64"
         raise ServiceFailed(msg)
     return {"sum": total}

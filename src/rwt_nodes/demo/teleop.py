@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol, cast
-
-import msgspec
+from typing import Protocol
 
 from rwt_graph import Node
 from rwt_nodes.demo.drive import Velocity
@@ -46,8 +44,7 @@ class Teleop:
         """Drop the command as if its time were over."""
         self._last = None
 
-    def _on_twist(self, message: msgspec.Struct) -> None:
-        twist = cast("TwistLike", message)
+    def _on_twist(self, twist: TwistLike) -> None:
         if not (math.isfinite(twist.linear.x) and math.isfinite(twist.angular.z)):
             self._node.log.warning("/cmd_vel: linear.x or angular.z is not a finite number; ignored")
             return

@@ -22,6 +22,7 @@ _decode_raw_members: Final = msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
 _SPACE: Final = re.compile(rb"[ \t\r\n]*+")
 _TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
 _STRING_OR_CONSTANT: Final = re.compile(rb'"(?:[^"\\]|\\.)*+"|-?Infinity|NaN', re.DOTALL)
+_SURROGATE: Final = re.compile(rb"\\u[dD][89a-fA-F]")
 _KIND: Final = {
     ord("["): "an array",
     ord('"'): "a string",
@@ -83,7 +84,7 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | Fault]:
                 view = memoryview(rest)
                 continue
             if rest[position] in b"{[":
-                found.append(_broken(error, len(rest) - position))
+                found.append(_broken(error, rest[position:]))
                 break
             end = rest.find(b"{", position + 1)
             found.append(Fault("not JSON: expected an object that starts with {"))
@@ -112,9 +113,11 @@ def _end_of_value(view: memoryview) -> int:
     return len(view)
 
 
-def _broken(error: msgspec.DecodeError, size: int) -> Fault:
+def _broken(error: msgspec.DecodeError, text: bytes) -> Fault:
+    if _SURROGATE.search(text):
+        return Fault("not JSON: malformed, or text that is not Unicode")
     if "truncated" in str(error):
-        return Fault(f"not JSON: cut short after {size} bytes")
+        return Fault(f"not JSON: cut short after {len(text)} bytes")
     return Fault("not JSON: an object or array is malformed")
 
 
@@ -137,7 +140,10 @@ def _read_value(piece: bytes, max_depth: int) -> Members | Fault:
     try:
         members = _decode(piece)
     except (msgspec.DecodeError, UnicodeDecodeError):
-        return Fault("holds a number or a string that is out of range", _readable(piece))
+        readable = _readable(piece)
+        return Fault(
+            f"{readable.get('op', 'it')}: holds a number too large, or text that is not Unicode", readable
+        )
     return _too_deep(max_depth, members) if deeper_than(piece, max_depth) else members
 
 

@@ -110,9 +110,9 @@ class ActionResult(Op):
     action: Text
     values: Values = EMPTY
     result: Flag = True
-    status: Annotated[
-        int, Field(ge=0, le=6, default_factory=_usual_status), Expected("a whole number from 0 to 6")
-    ]
+    status: Annotated[int, Field(ge=0, le=6), Expected("a whole number from 0 to 6")] = Field(
+        default_factory=_usual_status
+    )
 
 
 def refuse_goal(address: Address, reason: str, level: Level = "error") -> Op:

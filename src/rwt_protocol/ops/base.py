@@ -80,8 +80,8 @@ Flag = Annotated[bool, Expected("true or false")]
 Whole = Annotated[int, BeforeValidator(_whole_number, json_schema_input_type=int), Expected("a whole number")]
 Count = Annotated[
     int,
-    BeforeValidator(_whole_number, json_schema_input_type=int),
     Field(ge=0),
+    BeforeValidator(_whole_number, json_schema_input_type=Annotated[int, Field(ge=0)]),
     Expected("a whole number, zero or more"),
 ]
 

@@ -27,8 +27,8 @@ def _whole_seconds(value: object) -> object:
 
 Total = Annotated[
     int,
-    BeforeValidator(_floor, json_schema_input_type=float),
     Field(ge=1),
+    BeforeValidator(_floor, json_schema_input_type=Annotated[float, Field(ge=1)]),
     Expected("a whole number, one or more"),
 ]
 Seconds = Annotated[

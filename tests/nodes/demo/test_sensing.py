@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from rwt_graph import MemoryGraph, Node, SimulatedClock
+from rwt_graph import MemoryGraph, Node, ParameterRejected, SimulatedClock
 from rwt_nodes.demo import DemoRobot
 from rwt_nodes.demo.world import draw_map, house
 
@@ -90,8 +90,11 @@ async def test_the_description_is_kept_as_topic_and_as_parameter(lab: Any) -> No
     (message,) = lab.watch("/robot_description")
     assert ET.fromstring(message.data).get("name") == "demo_robot"
     await lab.settle()
-    for name in ("/robot_description", lab.parameter("robot_description")):
-        assert await lab.user.get_param(name) == message.data
+    assert await lab.user.get_param("/robot_description") == message.data
+    if lab.graph.distro.ros_version == 2:
+        assert await lab.user.get_param("/demo_robot:robot_description") == message.data
+        with pytest.raises(ParameterRejected):
+            await lab.user.set_param("/demo_robot:robot_description", "<robot/>")
 
 
 async def test_diagnostics_report_each_part_once_a_second(lab: Any) -> None:
@@ -130,3 +133,9 @@ async def test_a_closed_robot_leaves_nothing_behind(lab: Any) -> None:
     assert lab.graph.topic("/odom") is None
     assert lab.graph.service("/add_two_ints") is None
     lab.clock.advance(5.0)
+
+
+async def test_another_robot_can_take_its_place(lab: Any) -> None:
+    lab.robot.close()
+    DemoRobot(lab.graph)
+    assert lab.latest("/odom").pose.pose.position.x == 0.0
