@@ -115,10 +115,10 @@ async def _serve(settings: Settings) -> None:
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
             async with serve(graph, *settings.listen, settings=settings) as server:
-                for url in server.urls:
-                    _say(f"listening on {url}")
+                said = [f"listening on {url}" for url in server.urls]
                 if settings.demo:
-                    _say(_next_steps(server.urls[0]))
+                    said.append(_next_steps(server.urls[0]))
+                _say("\n".join(said))
                 async for _ in signals:
                     break
 
