@@ -16,7 +16,20 @@ from pathlib import Path
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from rwt_protocol.ops import OPS, ActionResult, Direction, Op, OpSpec, Qos, ServiceResponse
+from rwt_protocol.ops import (
+    OPS,
+    ActionResult,
+    Advertise,
+    Auth,
+    Direction,
+    Fragment,
+    Op,
+    OpSpec,
+    Png,
+    Publish,
+    Qos,
+    ServiceResponse,
+)
 from rwt_protocol.ops.base import Address, Expected
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.rawjson import EMPTY
@@ -43,22 +56,30 @@ GROUPS = {
 MEANINGS: dict[str | tuple[str, str], str] = {
     "id": "The sender's own mark, repeated unchanged in what answers this message (ENV-02). null: none.",
     "topic": "Name of the topic. `chatter` and `/chatter` are the same topic.",
-    "service": "Name of the service.",
     "action": "Name of the action.",
-    "level": "Severity.",
-    "qos": "Quality of service, see [below](#quality-of-service).",
     "latch": "Keep the last message for whoever subscribes late.",
     "queue_size": "Accepted, and without effect: a topic in memory has no queue to a network.",
     ("advertise", "type"): "Type of the topic's messages, `std_msgs/String` or `std_msgs/msg/String`.",
     ("advertise", "qos"): "Quality of service, see [below](#quality-of-service); wins over `latch`.",
+    "fragment_size": "Accepted, and without effect: fragments are not there yet.",
+    ("subscribe", "compression"): "`none`. `png`, `cbor` and `cbor-raw` are refused so far (SUB-08, SUB-10).",
+    ("subscribe", "qos"): "Checked, and without effect: a subscriber gets what the publishers offer.",
+    (
+        "action_result",
+        "status",
+    ): "4 succeeded, 5 canceled, 6 aborted, 0 not run. Absent: 4, or 6 if `result` is false.",
     ("publish", "type"): "Type of the topic, used when nobody has advertised it.",
     ("publish", "msg"): "The message. Missing fields get their defaults, see [messages](#messages-in-json).",
     ("publish", "latch"): "As on `advertise`; has an effect on the first message of a topic not advertised.",
+    ("service_response", "service"): "Name of the service.",
+    ("advertise_service", "service"): "Name of the service.",
+    ("unadvertise_service", "service"): "Name of the service.",
     ("advertise_service", "type"): "Type of the service, for example `std_srvs/Trigger`.",
     ("advertise_action", "type"): "Type of the action, for example `example_interfaces/Fibonacci`.",
     ("send_action_goal", "action_type"): "Type of the action; the server goes by what the action has.",
     ("cancel_action_goal", "id"): "The `id` with which the goal was sent.",
     ("action_feedback", "values"): "The feedback.",
+    ("status", "level"): "Severity.",
     ("set_level", "level"): "The least severity that the client wants to hear of; `none` for nothing.",
     ("status", "msg"): "What happened, for people.",
     ("fragment", "id"): "The same for all pieces of one message.",
@@ -76,6 +97,15 @@ MEANINGS: dict[str | tuple[str, str], str] = {
     ("qos", "history"): "Which messages are kept.",
     ("qos", "reliability"): "Whether a message may be lost on the way.",
     ("qos", "durability"): "`transient_local` keeps messages for whoever subscribes late.",
+}
+
+#: Where the docstring speaks to readers of the code.
+SUMMARIES: dict[type[Op], str] = {
+    Publish: "One message on a topic (PUB-01).",
+    Advertise: "The sender will publish on a topic (ADV-01).",
+    Fragment: "One piece of the text of another message (FRG-01). Not there yet: it is refused.",
+    Png: "A whole message as the pixels of a PNG image, in base64 (PNG-01). Not there yet: it is never sent.",
+    Auth: "Credentials as rosauth computes them (AUT-02). Not there yet: the answer is a warning.",
 }
 
 _ARROWS = {
@@ -112,11 +142,17 @@ def _facts(spec: OpSpec) -> str:
     missing = [name for name, profile in PROFILES.items() if spec.name not in profile.ops]
     if missing:
         facts.append(f"Not in {_profile_names(missing)}.")
-    for name, profile in PROFILES.items():
-        if spec.name in profile.ops and (left_out := profile.without.get(spec.name)):
-            fields = ", ".join(f"`{field}`" for field in sorted(left_out))
-            facts.append(f"Profile `{name}` ignores {fields}.")
+    facts += [f"Profile `{name}` ignores {fields}." for name, fields in _ignored(spec.name)]
     return " ".join(facts)
+
+
+def _ignored(op: str) -> list[tuple[str, str]]:
+    """Profiles that have the op, and the fields of it that they have not."""
+    return [
+        (name, ", ".join(f"`{field}`" for field in sorted(profile.without[op])))
+        for name, profile in PROFILES.items()
+        if op in profile.ops and op in profile.without
+    ]
 
 
 def _profile_names(names: list[str]) -> str:
@@ -141,7 +177,7 @@ def _table(op: str, fields: dict[str, FieldInfo], described: dict[str, str]) -> 
 
 
 def _meaning(op: str, field: str, described: dict[str, str]) -> str:
-    meaning = MEANINGS.get((op, field)) or described.get(field) or MEANINGS.get(field)
+    meaning = MEANINGS.get((op, field)) or MEANINGS.get(field) or described.get(field)
     if meaning is None:
         raise SystemExit(f"{op}.{field} has no description: add one to its model or to MEANINGS")
     return meaning
@@ -171,7 +207,7 @@ def _quality_of_service() -> str:
 def _summary(model: type[Op]) -> str:
     """The docstring's first paragraphs, before `Attributes:`."""
     text = inspect.getdoc(model) or ""
-    return re.sub(r"``", "`", text.partition("Attributes:")[0].strip())
+    return SUMMARIES.get(model, re.sub(r"``", "`", text.partition("Attributes:")[0].strip()))
 
 
 def _attributes(model: type[object]) -> dict[str, str]:
@@ -186,7 +222,13 @@ def _attributes(model: type[object]) -> dict[str, str]:
             found[last] = start[2]
         elif line.strip() and last:
             found[last] += f" {line.strip()}"
-    return {name: meaning[:1].upper() + meaning[1:] for name, meaning in found.items()}
+    return {name: _in_words_of_json(meaning) for name, meaning in found.items()}
+
+
+def _in_words_of_json(meaning: str) -> str:
+    """What the docstring calls None is a member that is absent."""
+    text = re.sub(r"\bNone\b", "absent", meaning)
+    return text[:1].upper() + text[1:]
 
 
 def main() -> None:

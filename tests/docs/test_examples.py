@@ -18,7 +18,7 @@ from tests.docs.processes import LIMIT, Running, commands_folder, free_port
 _CLIENTS = ROOT / "tests" / "clients" / "node"
 _PORT = "9090"
 
-_INSIDE = '''\
+_INSIDE = """\
 import logging
 
 import anyio
@@ -34,7 +34,7 @@ async def main() -> None:
 {code}
 
 anyio.run(main)
-'''
+"""
 
 
 class Examples:
@@ -179,7 +179,7 @@ def test_wire(block: Block, examples: Examples) -> None:
 
 def _receive(wire: ClientConnection, wanted: object) -> None:
     """Read on until a message with at least what is wanted."""
-    other = []
+    other: list[object] = []
     while True:
         try:
             got = json.loads(wire.recv(timeout=LIMIT))
@@ -201,7 +201,8 @@ def _call(wire: ClientConnection, call: str) -> None:
     service, _, args = request.partition(" ")
     message = {"op": "call_service", "id": call, "service": service, "args": json.loads(args or "{}")}
     wire.send(json.dumps(message))
-    _receive(wire, {"op": "service_response", "id": call, "result": True, "values": json.loads(values or "{}")})
+    answer = {"op": "service_response", "id": call, "result": True, "values": json.loads(values or "{}")}
+    _receive(wire, answer)
 
 
 def _hear(wire: ClientConnection, heard: str) -> None:
