@@ -66,7 +66,7 @@ class SentGoal:
                 ActionResult(
                     action=op.action,
                     values=str(outcome),
-                    status=int(GoalStatus.UNKNOWN),
+                    status=int(status),
                     result=False,
                     id=op.id,
                 )

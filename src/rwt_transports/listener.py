@@ -113,8 +113,6 @@ async def _close_all(reception: Reception, patience: float) -> None:
     """Ask all peers to go; cut those that have not gone in `patience` seconds."""
     reception.close(GOING_AWAY, "the server is going away")
     with anyio.move_on_after(patience):
-        while reception.connections:
-            await anyio.sleep(0.01)
+        await reception.emptied()
     reception.abort()
-    while reception.connections:
-        await anyio.lowlevel.checkpoint()
+    await reception.emptied()

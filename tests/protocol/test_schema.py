@@ -6,11 +6,11 @@ import json
 from typing import Any
 
 import pytest
-from tests.protocol.wire_examples import EXAMPLES, Example
 
 from rwt_protocol.ops import OPS
 from rwt_protocol.profiles import COMPAT, PROFILES, ROS1, V2_0_0, Profile
 from rwt_protocol.schema import protocol_schema
+from tests.protocol.wire_examples import EXAMPLES, Example
 
 
 def document(profile: Profile = COMPAT) -> dict[str, Any]:

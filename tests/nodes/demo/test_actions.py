@@ -14,6 +14,12 @@ pytestmark = pytest.mark.anyio
 NAVIGATE = "/navigate_to_pose"
 
 
+@pytest.fixture(params=["asyncio", "trio"])
+def anyio_backend(request: pytest.FixtureRequest) -> str:
+    """Both: only here does the robot have coroutines of its own."""
+    return str(request.param)
+
+
 def pose(x: float, y: float, heading: float = 0.0, frame: str = "map") -> dict[str, object]:
     orientation = {"z": math.sin(heading / 2), "w": math.cos(heading / 2)}
     return {
@@ -95,7 +101,8 @@ def _check_feedback(lab: Any, heard: list[Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "x", "y"), [("odom", -2.4, -2.5), ("base_link", -2.4, -2.5), ("", -2.0, -1.0)]
+    ("frame", "x", "y"),
+    [("odom", -2.4, -2.5), ("/odom", -2.4, -2.5), ("base_link", -2.4, -2.5), ("", -2.0, -1.0)],
 )
 async def test_goals_may_be_in_any_frame_of_the_robot(lab: Any, frame: str, x: float, y: float) -> None:
     goal = pose(1.0, 0.0, frame=frame) if frame else pose(x, y)
@@ -180,6 +187,15 @@ async def test_a_hand_on_the_stick_goes_first_and_the_trip_goes_on(lab: Any) -> 
     # A released stick that goes on sending zeros does not hold the robot.
     lab.command(seconds=20.0)
     assert (await handle.result())[0] is GoalStatus.SUCCEEDED
+
+
+async def test_a_goal_can_be_canceled_while_somebody_drives(lab: Any) -> None:
+    handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
+    await lab.settle()
+    lab.command(angular=1.0, seconds=1.0)
+    await handle.cancel()
+    lab.command(angular=1.0, seconds=0.2)
+    assert (await handle.result())[0] is GoalStatus.CANCELED
 
 
 @pytest.mark.parametrize(
