@@ -541,8 +541,11 @@ def robot_parameter(connections: Connections, name: str) -> Value:
 def refused_parameter(connections: Connections, name: str) -> Value:
     ros = connections.open()
     before = ros.get_param(name)
-    set_ = call(ros, "/rosapi/set_param", "rosapi/SetParam", {"name": name, "value": '"fast"'})
-    return {"set": set_, "unchanged": ros.get_param(name) == before}
+    word, negative = (
+        call(ros, "/rosapi/set_param", "rosapi/SetParam", {"name": name, "value": value})
+        for value in ('"fast"', "-1.5")
+    )
+    return {"word": word, "negative": negative, "unchanged": ros.get_param(name) == before}
 
 
 def own_parameter(connections: Connections, _: str) -> Value:
