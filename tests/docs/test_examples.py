@@ -64,7 +64,8 @@ class Examples:
         """A fresh folder with the files of the block's page in it, and the npm clients within reach."""
         folder = self._folder / block.name.replace("/", "_").replace(":", "_")
         folder.mkdir()
-        (folder / "node_modules").symlink_to(_CLIENTS / "node_modules")
+        if block.language in ("js", "html"):
+            _offer_npm_packages(folder)
         for other in ALL_BLOCKS:
             if other.page == block.page and (name := other.value("file")):
                 file = folder / name
@@ -82,6 +83,15 @@ class Examples:
     def run_file(self, name: str, folder: Path) -> Running:
         """A program that the page wrote to a file."""
         return Running([sys.executable, name], folder, self._commands)
+
+
+def _offer_npm_packages(folder: Path) -> None:
+    packages = _CLIENTS / "node_modules"
+    if not packages.is_dir():
+        pytest.fail(
+            "the npm clients are not installed: run `npm ci --prefix tests/clients/node`", pytrace=False
+        )
+    (folder / "node_modules").symlink_to(packages)
 
 
 def _command(block: Block, folder: Path, code: str) -> list[str]:
