@@ -239,6 +239,7 @@ class MemoryActionServer(Registration):
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
         self.closed = False
+        self.cancel_service: Registration | None = None
         self._actions = actions
 
     def close(self) -> None:
@@ -248,6 +249,8 @@ class MemoryActionServer(Registration):
         self.closed = True
         self._owner.drop(self)
         self._actions.withdrawn(self)
+        if self.cancel_service is not None:
+            self.cancel_service.close()
         while self.goals:
             self.goals.popitem()[1].lose()
 

@@ -61,7 +61,9 @@ def test_a_goal_is_canceled_in_roslibpy(roslibpy: Program) -> None:
 
 @jazzy
 def test_all_goals_are_canceled_at_once(roslib2: Program) -> None:
-    both = roslib2.observe("action_cancel_all")
+    both, complaints = roslib2.answer("action_cancel_all")
+    # The library calls `cancel_goal` without an id, and then wonders that the reply has none (SRV-01).
+    assert complaints == ["Received service response without ID"]
     assert len(both) == 2
     assert all(was_canceled(reason) for reason in both)
 
