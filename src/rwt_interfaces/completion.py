@@ -16,7 +16,15 @@ import pybase64
 
 from rwt_interfaces import shapes
 from rwt_interfaces.errors import PayloadError
-from rwt_interfaces.misfit import describe, fields_of, has_lone_surrogate, under, unknown_field, with_article
+from rwt_interfaces.misfit import (
+    check_length,
+    describe,
+    fields_of,
+    has_lone_surrogate,
+    under,
+    unknown_field,
+    with_article,
+)
 from rwt_interfaces.numbers import array_from_numpy, as_float, as_int, is_numpy_array, number_list
 from rwt_interfaces.shapes import Shape, Slot
 from rwt_interfaces.structs import slot_default, time_struct
@@ -223,11 +231,3 @@ def _array(shape: shapes.Array) -> Completer:
         return items
 
     return complete
-
-
-def check_length(count: int, length: int | None, bound: int | None) -> None:
-    """Refuse a list of the wrong size (JSN-30)."""
-    if length is not None and count != length:
-        raise PayloadError("", f"expected {length} elements, got {count}")
-    if bound is not None and count > bound:
-        raise PayloadError("", f"expected at most {bound} elements, got {count}")
