@@ -56,7 +56,9 @@ class Payload:
         try:
             message_type.json.check(raw)
         except REJECTIONS:
-            return cls(message_type, None, message_type.completer(parse(raw), now or time.time_ns))
+            return cls(
+                message_type, None, message_type.completer(message_type.json.parse(raw), now or time.time_ns)
+            )
         return cls(message_type, raw, None)
 
     @classmethod
@@ -86,14 +88,17 @@ class Payload:
         Raises:
             PayloadError: it does not fit, and where and why.
         """
-        try:
-            return cls(message_type, None, message_type.json.convert(value))
-        except REJECTIONS:
-            pass
         if isinstance(value, (list, tuple)):
             names = (slot.name for slot in message_type.slots)
             value = dict(zip(names, value, strict=False))
-        return cls(message_type, None, message_type.completer(value, now or time.time_ns))
+        return cls._from_object(message_type, value, now)
+
+    @classmethod
+    def _from_object(cls, message_type: MessageType, value: object, now: Now | None) -> Payload:
+        try:
+            return cls(message_type, None, message_type.json.convert(value))
+        except REJECTIONS:
+            return cls(message_type, None, message_type.completer(value, now or time.time_ns))
 
     @classmethod
     def from_cbor(
@@ -104,7 +109,7 @@ class Payload:
         Raises:
             PayloadError: it is not CBOR or does not fit; no other exception, whatever the bytes.
         """
-        return cls(message_type, None, message_type.completer(read_cbor(data), now or time.time_ns))
+        return cls._from_object(message_type, read_cbor(data), now)
 
     @classmethod
     def from_cdr(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:

@@ -128,7 +128,12 @@ class Session:
         """
         return JSON.encode(op)
 
-    def cut(self, frame: Frame, size: int | None, id: str | int | None = None) -> Sequence[Frame]:  # noqa: A002
+    def cut(
+        self,
+        frame: Frame,
+        size: int | None,
+        id: str | int | None = None,  # noqa: A002  # as on the wire
+    ) -> Sequence[Frame]:
         """A frame in pieces of at most `size` characters, if it is longer (FRG-21).
 
         Args:

@@ -13,6 +13,8 @@ from rwt_interfaces.errors import PayloadError
 
 _DEEPEST = 64
 _INDEFINITE = 31
+_FLOAT64 = 0xFB
+_float64 = struct.Struct(">d").unpack
 _BREAK = object()
 
 #: RFC 8746, section 2.1: tag to byte order and letter of :mod:`struct`; 64 and 68 are octets as they are.
@@ -63,7 +65,16 @@ class _Reader:
         """The next data item, or the break that ends one of indefinite length."""
         if depth > _DEEPEST:
             raise PayloadError("", "nested too deeply")
-        major, minor = divmod(self.take(1)[0], 32)
+        initial = self.take(1)[0]
+        # What messages are mostly made of goes first: small numbers, floats, names.
+        if initial < 24:
+            return initial
+        if initial == _FLOAT64:
+            number: float = _float64(self.take(8))[0]
+            return number
+        major, minor = initial >> 5, initial & 31
+        if major == 3 and minor < 24:
+            return self._text(self.take(minor))
         if major == 7:
             return self._simple(minor)
         if minor == _INDEFINITE and 2 <= major <= 5:
@@ -81,7 +92,7 @@ class _Reader:
             case 4:
                 return [self._value(depth + 1) for _ in range(self._count(argument))]
             case 5:
-                return dict(self._pair(depth + 1) for _ in range(self._count(argument)))
+                return self._map(self._count(argument), depth + 1)
             case _:
                 return self._tagged(argument, depth + 1)
 
@@ -104,8 +115,12 @@ class _Reader:
             raise PayloadError("", "not valid CBOR: a break without anything to end")
         return value
 
-    def _pair(self, depth: int) -> tuple[str, object]:
-        return self._key(self._value(depth)), self._value(depth)
+    def _map(self, count: int, depth: int) -> dict[str, object]:
+        pairs: dict[str, object] = {}
+        for _ in range(count):
+            key = self._key(self._value(depth))
+            pairs[key] = self._value(depth)
+        return pairs
 
     def _key(self, key: object) -> str:
         if not isinstance(key, str):

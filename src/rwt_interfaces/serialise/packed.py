@@ -51,9 +51,9 @@ _Write = Callable[[bytearray, Any], None]
 #: Reads a value at a position; returns it with the position after it.
 _Read = Callable[[memoryview, int], tuple[Any, int]]
 
-#: No more elements than this where an element takes no bytes, so that a length cannot ask for unlimited
-#: memory.
-_MOST_EMPTY_ELEMENTS = 1 << 16
+#: No more elements than this where an element takes no bytes, as ROS 1's empty messages do: each length takes
+#: four, so that memory stays in proportion to what was received.
+_MOST_EMPTY_ELEMENTS = 16
 _LENGTH = struct.Struct("<I")
 _FILLED = "x"
 
@@ -371,7 +371,7 @@ def _array_reader(shape: shapes.Array, rules: Rules) -> _Read:
     if isinstance(element, (shapes.Bool, shapes.Int, shapes.Float)):
         read_items = _numbers_reader(_letters(element), aligned)
     else:
-        read_items = _items_reader(_reader(element, rules))
+        read_items = _items_reader(_reader(element, rules), _takes_no_bytes(element, rules))
 
     def read(data: memoryview, position: int) -> tuple[Any, int]:
         count = fixed
@@ -396,10 +396,18 @@ def _numbers_reader(code: str, aligned: bool) -> Callable[[memoryview, int, int]
     return read
 
 
-def _items_reader(read_item: _Read) -> Callable[[memoryview, int, int], tuple[Any, int]]:
+def _takes_no_bytes(shape: Shape, rules: Rules) -> bool:
+    if not isinstance(shape, shapes.Message) or rules.filler:
+        return False
+    return all(_takes_no_bytes(slot.shape, rules) for slot in shape.type.slots)
+
+
+def _items_reader(read_item: _Read, empty: bool) -> Callable[[memoryview, int, int], tuple[Any, int]]:
     def read(data: memoryview, position: int, count: int) -> tuple[Any, int]:
-        if count > max(len(data) - position, _MOST_EMPTY_ELEMENTS):
-            raise PayloadError("", _CUT_SHORT)
+        if count > (_MOST_EMPTY_ELEMENTS if empty else len(data) - position):
+            raise PayloadError(
+                "", f"expected at most {_MOST_EMPTY_ELEMENTS} elements" if empty else _CUT_SHORT
+            )
         items = []
         for index in range(count):
             try:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from rwt_graph import GoalCanceled, Node
-from rwt_graph.goals import ActionGoal
+from rwt_graph import ActionGoal, GoalCanceled, Node
 from rwt_nodes.demo.messages import Message
 
 #: The last of which the numbers fit the message's int32.

@@ -12,9 +12,7 @@ from typing import Protocol
 
 import anyio
 
-from rwt_graph import GoalAborted, GoalCanceled, Node
-from rwt_graph.api import GoalStatus
-from rwt_graph.goals import ActionGoal
+from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, GoalStatus, Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
 from rwt_nodes.demo.path_follower import PathFollower

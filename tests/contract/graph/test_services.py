@@ -18,9 +18,8 @@ from rwt_graph.api import ServiceCall
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from tests.contract.graph.conftest import Harness
-
     from rwt_interfaces.structs import ServiceType
+    from tests.contract.graph.conftest import Harness
 
 pytestmark = pytest.mark.anyio
 

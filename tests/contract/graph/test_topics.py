@@ -10,9 +10,8 @@ from rwt_graph.api import Sample, Subscription
 from rwt_graph.qos import DEFAULT_QOS
 
 if TYPE_CHECKING:
-    from tests.contract.graph.conftest import Harness
-
     from rwt_interfaces.structs import MessageType
+    from tests.contract.graph.conftest import Harness
 
 pytestmark = pytest.mark.anyio
 

@@ -205,3 +205,15 @@ async def test_a_goal_can_be_canceled_while_somebody_drives(lab: Any) -> None:
 async def test_a_goal_that_means_nothing_is_rejected(lab: Any, goal: dict[str, object], reason: str) -> None:
     with pytest.raises(GoalRejected, match=reason):
         await (await lab.user.send_goal(NAVIGATE, goal)).result()
+
+
+@pytest.mark.parametrize("distro", ["noetic"])
+async def test_ros_1_serves_its_actions_over_topics(lab: Any) -> None:
+    results = lab.watch("/navigate_to_pose/result")
+    goals = lab.user.advertise("/navigate_to_pose/goal", "nav2_msgs/NavigateToPoseActionGoal")
+    goals.publish({"goal_id": {"id": "trip-1"}, "goal": pose(-2.4, -2.5)})
+    await lab.settle()
+    lab.clock.advance(15.0)
+    await lab.settle()
+    assert [(r.status.goal_id.id, r.status.status) for r in results] == [("trip-1", 3)]
+    assert (await in_map(lab))[:2] == pytest.approx((-2.4, -2.5), abs=0.06)
