@@ -288,7 +288,7 @@ _CHANGES = st.sampled_from(list(b'{}[]",:\\/0129-+.eEtnu \n\x00\xc3\xff='))
 def test_a_message_with_one_byte_changed(
     message: tuple[str, bytes], place: int, change: int, length: int
 ) -> None:
-    """Put in, put in place of another, or taken out: what is still passed on, Python's own parser reads alike."""
+    """Put in, in place of another, or taken out: what is still passed on, Python's own parser reads alike."""
     name, raw = message
     place %= len(raw)
     changed = raw[:place] + (bytes([change]) if length >= 0 else b"") + raw[place + (length != 1) :]
