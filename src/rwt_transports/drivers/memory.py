@@ -13,7 +13,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 from rwt_protocol.frames import Accept, Frame, Lane, PeerInfo
 
-from ..api import Attach, Driven
+from ..api import Attach, Driven, Place
 
 
 class MemoryPeer:
@@ -82,14 +82,12 @@ class MemoryPipe:
         stalled: True while the peer reads nothing, so that the other side's bytes pile up there.
         ended: True once the other side has said that nothing more comes, or has closed.
         closed: True once the connection is gone.
-        paused: True while the other side does not want to read.
     """
 
     def __init__(self, attach: Attach, address: str, port: int) -> None:
         self.stalled = False
         self.ended = False
         self.closed = False
-        self.paused = False
         self._closing = False
         self._taken = bytearray()
         self._driven: Driven = attach(_PipeLink(self), address, port)
@@ -170,12 +168,6 @@ class _PipeLink:
     def abort(self) -> None:
         self._pipe.cut()
 
-    def pause_reading(self) -> None:
-        self._pipe.paused = True
-
-    def resume_reading(self) -> None:
-        self._pipe.paused = False
-
 
 class MemoryDriver:
     """Serves peers of the same process; satisfies :class:`rwt_transports.api.Driver`."""
@@ -183,9 +175,9 @@ class MemoryDriver:
     def __init__(self) -> None:
         self._attach: Attach | None = None
 
-    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept :meth:`connect` within the block; gives `port`."""
-        return self._serve(port, attach)
+    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Accept :meth:`connect` within the block; gives the port asked for."""
+        return self._serve(place.port, attach)
 
     @asynccontextmanager
     async def _serve(self, port: int, attach: Attach) -> AsyncIterator[int]:
