@@ -40,8 +40,8 @@ class JsonStreamWire:
     """
 
     __slots__ = (
-        "_buffer", "_depth", "_events", "_framing", "_in_string", "_max_size", "_over", "_scanned", "_skipping",
-        "message",
+        "_buffer", "_depth", "_events", "_framing", "_in_string", "_max_size", "_over", "_scanned",
+        "_skipping", "message",
     )  # fmt: skip
 
     def __init__(self, events: WireEvents, *, max_size: int, framing: Framing) -> None:
