@@ -132,13 +132,24 @@ class Connection:
     def begin(self) -> None:
         """Start with HTTP, or open at once where the transport has no handshake."""
         reception = self._reception
-        if reception.routes is not None:
+        if reception.closing or len(reception.connections) > 2 * reception.limits.connections:
+            self._link.abort()
+        elif reception.routes is not None:
             self._conversation = HttpConversation(reception.routes, reception.limits, self, self._address)
-            return
+        elif len(reception.connections) > reception.limits.connections:
+            logger.warning("no room for %s: %d connections", self, reception.limits.connections)
+            self._link.abort()
+        else:
+            self._open_at_once()
+
+    def _open_at_once(self) -> None:
         try:
-            self._open(PeerInfo(reception.transport, self._address, self._port))
+            self._open(PeerInfo(self._reception.transport, self._address, self._port))
         except Refused as refused:
             self.close(POLICY, refused.reason)
+        except Exception:
+            logger.exception("the accept function failed for %s", self)
+            self.close(INTERNAL, "internal error")
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
@@ -280,7 +291,11 @@ class Connection:
         if self._ending:
             return
         with anyio.CancelScope() as self._scope:
-            await work()
+            try:
+                await work()
+            except Exception:
+                logger.exception("an HTTP answer failed; cutting %s", self)
+                self._link.abort()
         self._scope = None
 
     # -- life ----------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from .sockets import bind_tcp, bind_unix, remove_unix
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
 BACKLOG = 512
+TLS_HANDSHAKE_SECONDS = 10
 
 
 class _Turn:
@@ -155,7 +156,11 @@ class AsyncioDriver:
         # Asked before the server wraps the sockets.
         port = 0 if place.path else int(sockets[0].getsockname()[1])
         create = loop.create_unix_server if place.path else loop.create_server
-        servers = [await create(make_link, sock=each, backlog=BACKLOG, ssl=place.tls) for each in sockets]
+        patience = TLS_HANDSHAKE_SECONDS if place.tls else None
+        servers = [
+            await create(make_link, sock=each, backlog=BACKLOG, ssl=place.tls, ssl_handshake_timeout=patience)
+            for each in sockets
+        ]
         try:
             yield port
         finally:

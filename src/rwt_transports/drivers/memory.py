@@ -8,7 +8,7 @@ stops.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 from rwt_protocol.frames import Accept, Frame, Lane, PeerInfo
@@ -90,7 +90,12 @@ class MemoryPipe:
         self.closed = False
         self._closing = False
         self._taken = bytearray()
+        self._lose: Callable[[], None] = _nothing
         self._driven: Driven = attach(_PipeLink(self), address, port)
+        self._lose = self._driven.lost
+        if self.closed:
+            # Turned away while it was being attached.
+            self._lose()
 
     def send(self, data: bytes) -> None:
         """Bytes go to the other side."""
@@ -131,7 +136,7 @@ class MemoryPipe:
         """Be gone without a word."""
         if not self.closed:
             self.closed = self.ended = True
-            self._driven.lost()
+            self._lose()
 
     def pump(self) -> None:
         """Move what the other side has to send."""
@@ -146,6 +151,10 @@ class MemoryPipe:
     def begin_closing(self) -> None:
         """The other side closes once its bytes have been taken."""
         self._closing = True
+
+
+def _nothing() -> None:
+    """Who is not attached yet cannot be told that it is lost."""
 
 
 class _PipeLink:

@@ -489,6 +489,43 @@ async def test_a_refused_peer_without_a_handshake_is_let_go(site: Site) -> None:
         assert not site.hub.endpoints
 
 
+@every_stack
+@over_tcp
+async def test_an_address_that_is_not_ours(site: Site) -> None:
+    for host, says in (
+        ("192.0.2.1", "not an address of this machine"),
+        ("no.such.host.invalid", "is not known"),
+    ):
+        with pytest.raises(ListenError, match=says) as raised:
+            async with listen(f"{site.scheme}://{host}:0", site.hub, driver=site.make_driver()):
+                pass
+        assert "\n" not in str(raised.value)
+
+
+@every_stack
+@pytest.mark.parametrize("scheme", ["tcp", "unix"])
+async def test_one_connection_too_many_without_a_handshake_is_cut(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with site.listen(Limits(connections=1)) as listener, site.client(listener) as client:
+        await site.endpoint(client)
+        async with await site.stream(listener) as second:
+            with pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
+                await second.receive()
+        await site.endpoint(client)
+        assert len(site.hub.endpoints) == 1
+    assert "no room" in caplog.text
+    caplog.clear()
+
+
+@every_stack
+@over_ws
+async def test_the_programs_own_exception_comes_out_as_it_is(site: Site) -> None:
+    with pytest.raises(KeyError):
+        async with site.listen() as listener, site.client(listener):
+            raise KeyError("own")
+
+
 # -- plain HTTP --------------------------------------------------------------------------------------------
 
 
@@ -527,6 +564,28 @@ async def test_plain_http_on_the_same_port(site: Site) -> None:
             while True:
                 answer += await peer.receive()
         assert answer.endswith(b"now\n")
+
+
+@every_stack
+@over_ws
+async def test_a_handler_that_answers_nonsense_costs_its_own_connection_only(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def later(request: HttpRequest) -> HttpResponse:
+        return HttpResponse(b"", 999)
+
+    routes = Routes()
+    routes.get("/now", lambda request: HttpResponse(b"", 999))
+    routes.get("/later", later)
+    async with site.listen(routes=routes) as listener, site.client(listener) as bystander:
+        for path in ("/now", "/later"):
+            async with await site.stream(listener) as peer:
+                await peer.send(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+                with pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
+                    await peer.receive()
+        await site.endpoint(bystander)
+    assert "999" in caplog.text
+    caplog.clear()
 
 
 @every_stack
