@@ -39,7 +39,13 @@ class FieldType:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field; `default` is the value written in the definition (ROS 2 only), already of the field's type."""
+    """One field.
+
+    Attributes:
+        name: as written.
+        type: its type.
+        default: the value written in the definition (ROS 2), of the field's type; a tuple for an array.
+    """
 
     name: str
     type: FieldType
@@ -58,8 +64,14 @@ class Constant:
 
 @dataclass(frozen=True, slots=True)
 class MessageDefinition:
-    """One message. `name` is two-part (``std_msgs/String``); parts of services and actions are named like
-    ``std_srvs/SetBool_Request`` and ``nav2_msgs/NavigateToPose_Goal``. `text` is the definition's own text."""
+    """One message.
+
+    Attributes:
+        name: two-part, ``std_msgs/String``. Parts of services and actions are called
+            ``std_srvs/SetBool_Request``, ``nav2_msgs/NavigateToPose_Goal`` on ROS 2, without the ``_`` on ROS
+            1. fields: in the order of the wire. constants: in the order of the text. text: the definition as
+            written, comments included, with ``\\n`` line ends.
+    """
 
     name: str
     fields: tuple[Field, ...]

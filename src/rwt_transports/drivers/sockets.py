@@ -38,7 +38,8 @@ async def bind_tcp(host: str, port: int) -> list[socket.socket]:
 
 
 def _bind(family: int, address: tuple[str, int]) -> socket.socket:
-    bound = socket.socket(family, socket.SOCK_STREAM)
+    # asyncio sets TCP_NODELAY on what is accepted only where the protocol is named.
+    bound = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         bound.setblocking(False)
         if os.name == "posix":

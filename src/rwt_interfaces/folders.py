@@ -1,0 +1,90 @@
+"""Interface packages on disk."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rwt_interfaces.errors import DefinitionError
+from rwt_interfaces.names import KINDS, Kind, is_word
+
+_NAME_ELEMENT = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
+
+
+@dataclass(frozen=True, slots=True)
+class InterfaceFile:
+    """One ``.msg``, ``.srv`` or ``.action`` file."""
+
+    path: Path
+    package: str
+    kind: Kind
+    name: str
+
+    def read(self) -> str:
+        """Its text.
+
+        Raises:
+            DefinitionError: not readable, or not UTF-8.
+        """
+        try:
+            return self.path.read_text("utf-8-sig")
+        except UnicodeDecodeError:
+            raise DefinitionError(f"{self.path}: not UTF-8 text") from None
+        except OSError as error:
+            raise DefinitionError(f"{self.path}: cannot be read: {error.strerror}") from None
+
+
+def interface_files(folder: Path) -> list[InterfaceFile]:
+    """The files of a package, or of every package below a folder, sorted by path.
+
+    A package is a folder that has a folder ``msg``, ``srv`` or ``action`` with such files in it. Its name is
+    what its ``package.xml`` says, or the folder's own name. Hidden folders are not entered.
+
+    Raises:
+        DefinitionError: no such folder, nothing in it, or a name that ROS does not allow.
+    """
+    if not folder.is_dir():
+        raise DefinitionError(f"{folder}: no such folder")
+    try:
+        found = sorted(_files(folder.absolute(), set()), key=lambda file: file.path)
+    except OSError as error:
+        raise DefinitionError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
+    if not found:
+        raise DefinitionError(
+            f"{folder}: no interface files; expected PACKAGE/msg/X.msg, and so on for srv and action"
+        )
+    return found
+
+
+def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
+    if folder.resolve() in seen:
+        return  # a link to where the walk has been
+    seen.add(folder.resolve())
+    for kind in KINDS:
+        for path in sorted((folder / kind).glob(f"*.{kind}")):
+            package = _package_name(folder)
+            for word in (package, path.stem):
+                if not is_word(word):
+                    raise DefinitionError(
+                        f'{path}: "{word}" cannot be a name: letters, digits and _, beginning with a letter'
+                    )
+            yield InterfaceFile(path, package, kind, path.stem)
+    for entry in sorted(folder.iterdir()):
+        if entry.is_dir() and not entry.name.startswith("."):
+            yield from _files(entry, seen)
+
+
+def _package_name(folder: Path) -> str:
+    """What ``package.xml`` calls the package, or else the folder's name.
+
+    Only the one element is looked for: the file is not ours to validate, and no XML parser has to meet its
+    entities.
+    """
+    manifest = folder / "package.xml"
+    if manifest.is_file():
+        found = _NAME_ELEMENT.search(manifest.read_text("utf-8", errors="replace"))
+        if found is not None:
+            return found[1]
+    return folder.name

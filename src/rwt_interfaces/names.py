@@ -1,0 +1,79 @@
+"""Names of messages, services and actions, in both spellings.
+
+ROS 1 writes ``std_msgs/String``; ROS 2 writes ``std_msgs/msg/String``. Clients send either to either
+(OBSERVED, "Subscribe"), so both are read everywhere. Inside this package a name is always two-part.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Literal
+
+from rwt_interfaces.errors import InvalidName
+
+#: The three kinds of interface, which are also the middle part of a three-part name.
+Kind = Literal["msg", "srv", "action"]
+
+KINDS: tuple[Kind, ...] = ("msg", "srv", "action")
+
+#: The longest name accepted. ROS sets no limit; a peer that sends a megabyte as a name is not naming a type.
+LONGEST_NAME = 512
+
+_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
+
+
+def is_word(text: str) -> bool:
+    """Whether `text` may be the name of a package, a type, a field or a constant.
+
+    This is what ROS 1 allows. ROS 2 is narrower (lower case packages and fields, no double underscore), but
+    its programs must be able to read what ROS 1 has named ``CameraInfo.D``.
+    """
+    return _WORD.fullmatch(text) is not None
+
+
+def parse_type_name(text: str) -> tuple[str, str, str]:
+    """Split a type name into package, kind and name; the kind is empty in a two-part name.
+
+    Extra slashes are ignored (``std_msgs//String/``), as the ROS 1 bridge does.
+
+    Raises:
+        InvalidName: `text` is neither ``package/Name`` nor ``package/kind/Name``.
+    """
+    if len(text) > LONGEST_NAME:
+        raise InvalidName(f"type name of {len(text)} characters; the longest is {LONGEST_NAME}")
+    parts = [part for part in text.split("/") if part]
+    if len(parts) == 2:
+        parts.insert(1, "")
+    if len(parts) != 3:
+        raise InvalidName(f'"{text}" is not a type name: expected package/Name, for example std_msgs/String')
+    package, kind, name = parts
+    if kind and kind not in KINDS:
+        raise InvalidName(
+            f'"{text}" is not a type name: expected msg, srv or action in the middle, got "{kind}"'
+        )
+    for part in (package, name):
+        if not is_word(part):
+            raise InvalidName(
+                f'"{text}" is not a type name: "{part}" is not letters, digits and _, beginning with a letter'
+            )
+    return package, kind, name
+
+
+def two_part(text: str) -> str:
+    """``std_msgs/msg/String`` or ``std_msgs/String`` as ``std_msgs/String``.
+
+    Raises:
+        InvalidName: see :func:`parse_type_name`.
+    """
+    package, _, name = parse_type_name(text)
+    return f"{package}/{name}"
+
+
+def three_part(text: str, kind: Kind) -> str:
+    """``std_msgs/String`` as ``std_msgs/msg/String``; a kind that `text` already has is kept.
+
+    Raises:
+        InvalidName: see :func:`parse_type_name`.
+    """
+    package, present, name = parse_type_name(text)
+    return f"{package}/{present or kind}/{name}"

@@ -1,0 +1,398 @@
+"""What types are known: the standard set of one distribution and the user's own.
+
+Nothing is read until a name is asked for; then one package's texts are split, and only the asked definition
+and those it contains are parsed and compiled.
+"""
+
+from __future__ import annotations
+
+import difflib
+import threading
+from collections.abc import Callable, Iterable
+from os import PathLike
+from pathlib import Path
+from typing import TypeVar
+
+from rwt_interfaces import actionlib, folders, parser, standard
+from rwt_interfaces.definitions import ActionDefinition, MessageDefinition, ServiceDefinition
+from rwt_interfaces.distro import JAZZY, Distro
+from rwt_interfaces.errors import DefinitionError, InvalidName, UnknownType
+from rwt_interfaces.names import KINDS, Kind, parse_type_name, three_part
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+_SEPARATOR = "=" * 80
+_NOUNS: dict[Kind, str] = {"msg": "a message", "srv": "a service", "action": "an action"}
+
+#: A name much longer than any type's is not worth a search for what it resembles.
+_LONGEST_GUESSED = 120
+
+_Found = TypeVar("_Found")
+_Definition = MessageDefinition | ServiceDefinition | ActionDefinition
+
+
+class Registry:
+    """The types of one distribution, and the user's own.
+
+    Names are taken in both spellings (``std_msgs/String``, ``std_msgs/msg/String``). Beside the messages
+    themselves :meth:`message` knows the parts of every service and action (``SetBool_Request`` and
+    ``SetBoolRequest``, ``Fibonacci_Goal`` and ``FibonacciGoal``) and the messages with which ROS 1 carries an
+    action over topics (``FibonacciAction``, ``FibonacciActionGoal``, …), all made by rule, on either
+    distribution. A part is one type whichever way it is spelled; it reports the spelling of the distribution.
+
+    A user definition of a name that the standard set has wins over it, in this registry only. Types handed
+    out before do not change: add definitions first.
+
+    Safe to use from several threads.
+
+    Attributes:
+        distro: the distribution whose standard set this is, and whose spelling :meth:`type_name` uses.
+    """
+
+    __slots__ = ("_actions", "_definitions", "_lock", "_messages", "_services", "_user", "distro")
+
+    def __init__(self, distro: Distro = JAZZY) -> None:
+        self.distro = distro
+        self._lock = threading.RLock()
+        self._user: dict[tuple[Kind, str], _Definition] = {}
+        self._definitions: dict[tuple[Kind, str], _Definition] = {}
+        # Keyed by the spellings that were asked for, so that asking again is one dictionary look-up.
+        self._messages: dict[str, MessageType] = {}
+        self._services: dict[str, ServiceType] = {}
+        self._actions: dict[str, ActionType] = {}
+
+    # Types
+
+    def message(self, name: str) -> MessageType:
+        """The message of that name, compiled at the first question.
+
+        Raises:
+            UnknownType: neither it nor a message in it is known; the text names the closest known names.
+            DefinitionError: it contains itself.
+        """
+        found = self._messages.get(name)
+        if found is not None:
+            return found
+        with self._lock:
+            definition = self.definition(name)
+            compiled = self._messages.get(definition.name)
+            if compiled is None:
+                self._check_nested(definition)
+                compiled = self._messages.setdefault(definition.name, MessageType(definition, self))
+            self._messages[_cache_key(name)] = compiled
+            return compiled
+
+    def service(self, name: str) -> ServiceType:
+        """The service of that name.
+
+        Raises:
+            UnknownType: see :meth:`message`.
+        """
+        found = self._services.get(name)
+        if found is not None:
+            return found
+        with self._lock:
+            definition = self._wanted("srv", name, self._service_definition)
+            compiled = self._services.get(definition.name)
+            if compiled is None:
+                request, response = (
+                    self.message(part.name) for part in (definition.request, definition.response)
+                )
+                compiled = self._services.setdefault(
+                    definition.name, ServiceType(definition.name, request, response)
+                )
+            self._services[_cache_key(name)] = compiled
+            return compiled
+
+    def action(self, name: str) -> ActionType:
+        """The action of that name, which ROS 1 calls ``FibonacciAction`` after the message of its parts.
+
+        Raises:
+            UnknownType: see :meth:`message`.
+        """
+        found = self._actions.get(name)
+        if found is not None:
+            return found
+        with self._lock:
+            definition = self._wanted("action", name, self._action_or_its_message)
+            compiled = self._actions.get(definition.name)
+            if compiled is None:
+                goal, result, feedback = (
+                    self.message(part.name)
+                    for part in (definition.goal, definition.result, definition.feedback)
+                )
+                compiled = self._actions.setdefault(
+                    definition.name, ActionType(definition.name, goal, result, feedback)
+                )
+            self._actions[_cache_key(name)] = compiled
+            return compiled
+
+    # The user's own
+
+    def add_text(self, text: str, name: str, kind: Kind = "msg") -> None:
+        """Add one definition, or replace the one of that name.
+
+        Args:
+            text: what would be in the ``.msg``, ``.srv`` or ``.action`` file.
+            name: two-part or three-part, for example ``my_robot/Status``.
+            kind: ``msg``, ``srv`` or ``action``.
+
+        Raises:
+            DefinitionError: the text cannot be read; says on which line.
+            InvalidName: `name` is not a type name, or `kind` not a kind.
+        """
+        if kind not in KINDS:
+            raise InvalidName(f'"{kind}" is not a kind of interface: expected msg, srv or action')
+        self._add([(kind, self._parse(kind, name, text, ""))])
+
+    def add_directory(self, path: str | PathLike[str]) -> None:
+        """Add a package, or every package below a folder; all of it or, if something is wrong, nothing.
+
+        A package is a folder with a folder ``msg``, ``srv`` or ``action`` of files in it. It is named by its
+        ``package.xml``, or else as the folder is.
+
+        Raises:
+            DefinitionError: names the file, the line and what is wrong there.
+        """
+        found: dict[tuple[Kind, str], tuple[_Definition, Path]] = {}
+        for file in folders.interface_files(Path(path)):
+            name = f"{file.package}/{file.name}"
+            definition = self._parse(file.kind, name, file.read(), str(file.path))
+            earlier, where = found.setdefault((file.kind, name), (definition, file.path))
+            if earlier != definition:
+                raise DefinitionError(f"{file.path}: {name} is defined differently in {where}")
+        self._add((kind, definition) for (kind, _), (definition, _) in found.items())
+
+    def verify(self) -> None:
+        """Check that every message in the user's definitions is known, once all of them were added.
+
+        Raises:
+            UnknownType: names the definition and what it lacks.
+            DefinitionError: a definition contains itself.
+        """
+        with self._lock:
+            for definition in self._user.values():
+                for part in _parts(definition):
+                    self._check_nested(part)
+
+    def _add(self, definitions: Iterable[tuple[Kind, _Definition]]) -> None:
+        added = {(kind, definition.name): definition for kind, definition in definitions}
+        with self._lock:
+            changed = any(self._definitions.get(key, added[key]) != added[key] for key in added) or any(
+                kind == "msg" and (kind, name) not in self._definitions and name in self._messages
+                for kind, name in added
+            )
+            self._user.update(added)
+            self._definitions.update(added)
+            if changed:
+                # Something compiled may contain what was replaced. This happens while a program is being set
+                # up, so compiling all of it again costs nothing that matters.
+                self._definitions = dict(self._user)
+                self._messages, self._services, self._actions = {}, {}, {}
+
+    def _parse(self, kind: Kind, name: str, text: str, source: str) -> _Definition:
+        version = self.distro.ros_version
+        if kind == "msg":
+            return parser.parse_message(text, name, source=source, ros_version=version)
+        if kind == "srv":
+            return parser.parse_service(text, name, source=source, ros_version=version)
+        return parser.parse_action(text, name, source=source, ros_version=version)
+
+    # Definitions
+
+    def definition(self, name: str) -> MessageDefinition:
+        """The definition of a message, or of a part of a service or action.
+
+        Raises:
+            UnknownType: no such message is known.
+        """
+        return self._wanted("msg", name, self._message_definition)
+
+    def _message_definition(self, package: str, name: str) -> MessageDefinition | None:
+        found = self._read("msg", package, name)
+        if isinstance(found, MessageDefinition):
+            return found
+        return (
+            self._service_part(package, name)
+            or self._action_part(package, name)
+            or self._wrapper(package, name)
+        )
+
+    def _service_definition(self, package: str, name: str) -> ServiceDefinition | None:
+        found = self._read("srv", package, name)
+        return found if isinstance(found, ServiceDefinition) else None
+
+    def _action_definition(self, package: str, name: str) -> ActionDefinition | None:
+        found = self._read("action", package, name)
+        return found if isinstance(found, ActionDefinition) else None
+
+    def _action_or_its_message(self, package: str, name: str) -> ActionDefinition | None:
+        return self._action_definition(package, name) or self._action_definition(
+            package, name.removesuffix("Action")
+        )
+
+    def _service_part(self, package: str, name: str) -> MessageDefinition | None:
+        split = actionlib.split_part(name, actionlib.SERVICE_PARTS)
+        service = self._service_definition(package, split[0]) if split else None
+        if split is None or service is None:
+            return None
+        return {"Request": service.request, "Response": service.response}[split[1]]
+
+    def _action_part(self, package: str, name: str) -> MessageDefinition | None:
+        split = actionlib.split_part(name, actionlib.ACTION_PARTS)
+        action = self._action_definition(package, split[0]) if split else None
+        if split is None or action is None:
+            return None
+        return {"Goal": action.goal, "Result": action.result, "Feedback": action.feedback}[split[1]]
+
+    def _wrapper(self, package: str, name: str) -> MessageDefinition | None:
+        for which in actionlib.WRAPPERS:
+            if name.endswith(which):
+                action = self._action_definition(package, name.removesuffix(which))
+                return None if action is None else actionlib.wrapper(action, which)
+        return None
+
+    def _read(self, kind: Kind, package: str, name: str) -> _Definition | None:
+        """One definition that was written as such, parsed at the first question."""
+        key = (kind, f"{package}/{name}")
+        found = self._definitions.get(key)
+        if found is None:
+            text = standard.package(self.distro.name, package).get((kind, name))
+            if text is not None:
+                found = self._definitions.setdefault(key, self._parse(kind, key[1], text, ""))
+        return found
+
+    def _wanted(self, kind: Kind, name: str, find: Callable[[str, str], _Found | None]) -> _Found:
+        try:
+            package, _, short = parse_type_name(name)
+        except InvalidName as error:
+            raise UnknownType(f"{error}{self._meant(kind, name)}") from None
+        with self._lock:
+            found = find(package, short)
+        if found is None:
+            raise UnknownType(self._unknown(kind, f"{package}/{short}"))
+        return found
+
+    def _check_nested(self, definition: MessageDefinition) -> None:
+        """Make sure that a message can be compiled: all it contains is known, and nothing contains itself."""
+        checked: set[str] = set()
+
+        def check(current: MessageDefinition, within: tuple[str, ...]) -> None:
+            if current.name in within:
+                raise DefinitionError(
+                    f"{current.name} contains itself: {' > '.join((*within, current.name))}"
+                )
+            if current.name in checked:
+                return
+            for field in current.fields:
+                if not field.type.is_primitive:
+                    try:
+                        nested = self.definition(field.type.name)
+                    except UnknownType as error:
+                        raise UnknownType(f"{current.name}, field {field.name}: {error}") from None
+                    check(nested, (*within, current.name))
+            checked.add(current.name)
+
+        check(definition, ())
+
+    # Names and texts
+
+    def names(self, kind: Kind) -> tuple[str, ...]:
+        """Sorted two-part names of everything known of that kind.
+
+        On ROS 1 the messages include the parts and the topic messages of every action, which are files there;
+        on ROS 2 they are known without being listed. Parts of services are listed by neither.
+        """
+        found = {
+            f"{package}/{name}"
+            for package in standard.packages(self.distro.name)
+            for present, name in standard.package(self.distro.name, package)
+            if present == kind
+        }
+        found.update(name for present, name in self._user if present == kind)
+        if kind == "msg" and self.distro.ros_version == 1:
+            suffixes = (*actionlib.ACTION_PARTS, *actionlib.WRAPPERS)
+            found.update(f"{action}{suffix}" for action in self.names("action") for suffix in suffixes)
+        return tuple(sorted(found))
+
+    def full_name(self, name: str) -> str:
+        """The three-part name of a message: the middle says where it is defined
+        (``std_srvs/srv/SetBool_Request``).
+
+        Raises:
+            UnknownType: no such message is known.
+        """
+        definition = self.definition(name)
+        package, short = definition.name.split("/")
+        kind: Kind = "msg"
+        if self._read("msg", package, short) is None:
+            if self._service_part(package, short) is not None:
+                kind = "srv"
+            elif self._action_part(package, short) is not None:
+                kind = "action"
+        return three_part(definition.name, kind)
+
+    def type_name(self, interface: MessageType | ServiceType | ActionType) -> str:
+        """What this distribution calls a type: ``std_msgs/msg/String`` (ROS 2), ``std_msgs/String`` (1)."""
+        if self.distro.ros_version == 1:
+            return interface.name
+        if isinstance(interface, ServiceType):
+            return three_part(interface.name, "srv")
+        if isinstance(interface, ActionType):
+            return three_part(interface.name, "action")
+        return self.full_name(interface.name)
+
+    def full_text(self, message: MessageType) -> str:
+        """The definition of a message and of all it contains, as one text (API-06).
+
+        The message itself comes first; before each other definition stand a line of 80 ``=`` and ``MSG:
+        pkg/Name``.
+        """
+        nested: dict[str, str] = {}
+        self._collect(message.definition, nested)
+        sections = (f"{_SEPARATOR}\nMSG: {name}\n{text}" for name, text in nested.items())
+        return "".join((message.definition.text, *sections))
+
+    def _collect(self, definition: MessageDefinition, nested: dict[str, str]) -> None:
+        for field in definition.fields:
+            if not field.type.is_primitive and field.type.name not in nested:
+                inner = self.definition(field.type.name)
+                nested[field.type.name] = inner.text
+                self._collect(inner, nested)
+
+    def _unknown(self, kind: Kind, name: str) -> str:
+        """Why a name is not known, with what may have been meant."""
+        package, short = name.split("/")
+        text = f'no {_NOUNS[kind].split()[1]} "{name}" is known'
+        for other in KINDS:
+            if other != kind and self._read(other, package, short) is not None:
+                return f"{text}: it is {_NOUNS[other]}"
+        return f"{text}{self._meant(kind, name)}"
+
+    def _meant(self, kind: Kind, name: str) -> str:
+        """What may have been meant: the same word in another package, or else what is spelled closely."""
+        if len(name) > _LONGEST_GUESSED:
+            return ""
+        known = self.names(kind)
+        word = name.rpartition("/")[2].lower()
+        near = [candidate for candidate in known if candidate.partition("/")[2].lower() == word]
+        # The standard packages before those that only repeat their names.
+        near.sort(key=lambda candidate: not candidate.startswith("std_"))
+        near = near[:3] or difflib.get_close_matches(name, known, cutoff=0.75)
+        return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _cache_key(name: str) -> str:
+    """The spelling under which an answer is kept.
+
+    It is the one that was asked for, but without needless slashes, of which a peer could send any number.
+    """
+    package, kind, short = parse_type_name(name)
+    return f"{package}/{kind}/{short}" if kind else f"{package}/{short}"
+
+
+def _parts(definition: _Definition) -> tuple[MessageDefinition, ...]:
+    if isinstance(definition, MessageDefinition):
+        return (definition,)
+    if isinstance(definition, ServiceDefinition):
+        return (definition.request, definition.response)
+    return (definition.goal, definition.result, definition.feedback)

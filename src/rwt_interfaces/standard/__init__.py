@@ -1,0 +1,65 @@
+"""The standard interfaces as data: texts of definitions, one file for each package.
+
+`jazzy/` and `noetic/` hold what belongs to one distribution, `both/` what has the same fields in either. A
+package may be in `both/` and in a distribution's folder; the latter wins. Each file is a run of sections
+``=== msg/Name`` followed by the definition. The files ending in ``.generated.txt`` are written by
+``tools/generate_standard.py``.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib.resources import files
+
+from rwt_interfaces.names import KINDS, Kind
+
+#: The texts of one package, by kind and name.
+PackageTexts = dict[tuple[Kind, str], str]
+
+#: Packages that the ROS 2 ports renamed without changing what is in them. Clients ask for either name.
+RENAMED = {
+    "rosapi_msgs": "rosapi",
+    "tf2_web_republisher_msgs": "tf2_web_republisher",
+    "tf2_web_republisher_interfaces": "tf2_web_republisher",
+}
+
+_SUFFIXES = (".txt", ".generated.txt")
+_SECTION = re.compile(r"^=== (msg|srv|action)/(\w+)\n", re.MULTILINE)
+
+
+@cache
+def packages(distro: str) -> tuple[str, ...]:
+    """The packages that a distribution has, sorted."""
+    root = files(__name__)
+    found = {
+        entry.name.partition(".")[0]
+        for folder in ("both", distro)
+        for entry in (root / folder).iterdir()
+        if entry.name.endswith(".txt")
+    }
+    return tuple(sorted(found.union(RENAMED)))
+
+
+@cache
+def package(distro: str, name: str) -> PackageTexts:
+    """The texts of one package; empty if the distribution has no such package. Treat it as read-only."""
+    if name not in packages(distro):
+        return {}
+    texts: PackageTexts = {}
+    for folder in ("both", distro):
+        for suffix in _SUFFIXES:
+            file = files(__name__) / folder / f"{RENAMED.get(name, name)}{suffix}"
+            if file.is_file():
+                texts.update(split(file.read_text("utf-8")))
+    return texts
+
+
+def split(text: str) -> PackageTexts:
+    """The sections of one data file."""
+    pieces = _SECTION.split(text)
+    kinds: dict[str, Kind] = {kind: kind for kind in KINDS}
+    return {
+        (kinds[kind], name): body
+        for kind, name, body in zip(pieces[1::3], pieces[2::3], pieces[3::3], strict=True)
+    }

@@ -1,0 +1,244 @@
+"""Message, service and action types: a definition with the Struct compiled from it.
+
+Everything is compiled on first use, so that a registry of some two hundred types costs nothing until a type
+is spoken. A message's Struct has its fields in the definition's order and a default for each, so that
+``Twist(linear=Vector3(x=1.0))`` and ``Twist()`` are both complete messages.
+"""
+
+from __future__ import annotations
+
+import keyword
+from collections.abc import Callable
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from rwt_interfaces import hashes, shapes
+from rwt_interfaces.definitions import MessageDefinition
+from rwt_interfaces.shapes import Shape, Slot
+
+if TYPE_CHECKING:
+    from rwt_interfaces.completion import Completer
+    from rwt_interfaces.registry import Registry
+    from rwt_interfaces.serialise.json import JsonCodec
+
+#: One field of :func:`msgspec.defstruct`: name, annotation, default.
+_StructField = tuple[str, object, object]
+#: Subscripted at run time, which a checker cannot follow.
+_LIST: Any = list
+
+
+class MessageType:
+    """One message type.
+
+    Attributes:
+        name: two-part name, ``geometry_msgs/Twist``.
+        definition: its fields and constants.
+        registry: where its nested messages come from.
+    """
+
+    def __init__(self, definition: MessageDefinition, registry: Registry) -> None:
+        self.name = definition.name
+        self.definition = definition
+        self.registry = registry
+
+    def __repr__(self) -> str:
+        return f"<MessageType {self.name} ({self.registry.distro.name})>"
+
+    @cached_property
+    def time(self) -> shapes.Time | None:
+        """Set when this message is itself a time: builtin_interfaces/Time or Duration."""
+        return shapes.time_shape(self.name, self.registry.distro)
+
+    @cached_property
+    def slots(self) -> tuple[Slot, ...]:
+        """The fields, resolved; raises UnknownType for a nested message that nobody defined."""
+        return tuple(
+            Slot(
+                field.name,
+                field.name + "_" if keyword.iskeyword(field.name) else field.name,
+                shapes.shape_of(field.type, self.registry),
+                field.default,
+            )
+            for field in self.definition.fields
+        )
+
+    @cached_property
+    def struct(self) -> type[msgspec.Struct]:
+        """The class of this message in Python; called without arguments it makes a complete message."""
+        if self.time is not None:
+            return time_struct(self.time)
+        return msgspec.defstruct(
+            self.name.partition("/")[2],
+            [_struct_field(slot) for slot in self.slots],
+            rename={slot.attribute: slot.name for slot in self.slots if slot.attribute != slot.name} or None,
+            module=self.name.partition("/")[0],
+        )
+
+    @cached_property
+    def md5(self) -> str:
+        """ROS 1's md5 sum, 32 hexadecimal digits."""
+        return hashes.md5(self.definition, self.registry)
+
+    @cached_property
+    def rihs01(self) -> str:
+        """ROS 2's type hash, ``RIHS01_`` and 64 hexadecimal digits."""
+        return hashes.rihs01(self.definition, self.registry)
+
+    @cached_property
+    def completer(self) -> Completer:
+        """Builds a message from whatever came, filling what is missing."""
+        from rwt_interfaces.completion import compile_message
+
+        return compile_message(self)
+
+    @cached_property
+    def json(self) -> JsonCodec:
+        """This type in JSON."""
+        from rwt_interfaces.serialise.json import JsonCodec
+
+        return JsonCodec(self)
+
+    @cached_property
+    def to_cbor(self) -> Callable[[msgspec.Struct], bytes]:
+        """Encodes a message of this type in CBOR."""
+        from rwt_interfaces.serialise import cbor
+
+        return cbor.compile_encoder(self)
+
+    @cached_property
+    def to_cdr(self) -> Callable[[msgspec.Struct], bytes]:
+        """Encodes a message of this type in CDR."""
+        from rwt_interfaces.serialise import cdr
+
+        return cdr.compile_encoder(self)
+
+    @cached_property
+    def from_cdr(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
+        """Decodes a message of this type from CDR; raises PayloadError."""
+        from rwt_interfaces.serialise import cdr
+
+        return cdr.compile_decoder(self)
+
+    @cached_property
+    def to_ros1(self) -> Callable[[msgspec.Struct], bytes]:
+        """Encodes a message of this type in ROS 1's own form."""
+        from rwt_interfaces.serialise import ros1
+
+        return ros1.compile_encoder(self)
+
+    @cached_property
+    def from_ros1(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
+        """Decodes a message of this type from ROS 1's own form; raises PayloadError."""
+        from rwt_interfaces.serialise import ros1
+
+        return ros1.compile_decoder(self)
+
+
+class ServiceType:
+    """One service type; `name` is two-part."""
+
+    __slots__ = ("name", "request", "response")
+
+    def __init__(self, name: str, request: MessageType, response: MessageType) -> None:
+        self.name = name
+        self.request = request
+        self.response = response
+
+    def __repr__(self) -> str:
+        return f"<ServiceType {self.name}>"
+
+
+class ActionType:
+    """One action type; `name` is two-part."""
+
+    __slots__ = ("feedback", "goal", "name", "result")
+
+    def __init__(self, name: str, goal: MessageType, result: MessageType, feedback: MessageType) -> None:
+        self.name = name
+        self.goal = goal
+        self.result = result
+        self.feedback = feedback
+
+    def __repr__(self) -> str:
+        return f"<ActionType {self.name}>"
+
+
+@lru_cache(maxsize=8)
+def time_struct(shape: shapes.Time) -> type[msgspec.Struct]:
+    """The Struct of a time; one for all messages that hold it."""
+    name = "Duration" if shape.is_duration else "Time"
+    return msgspec.defstruct(name, [(key, int, 0) for key in shape.keys], module="builtin_interfaces")
+
+
+def annotation(shape: Shape) -> object:
+    """The Python type of a field in its message's Struct."""
+    match shape:
+        case shapes.Bool():
+            return bool
+        case shapes.Int():
+            return int
+        case shapes.Float():
+            return float
+        case shapes.String():
+            return str
+        case shapes.Time():
+            return time_struct(shape)
+        case shapes.Octets():
+            return bytes
+        case shapes.Message():
+            return shape.type.struct
+        case shapes.Array():
+            return _LIST[annotation(shape.element)]
+
+
+def default_maker(shape: Shape) -> Callable[[], object]:
+    """A function that makes the value a field has when nobody set it: zero, false, empty (PUB-04)."""
+    match shape:
+        case shapes.Octets():
+            octets = bytes(shape.length or 0)
+            return lambda: octets
+        case shapes.Array():
+            return _array_default(default_maker(shape.element), shape.length or 0)
+        case shapes.Time():
+            return time_struct(shape)
+        case shapes.Message():
+            return shape.type.struct
+        case shapes.Bool():
+            return bool
+        case shapes.Int():
+            return int
+        case shapes.Float():
+            return float
+        case shapes.String():
+            return str
+
+
+def _array_default(element: Callable[[], object], length: int) -> Callable[[], object]:
+    if length == 0:
+        return list
+    return lambda: [element() for _ in range(length)]
+
+
+def slot_default(slot: Slot) -> Callable[[], object]:
+    """A function that makes the field's value when it is absent: the definition's default, or zero
+    (JSN-26)."""
+    default = slot.default
+    if default is None:
+        return default_maker(slot.shape)
+    if isinstance(slot.shape, shapes.Octets) and isinstance(default, (list, tuple)):
+        octets = bytes(default)
+        return lambda: octets
+    if isinstance(default, (list, tuple)):
+        return lambda: list(default)
+    return lambda: default
+
+
+def _struct_field(slot: Slot) -> _StructField:
+    make = slot_default(slot)
+    value = make()
+    # msgspec shares a plain default between instances, which only immutable ones allow.
+    immutable = isinstance(value, (bool, int, float, str, bytes))
+    default = value if immutable else msgspec.field(default_factory=make)
+    return slot.attribute, annotation(slot.shape), default

@@ -1,0 +1,138 @@
+"""md5 sums and type hashes against an independent implementation and against constants of ROS itself."""
+
+from __future__ import annotations
+
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from rwt_interfaces import hashes
+from rwt_interfaces.distro import JAZZY, NOETIC, Distro
+from rwt_interfaces.parser import parse_service
+from rwt_interfaces.registry import Registry
+
+STORES = {"jazzy": get_typestore(Stores.ROS2_JAZZY), "noetic": get_typestore(Stores.ROS1_NOETIC)}
+#: Parts of ROS 2 that no program exchanges, and the message form of what ROS 1 has as primitives.
+NOT_KNOWN = {"jazzy": ("rmw_dds_common/", "rosbag2_interfaces/"), "noetic": ("builtin_interfaces/",)}
+#: The independent implementation hashes `char` as C's char; ROS 2 reads the `char` of a .msg file as uint8.
+#: These are the hashes that the packages of jazzy carry.
+CHAR_HASHES = {
+    "std_msgs/msg/Char": "3ad2d04dd29ba19d04b16659afa3ccaedd691914b02a64e82e252f2fa6a586a9",
+    "service_msgs/msg/ServiceEventInfo": "41bcbbe07a75c9b52bc96bfd5c24d7f0fc0a08c0cb7921b3373c5732345a6f45",
+}
+
+
+def cases() -> list[tuple[Distro, str]]:
+    return [
+        (distro, name)
+        for distro in (JAZZY, NOETIC)
+        for name in STORES[distro.name].fielddefs
+        if not name.startswith(NOT_KNOWN[distro.name])
+    ]
+
+
+@pytest.fixture(scope="module")
+def registries() -> dict[str, Registry]:
+    return {distro.name: Registry(distro) for distro in (JAZZY, NOETIC)}
+
+
+def test_every_message_has_the_fingerprints_of_its_distribution(registries: dict[str, Registry]) -> None:
+    assert len(cases()) > 300
+    for distro, name in cases():
+        registry, store = registries[distro.name], STORES[distro.name]
+        definition = registry.definition(name)
+        assert hashes.md5(definition, registry) == store.generate_msgdef(name)[1], (distro.name, name)
+        if distro is JAZZY:
+            expected = f"RIHS01_{CHAR_HASHES[name]}" if name in CHAR_HASHES else store.hash_rihs01(name)
+            assert hashes.rihs01(definition, registry) == expected, name
+
+
+@pytest.mark.parametrize(
+    ("name", "md5"),
+    [
+        ("std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1"),
+        ("std_msgs/Header", "2176decaecbce78abc3b96ef049fabed"),
+        ("std_msgs/Empty", "d41d8cd98f00b204e9800998ecf8427e"),
+        ("geometry_msgs/Twist", "9f195f881246fdfa2798d1d3eebca84a"),
+        ("sensor_msgs/Image", "060021388200f6f0f447d0fcd9c64743"),
+        ("sensor_msgs/LaserScan", "90c7ef2dc6895d81024acba2ac42f369"),
+        ("sensor_msgs/PointCloud2", "1158d486dd51d683ce2f1be655c3c181"),
+        ("nav_msgs/Odometry", "cd5e73d190d741a2f92e81eda573aca7"),
+        ("tf2_msgs/TFMessage", "94810edda583a504dfda3829e70d7eec"),
+        ("rosgraph_msgs/Log", "acffd30cd6b6de30f120938c17c593fb"),
+        ("rosgraph_msgs/Clock", "a9c97c1d230cfc112e270351a944ee47"),
+        ("actionlib_msgs/GoalStatusArray", "8b2b82f13216d0a8ea88bd3af735e619"),
+        ("actionlib_tutorials/FibonacciAction", "f59df5767bf7634684781c92598b2406"),
+        ("diagnostic_msgs/DiagnosticArray", "60810da900de1dd6ddd437c3503511da"),
+    ],
+)
+def test_known_md5_sums(registries: dict[str, Registry], name: str, md5: str) -> None:
+    registry = registries["noetic"]
+    assert hashes.md5(registry.definition(name), registry) == md5
+
+
+@pytest.mark.parametrize(
+    ("text", "md5"),
+    [
+        ("---\n", "d41d8cd98f00b204e9800998ecf8427e"),
+        ("int64 a\nint64 b\n---\nint64 sum\n", "6a2e34150c00229791cc89ff309fff21"),
+        ("bool data\n---\nbool success\nstring message\n", "09fb03525b03e7ea1fd3992bafd87e16"),
+        ("---\nbool success\nstring message\n", "937c9679a518e3a18d831e57125ea522"),
+    ],
+)
+def test_known_md5_sums_of_services(registries: dict[str, Registry], text: str, md5: str) -> None:
+    assert hashes.service_md5(parse_service(text, "p/S", ros_version=1), registries["noetic"]) == md5
+
+
+@pytest.mark.parametrize(
+    ("name", "rihs01"),
+    [
+        ("std_msgs/String", "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"),
+        ("std_msgs/Header", "f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01"),
+    ],
+)
+def test_known_type_hashes(registries: dict[str, Registry], name: str, rihs01: str) -> None:
+    registry = registries["jazzy"]
+    assert hashes.rihs01(registry.definition(name), registry) == f"RIHS01_{rihs01}"
+
+
+def test_a_type_hash_sees_bounds_arrays_and_wide_strings() -> None:
+    # The independent implementation has no wstring; everything else of this message it hashes too.
+    plain = "string<=4[<=2] a\nint8[3] b\nstring[] c\nstd_msgs/Empty[2] d\nbool e\n"
+    registry = Registry()
+    registry.add_text(plain, "p/Plain")
+    store = Typestore()
+    store.fielddefs.update(STORES["jazzy"].fielddefs)
+    store.register(get_types_from_msg(plain, "p/msg/Plain"))
+    assert hashes.rihs01(registry.definition("p/Plain"), registry) == store.hash_rihs01("p/msg/Plain")
+
+    known = {hashes.rihs01(registry.definition("p/Plain"), registry)}
+    for change in (
+        "wstring<=4[<=2] a",
+        "string<=5[<=2] a",
+        "string<=4[<=3] a",
+        "string<=4[2] a",
+        "string<=4 a",
+    ):
+        name = f"p/Changed{len(known)}"
+        registry.add_text(plain.replace("string<=4[<=2] a", change), name)
+        known.add(hashes.rihs01(registry.definition(name), registry))
+    assert len(known) == 6
+
+
+def test_a_time_of_ros_1_hashes_as_the_message_that_replaced_it() -> None:
+    old, new = Registry(NOETIC), Registry(JAZZY)
+    text = "time t\nduration[] d\n"
+    for registry in (old, new):
+        registry.add_text(text, "p/Times")
+        assert hashes.md5(registry.definition("p/Times"), registry) == hashes.md5(
+            old.definition("p/Times"), old
+        )
+    assert hashes.rihs01(old.definition("p/Times"), old) == hashes.rihs01(new.definition("p/Times"), new)
+
+
+def test_a_service_part_is_hashed_under_its_full_name() -> None:
+    registry = Registry()
+    request = registry.definition("std_srvs/Empty_Request")
+    # Two messages of the same fields differ in their names alone.
+    assert hashes.rihs01(request, registry) != hashes.rihs01(registry.definition("std_msgs/Empty"), registry)

@@ -1,0 +1,116 @@
+"""Write the standard messages of both distributions as data files of `rwt_interfaces`.
+
+The fields and constants come from the type stores of rosbags (a development dependency), the default values,
+which those stores do not keep, from the table below. Run it after an upgrade of rosbags and commit what
+changed:
+
+    python tools/generate_standard.py
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict
+from collections.abc import Container
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Constdefs, Fielddefs, FieldDesc
+
+ROOT = Path(__file__).parent.parent / "src" / "rwt_interfaces" / "standard"
+STORES = {"jazzy": Stores.ROS2_JAZZY, "noetic": Stores.ROS1_NOETIC}
+
+#: Default values of ROS 2, as the packages of jazzy have them.
+DEFAULTS = {
+    ("jazzy", "geometry_msgs/msg/Quaternion", "x"): "0",
+    ("jazzy", "geometry_msgs/msg/Quaternion", "y"): "0",
+    ("jazzy", "geometry_msgs/msg/Quaternion", "z"): "0",
+    ("jazzy", "geometry_msgs/msg/Quaternion", "w"): "1",
+    ("jazzy", "sensor_msgs/msg/NavSatStatus", "status"): "-2",
+    ("jazzy", "rcl_interfaces/msg/ParameterDescriptor", "read_only"): "false",
+    ("jazzy", "rcl_interfaces/msg/ParameterDescriptor", "dynamic_typing"): "false",
+    ("jazzy", "type_description_interfaces/msg/FieldType", "type_id"): "0",
+}
+
+#: Internals of ROS 2 itself, which no program outside it exchanges, and what ROS 1 has as primitives.
+LEFT_OUT = {"jazzy": {"rmw_dds_common", "rosbag2_interfaces"}, "noetic": {"builtin_interfaces"}}
+
+#: Messages that the registry derives from an action's definition.
+DERIVED = ("Action", "ActionGoal", "ActionResult", "ActionFeedback", "Goal", "Result", "Feedback")
+
+TIMES = {"builtin_interfaces/msg/Time": "time", "builtin_interfaces/msg/Duration": "duration"}
+
+
+def type_text(description: FieldDesc, package: str, distro: str) -> str:
+    """A field's type in definition syntax."""
+    if description[0] == Nodetype.BASE:
+        name, limit = description[1]
+        return f"{name}<={limit}" if limit else name
+    if description[0] == Nodetype.NAME:
+        return message_name(description[1], package, distro)
+    element, count = description[1]
+    text = type_text(element, package, distro)
+    if description[0] == Nodetype.ARRAY:
+        return f"{text}[{count}]"
+    return f"{text}[<={count}]" if count else f"{text}[]"
+
+
+def message_name(name: str, package: str, distro: str) -> str:
+    """How a definition of `package` names another message."""
+    if distro == "noetic" and name in TIMES:
+        return TIMES[name]
+    owner, _, short = name.split("/")
+    # A bare `Header` means std_msgs/Header everywhere; say so.
+    return short if owner == package and short != "Header" else f"{owner}/{short}"
+
+
+def message_text(distro: str, name: str, constants: Constdefs, fields: Fielddefs) -> str:
+    """One message in definition syntax."""
+    package = name.split("/")[0]
+    lines = [f"{kind} {constant}={value}" for constant, kind, value in constants]
+    for field, description in fields:
+        if field != "structure_needs_at_least_one_member":
+            default = DEFAULTS.get((distro, name, field))
+            line = f"{type_text(description, package, distro)} {field}"
+            lines.append(line if default is None else f"{line} {default}")
+    return "".join(f"{line}\n" for line in lines)
+
+
+def is_derived(name: str, names: Container[str]) -> bool:
+    """Whether a message is one of those that an action's definition gives."""
+    for suffix in sorted(DERIVED, key=len, reverse=True):
+        base = name.removesuffix(suffix)
+        if base != name:
+            return f"{base}ActionGoal" in names
+    return False
+
+
+def generate(distro: str) -> dict[str, str]:
+    """The data file of each package of a distribution."""
+    definitions = get_typestore(STORES[distro]).fielddefs
+    packages: defaultdict[str, str] = defaultdict(str)
+    for name in sorted(definitions):
+        package, _, short = name.split("/")
+        if package not in LEFT_OUT[distro] and not is_derived(name, definitions):
+            packages[package] += f"=== msg/{short}\n{message_text(distro, name, *definitions[name])}"
+    return dict(packages)
+
+
+def main() -> int:
+    """Write every file, and say what was written."""
+    for distro in STORES:
+        for old in (ROOT / distro).glob("*.generated.txt"):
+            old.unlink()
+        packages = generate(distro)
+        for package, text in packages.items():
+            (ROOT / distro / f"{package}.generated.txt").write_text(text, "utf-8")
+        print(f"{distro}: {len(packages)} packages")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
