@@ -13,6 +13,7 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TypedDict
 from urllib.parse import urlsplit
 
 import anyio
@@ -136,6 +137,7 @@ class Dialed:
     opened: anyio.Event = field(default_factory=anyio.Event)
     error: TransportError | None = None
     connection: Connection | None = None
+    _draining: anyio.Event | None = None
 
     def attach(self, link: Link, address: str, port: int) -> Driven:
         """The bytes can flow; called by a driver."""
@@ -156,12 +158,21 @@ class Dialed:
             self.opened.set()
 
     async def drained(self) -> None:
-        """Wait until everything sent so far was handed to the network, or the connection is gone.
+        """Wait until everything sent so far was handed to the network.
 
-        One task at a time may wait.
+        Whoever waits while the connection is lost waits for ever: watch for the endpoint's `closed`, too.
         """
-        if self.connection is not None and self.connection in self.reception.connections:
-            await self.connection.drained()
+        if self.connection is None or self.connection not in self.reception.connections:
+            return
+        if self._draining is None:
+            self._draining = anyio.Event()
+            self.connection.outbox.when_empty(self._emptied)
+        await self._draining.wait()
+
+    def _emptied(self) -> None:
+        if self._draining is not None:
+            self._draining.set()
+            self._draining = None
 
 
 class _Handshaking:
@@ -234,6 +245,15 @@ class _Handshaking:
         self._dialed.fail(ConnectError(f"{self._dialed.target} hung up before the connection was open"))
 
 
+class ConnectOptions(TypedDict, total=False):
+    """The keyword arguments of :func:`connect`."""
+
+    limits: Limits | None
+    tls: ssl.SSLContext | None
+    headers: Mapping[str, str] | None
+    timeout: float
+
+
 @asynccontextmanager
 async def connect(
     url: str,
@@ -242,7 +262,7 @@ async def connect(
     limits: Limits | None = None,
     tls: ssl.SSLContext | None = None,
     headers: Mapping[str, str] | None = None,
-    timeout: float = 10.0,
+    timeout: float = 10.0,  # noqa: ASYNC109 - raises our own error
 ) -> AsyncIterator[Dialed]:
     """Connect to `url` for the length of the block; the endpoint that `accept` makes gets what arrives.
 

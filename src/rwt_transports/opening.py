@@ -64,7 +64,8 @@ class Opening:
         # A refusal: its body, where the server says why, may still be arriving.
         self._protocol.receive_data(self._head)
         self._head = b""
-        return self._refused()
+        self._refused()
+        return None
 
     def eof(self) -> None:
         """The server hung up.
