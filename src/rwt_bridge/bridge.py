@@ -80,7 +80,7 @@ class Bridge:
 
     def accept(self, sink: Sink, info: PeerInfo) -> Peer:
         """Take in a new client."""
-        limits = WireLimits(max_message_size=self._settings.max_message_size)
+        limits = WireLimits(self._settings.max_message_size, self._settings.limits.max_depth)
         session = Session(PROFILES[self._settings.profile], limits=limits)
         self._count += 1
         peer = Peer(self, self._count, sink, info, session)

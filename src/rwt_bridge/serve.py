@@ -44,7 +44,7 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
     """
     settings = settings or Settings()
     bridge = Bridge(graph, settings)
-    limits = Limits(message_bytes=settings.max_message_size)
+    limits = _transport_limits(settings)
     async with AsyncExitStack() as stack:
         stack.callback(bridge.close)
         listeners = [
@@ -52,3 +52,21 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
             for url in urls or settings.listen
         ]
         yield Server(tuple(listener.url for listener in listeners), bridge)
+
+
+def _transport_limits(settings: Settings) -> Limits:
+    """The bounds that the transports keep."""
+    wished = settings.limits
+    return Limits(
+        message_bytes=settings.max_message_size,
+        connections=wished.connections,
+        handshake_seconds=wished.handshake_seconds,
+        idle_http_seconds=wished.idle_http_seconds,
+        close_seconds=wished.close_seconds,
+        ping_seconds=wished.ping_seconds,
+        pong_seconds=wished.pong_seconds,
+        data_bytes=wished.data_bytes,
+        data_frames=wished.data_frames,
+        control_bytes=wished.control_bytes,
+        control_frames=wished.control_frames,
+    )
