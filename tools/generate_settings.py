@@ -20,22 +20,22 @@ _HEAD = """\
 
 This page is made from the program by `tools/generate_settings.py`.
 
-A setting comes from a TOML file (`--config FILE`, or the file that `RWT_CONFIG` names), from the environment, or
-from the command line; the later of these wins. `limits.connections` below is
+A setting comes from a TOML file (`--config FILE`, or the file that `RWT_CONFIG` names), from the
+environment, or from the command line; the later of these wins. `limits.connections` below is
 
 - `connections = 20` under `[limits]` in the file,
 - `RWT_LIMITS__CONNECTIONS=20` in the environment,
 - `--set limits.connections=20` on the command line.
 
-In the environment and after `--set` a list is written with commas or as in TOML, and names that you choose yourself
-(`NAME` below) are in lower case in the environment. `rwt config show` prints what is in effect and where it came
-from. An unknown key is refused, and the nearest known one is named. [How to secure a server](../how-to/secure.md)
-shows the settings at work.
+In the environment and after `--set` a list is written with commas or as in TOML, and names that you
+choose yourself (`NAME` below) are in lower case in the environment. `rwt config show` prints what is in
+effect and where it came from. An unknown key is refused, and the nearest known one is named.
+[How to secure a server](../how-to/secure.md) shows the settings at work.
 """
 
 _ROLES = """
-Two roles are there without being configured: `admin` may do everything, and `viewer` is `read_only`. A configured
-role of the same name takes their place.
+Two roles are there without being configured: `admin` may do everything, and `viewer` is `read_only`. A
+configured role of the same name takes their place.
 """
 
 
@@ -51,7 +51,8 @@ def _lines() -> Iterator[str]:
         if key[:-1] != above:
             above = key[:-1]
             yield from _section(above)
-        yield f"| `{key[-1]}` | {_cell(expected(field))} | {_default(field)} | {_cell(field.description or '')} |"
+        cells = (f"`{key[-1]}`", _cell(expected(field)), _default(field), _cell(field.description or ""))
+        yield f"| {' | '.join(cells)} |"
     yield ""
 
 

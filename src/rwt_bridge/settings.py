@@ -145,7 +145,7 @@ class AuthSettings(Table):
         ),
     ] = None
     allowed_time_delta: Annotated[
-        SecondsOrNone,
+        Seconds,
         Field(description="seconds by which the time in an `auth` may differ from this machine's clock"),
     ] = 5.0
     seconds: Annotated[
