@@ -1,7 +1,9 @@
-"""How much the transport alone costs: the same relay on listen() and on websockets' asyncio server, in one run.
+"""How much the transport alone costs: the same relay on listen() and on websockets' asyncio server, in one
+run.
 
-Both forward every message to all other connections without looking at it. The load comes from another process, which
-speaks just enough WebSocket to be cheaper than either server. Run with ``python bench/transports.py``.
+Both forward every message to all other connections without looking at it. The load comes from another
+process, which speaks just enough WebSocket to be cheaper than either server. Run with ``python
+bench/transports.py``.
 """
 
 from __future__ import annotations
@@ -21,20 +23,23 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from typing import ClassVar
 
 from rwt_protocol.frames import Frame, PeerInfo, Sink
 from rwt_transports import listen
 
-TWIST = b'{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":0.5,"y":0,"z":0},"angular":{"x":0,"y":0,"z":0.1}}}'
+TWIST = (
+    b'{"op":"publish","topic":"/cmd","msg":{"linear":{"x":0.5,"y":0,"z":0},"angular":{"x":0,"y":0,"z":0.1}}}'
+)
 
 
-# -- the two servers ----------------------------------------------------------------------------------------------
+# -- the two servers -------------------------------------------------------------------------------------
 
 
 class Relay:
     """Forwards to everyone else."""
 
-    peers: set[Relay] = set()
+    peers: ClassVar[set[Relay]] = set()
 
     def __init__(self, sink: Sink, _peer: PeerInfo) -> None:
         self.sink = sink
@@ -80,7 +85,7 @@ async def serve_websockets() -> None:
 SERVERS = {"ours": serve_ours, "websockets": serve_websockets}
 
 
-# -- the load -----------------------------------------------------------------------------------------------------
+# -- the load --------------------------------------------------------------------------------------------
 
 
 def masked(payload: bytes) -> bytes:
@@ -107,8 +112,8 @@ def connect(port: int) -> socket.socket:
     peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     key = "x3JJHMbDL1EzLkh9GBhXDw=="
     peer.sendall(
-        f"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
-        "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+        f"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
     )
     answer = b""
     while not answer.endswith(b"\r\n\r\n"):
@@ -174,7 +179,7 @@ def latency(port: int, payload: bytes, count: int) -> float:
     return statistics.median(times) * 1e6
 
 
-# -- the comparison -----------------------------------------------------------------------------------------------
+# -- the comparison --------------------------------------------------------------------------------------
 
 
 @contextmanager

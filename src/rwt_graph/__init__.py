@@ -5,7 +5,7 @@ Robot programs use :class:`MemoryGraph` and :class:`Node`; :mod:`rwt_graph.api` 
 
 from rwt_graph.api import GoalStatus, Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, SteadyClock, Timer, WallClock
-from rwt_graph.endpoints import MessageLike, TopicPublisher, TopicSubscription
+from rwt_graph.endpoints import Message, MessageLike, TopicPublisher, TopicSubscription
 from rwt_graph.errors import (
     CallFailed,
     CallTimeout,
@@ -33,6 +33,7 @@ __all__ = [
     "MemoryGraph",
     "Node",
     "Handle",
+    "Message",
     "MessageLike",
     "TopicPublisher",
     "TopicSubscription",

@@ -139,7 +139,7 @@ class PendingCall(ABC):
 
 
 OnReply = Callable[["Payload | CallFailed"], None]
-"""Called exactly once: with the response, or with why there is none."""
+"""Called exactly once, unless the call is cancelled: with the response, or with why there is none."""
 
 
 class GoalStatus(IntEnum):
@@ -329,7 +329,10 @@ class Participant(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close everything that this node created, and leave the graph."""
+        """Close everything that this node created, and leave the graph.
+
+        Its open calls and goals end with a :exc:`CallFailed` that says so; the goals go on running unheard.
+        """
 
 
 @dataclass(frozen=True, slots=True)

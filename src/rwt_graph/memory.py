@@ -24,6 +24,7 @@ from rwt_graph.api import (
     Subscription,
     TopicInfo,
 )
+from rwt_graph.cancel_service import cancel_service
 from rwt_graph.clock import Clock, WallClock
 from rwt_graph.deadlines import Deadlines
 from rwt_graph.errors import NotRunning
@@ -103,7 +104,13 @@ class MemoryParticipant(Participant):
     ) -> Registration:
         """Offer an action. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
-        return self._graph.action_table.advertise(validate(action), type, self._owner, on_goal)
+        graph = self._graph
+        server = graph.action_table.advertise(validate(action), type, self._owner, on_goal)
+        if graph.distro.ros_version == 2:
+            cancel = graph.registry.service("action_msgs/CancelGoal")
+            name = f"{action}/_action/cancel_goal"
+            server.cancel_service = self.advertise_service(name, cancel, cancel_service(server, cancel))
+        return server
 
     def send_goal(
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None

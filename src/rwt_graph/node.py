@@ -17,10 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rwt_graph import service_handlers
-from rwt_graph.api import Graph, Registration, Sample
+from rwt_graph.actionlib import ActionlibServer
+from rwt_graph.api import Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, Timer
 from rwt_graph.endpoints import (
     Message,
@@ -51,6 +52,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
+class Closable(Protocol):
+    """What a :class:`Handle` holds."""
+
+    def close(self) -> None:
+        """Let go."""
+        ...
+
+
 class Handle:
     """A service or action that a node offers; `close` withdraws it, from any thread.
 
@@ -58,17 +67,21 @@ class Handle:
         name: absolute name.
     """
 
-    def __init__(self, graph: Graph, registration: Registration) -> None:
-        self.name = registration.name
+    def __init__(self, graph: Graph, name: str, *parts: Closable) -> None:
+        self.name = name
         self._graph = graph
-        self._registration = registration
+        self._parts = parts
 
     def close(self) -> None:
         """Withdraw it; calls and goals in flight end with :exc:`ProviderGone`."""
         if self._graph.on_graph_thread():
-            self._registration.close()
+            self._close()
         else:
-            self._graph.run_on_graph(self._registration.close)
+            self._graph.run_on_graph(self._close)
+
+    def _close(self) -> None:
+        for part in self._parts:
+            part.close()
 
     def __enter__(self) -> Handle:
         return self
@@ -220,7 +233,7 @@ class Node:
         name, interface = self.resolve(service), self.registry.service(type)
         function = ServiceFunction(self.graph, name, interface.response, handler)
         return self._run(
-            lambda: Handle(self.graph, self._participant.advertise_service(name, interface, function))
+            lambda: Handle(self.graph, name, self._participant.advertise_service(name, interface, function))
         )
 
     async def call_service(
@@ -270,7 +283,8 @@ class Node:
         execute: Execute,
         accept: AcceptGoal | None = None,
     ) -> Handle:
-        """Offer an action; a server of the same name is replaced.
+        """Offer an action; a server of the same name is replaced. On ROS 1 it is served over topics too
+        (ALB-01).
 
         Args:
             execute: a coroutine function, run as a task for each goal. What it returns is the result of a
@@ -285,9 +299,15 @@ class Node:
         """
         name, interface = self.resolve(action), self.registry.action(type)
         function = ActionFunction(self.graph, name, interface, execute, accept)
-        return self._run(
-            lambda: Handle(self.graph, self._participant.advertise_action(name, interface, function))
-        )
+
+        def advertise() -> Handle:
+            registration = self._participant.advertise_action(name, interface, function)
+            if self.distro.ros_version != 1:
+                return Handle(self.graph, name, registration)
+            topics = ActionlibServer(self, self._participant, name, interface)
+            return Handle(self.graph, name, registration, topics)
+
+        return self._run(advertise)
 
     async def send_goal(
         self,

@@ -87,7 +87,7 @@ class Runtime:
             self._knock(self._door)
 
     def _drain_all(self) -> None:
-        while self._inbox:
+        for _ in range(len(self._inbox)):
             try:
                 call = self._inbox.popleft()
             except IndexError:

@@ -80,3 +80,11 @@ def has_lone_surrogate(text: str) -> bool:
     except UnicodeEncodeError:
         return True
     return False
+
+
+def check_length(count: int, length: int | None, bound: int | None) -> None:
+    """Refuse a list of the wrong size (JSN-30)."""
+    if length is not None and count != length:
+        raise PayloadError("", f"expected {length} elements, got {count}")
+    if bound is not None and count > bound:
+        raise PayloadError("", f"expected at most {bound} elements, got {count}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 import sys
+from array import array
 from functools import lru_cache
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Annotated, Any
@@ -138,3 +139,17 @@ def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool)
 def _refuse_outside(value: Any, outside: object, shape: shapes.Int | shapes.Float | shapes.Bool) -> None:
     if outside:
         raise PayloadError("", f"expected {shape} elements, got a numpy array with values out of range")
+
+
+def little_endian(items: Any, code: str) -> bytes:
+    """Checked numbers, a list or a numpy array, as packed little-endian elements of that :mod:`struct`
+    letter."""
+    if code == "?":
+        return bytes(items)
+    if is_numpy_array(items):
+        packed: bytes = items.astype(f"<{code}", copy=False).tobytes()
+        return packed
+    elements = array(code, items)
+    if sys.byteorder == "big":
+        elements.byteswap()
+    return elements.tobytes()

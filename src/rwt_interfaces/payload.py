@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from rwt_interfaces.serialise.cbor_reader import read_cbor
 from rwt_interfaces.serialise.json import REJECTIONS, RawText, parse
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ class Payload:
         type: the message's type.
     """
 
-    __slots__ = ("_json", "_message", "type")
+    __slots__ = ("_binary", "_json", "_message", "type")
 
     def __init__(
         self, message_type: MessageType, json: RawText | None, message: msgspec.Struct | None
@@ -35,6 +36,7 @@ class Payload:
         self.type = message_type
         self._json = json
         self._message = message
+        self._binary: dict[str, bytes] | None = None
 
     def __repr__(self) -> str:
         return f"<Payload {self.type.name}>"
@@ -54,7 +56,9 @@ class Payload:
         try:
             message_type.json.check(raw)
         except REJECTIONS:
-            return cls(message_type, None, message_type.completer(parse(raw), now or time.time_ns))
+            return cls(
+                message_type, None, message_type.completer(message_type.json.parse(raw), now or time.time_ns)
+            )
         return cls(message_type, raw, None)
 
     @classmethod
@@ -84,20 +88,72 @@ class Payload:
         Raises:
             PayloadError: it does not fit, and where and why.
         """
-        try:
-            return cls(message_type, None, message_type.json.convert(value))
-        except REJECTIONS:
-            pass
         if isinstance(value, (list, tuple)):
             names = (slot.name for slot in message_type.slots)
             value = dict(zip(names, value, strict=False))
-        return cls(message_type, None, message_type.completer(value, now or time.time_ns))
+        return cls._from_object(message_type, value, now)
+
+    @classmethod
+    def _from_object(cls, message_type: MessageType, value: object, now: Now | None) -> Payload:
+        try:
+            return cls(message_type, None, message_type.json.convert(value))
+        except REJECTIONS:
+            return cls(message_type, None, message_type.completer(value, now or time.time_ns))
+
+    @classmethod
+    def from_cbor(
+        cls, message_type: MessageType, data: bytes | memoryview, now: Now | None = None
+    ) -> Payload:
+        """Take a message as it came in CBOR, completed by the same rules as one in JSON.
+
+        Raises:
+            PayloadError: it is not CBOR or does not fit; no other exception, whatever the bytes.
+        """
+        return cls._from_object(message_type, read_cbor(data), now)
+
+    @classmethod
+    def from_cdr(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
+        """Take a message as it came in CDR, with its encapsulation header.
+
+        Raises:
+            PayloadError: it does not fit; no other exception, whatever the bytes.
+        """
+        return cls(message_type, None, message_type.from_cdr(data))
+
+    @classmethod
+    def from_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
+        """Take a message as it came in ROS 1's own form, without a length prefix.
+
+        Raises:
+            PayloadError: it does not fit; no other exception, whatever the bytes.
+        """
+        return cls(message_type, None, message_type.from_ros1(data))
 
     def json(self) -> RawText:
         """The message in JSON: the very bytes that came, if they came fit to be passed on."""
         if self._json is None:
             self._json = self.type.json.encode(self._known())
         return self._json
+
+    def cbor(self) -> bytes:
+        """The message in CBOR, without any envelope (CBR-02 to CBR-07)."""
+        return self._made("cbor", self.type.to_cbor)
+
+    def cdr(self) -> bytes:
+        """The message in CDR, with its encapsulation header."""
+        return self._made("cdr", self.type.to_cdr)
+
+    def ros1(self) -> bytes:
+        """The message in ROS 1's own form, without a length prefix."""
+        return self._made("ros1", self.type.to_ros1)
+
+    def _made(self, form: str, encode: Callable[[msgspec.Struct], bytes]) -> bytes:
+        if self._binary is None:
+            self._binary = {}
+        made = self._binary.get(form)
+        if made is None:
+            made = self._binary[form] = encode(self.value())
+        return made
 
     def value(self) -> msgspec.Struct:
         """The message as its type's Struct. It is shared: treat it as read-only."""

@@ -100,6 +100,41 @@ class MessageType:
 
         return JsonCodec(self)
 
+    @cached_property
+    def to_cbor(self) -> Callable[[msgspec.Struct], bytes]:
+        """Encodes a message of this type in CBOR."""
+        from rwt_interfaces.serialise import cbor
+
+        return cbor.compile_encoder(self)
+
+    @cached_property
+    def to_cdr(self) -> Callable[[msgspec.Struct], bytes]:
+        """Encodes a message of this type in CDR."""
+        from rwt_interfaces.serialise import cdr
+
+        return cdr.compile_encoder(self)
+
+    @cached_property
+    def from_cdr(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
+        """Decodes a message of this type from CDR; raises PayloadError."""
+        from rwt_interfaces.serialise import cdr
+
+        return cdr.compile_decoder(self)
+
+    @cached_property
+    def to_ros1(self) -> Callable[[msgspec.Struct], bytes]:
+        """Encodes a message of this type in ROS 1's own form."""
+        from rwt_interfaces.serialise import ros1
+
+        return ros1.compile_encoder(self)
+
+    @cached_property
+    def from_ros1(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
+        """Decodes a message of this type from ROS 1's own form; raises PayloadError."""
+        from rwt_interfaces.serialise import ros1
+
+        return ros1.compile_decoder(self)
+
 
 class ServiceType:
     """One service type; `name` is two-part."""

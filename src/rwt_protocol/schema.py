@@ -1,4 +1,4 @@
-"""The whole protocol as one JSON Schema, made from the models."""
+"""The whole protocol as one document, made from the models: JSON Schema or AsyncAPI."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 from pydantic import JsonValue
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 
-from rwt_protocol.ops import OPS, SPEC_OF, OpSpec
+from rwt_protocol.ops import OPS, Direction, OpSpec
 from rwt_protocol.profiles import COMPAT, Profile
 from rwt_protocol.rawjson import RawJson
 
@@ -23,34 +23,80 @@ class _Generator(GenerateJsonSchema):
 
 
 def protocol_schema(profile: Profile = COMPAT) -> dict[str, JsonValue]:
-    """One document that describes every message of `profile`.
+    """One JSON Schema that describes every message of `profile`.
 
     A message is one of the definitions under ``$defs``, told apart by ``op``; each says under ``x-direction``
     who sends it. Members that a definition does not list are allowed and ignored (ENV-01); null stands for an
     absent optional member, which the document leaves out.
     """
-    models = [OPS[name].model for name in sorted(profile.ops)]
-    schemas, document = models_json_schema(
-        [(model, "validation") for model in models], schema_generator=_Generator
-    )
-    definitions: dict[str, JsonValue] = dict(document["$defs"])
-    references: dict[str, JsonValue] = {}
-    specs = {spec.model.__name__: spec for spec in SPEC_OF.values()}
-    for (model, _), reference in schemas.items():
-        spec = specs[model.__name__]
-        definition = definitions[model.__name__]
-        if isinstance(definition, dict):
-            _finish(definition, spec, profile.without.get(spec.name, frozenset()))
-        references[spec.name] = reference["$ref"]
+    definitions, references = _definitions(profile, "#/$defs/")
     alternatives: list[JsonValue] = [{"$ref": reference} for reference in references.values()]
+    mapping: dict[str, JsonValue] = dict(references)
     return {
         "$schema": _DIALECT,
         "title": f"rosbridge v2, profile {profile.name}",
         "type": "object",
         "oneOf": alternatives,
-        "discriminator": {"propertyName": "op", "mapping": references},
-        "$defs": _used(definitions, references),
+        "discriminator": {"propertyName": "op", "mapping": mapping},
+        "$defs": definitions,
     }
+
+
+def protocol_asyncapi(profile: Profile = COMPAT, version: str = "2.0.0") -> dict[str, JsonValue]:
+    """The same as an AsyncAPI 3.0 document, seen from the server: what it receives, and what it sends.
+
+    Args:
+        profile: which messages there are.
+        version: of the interface that is described.
+    """
+    definitions, references = _definitions(profile, "#/components/schemas/")
+    messages: dict[str, JsonValue] = {
+        op: {"name": op, "payload": {"$ref": reference}} for op, reference in references.items()
+    }
+    return {
+        "asyncapi": "3.0.0",
+        "info": {"title": f"rosbridge v2, profile {profile.name}", "version": version},
+        "defaultContentType": "application/json",
+        "channels": {"connection": {"address": "/", "messages": messages}},
+        "operations": {
+            "receive": _operation("receive", profile, Direction.TO_SERVER),
+            "send": _operation("send", profile, Direction.TO_CLIENT),
+        },
+        "components": {"schemas": definitions},
+    }
+
+
+def _operation(action: str, profile: Profile, direction: Direction) -> dict[str, JsonValue]:
+    messages: list[JsonValue] = [
+        {"$ref": f"#/channels/connection/messages/{op}"}
+        for op in sorted(profile.ops)
+        if OPS[op].direction in (direction, Direction.BOTH)
+    ]
+    return {"action": action, "channel": {"$ref": "#/channels/connection"}, "messages": messages}
+
+
+def _definitions(profile: Profile, where: str) -> tuple[dict[str, JsonValue], dict[str, str]]:
+    """The schemas of the ops of `profile` and of what they refer to, and the reference to each op's own.
+
+    Args:
+        profile: which ops there are.
+        where: what stands before a schema's name in a reference to it.
+    """
+    specs = [OPS[op] for op in sorted(profile.ops)]
+    _, document = models_json_schema(
+        [(spec.model, "validation") for spec in specs],
+        ref_template=where + "{model}",
+        schema_generator=_Generator,
+    )
+    definitions: dict[str, JsonValue] = dict(document["$defs"])
+    for spec in specs:
+        definition = definitions[spec.model.__name__]
+        if isinstance(definition, dict):
+            _finish(definition, spec, profile.without.get(spec.name, frozenset()))
+    own = {spec.model.__name__ for spec in specs}
+    text = repr([definitions[name] for name in own])
+    used = {name: it for name, it in definitions.items() if name in own or f"{where}{name}'" in text}
+    return used, {spec.name: where + spec.model.__name__ for spec in specs}
 
 
 def _finish(definition: dict[str, JsonValue], spec: OpSpec, without: frozenset[str]) -> None:
@@ -64,14 +110,3 @@ def _finish(definition: dict[str, JsonValue], spec: OpSpec, without: frozenset[s
         required.insert(0, "op")
         for name in without:
             members.pop(name, None)
-
-
-def _used(definitions: dict[str, JsonValue], references: dict[str, JsonValue]) -> dict[str, JsonValue]:
-    """The definitions of the ops, and those that they still refer to."""
-    ops = {str(reference).rpartition("/")[2] for reference in references.values()}
-    text = repr([definitions[name] for name in sorted(ops)])
-    return {
-        name: definition
-        for name, definition in definitions.items()
-        if name in ops or f"#/$defs/{name}'" in text
-    }

@@ -1,8 +1,10 @@
-"""The two seams of this package: a *wire* knows a protocol and does no I/O, a *driver* moves bytes and knows none.
+"""The two seams of this package: a *wire* knows a protocol and does no I/O, a *driver* moves bytes and
+knows none.
 
-A :class:`~rwt_transports.connection.Connection` stands between them. The driver gives it a :class:`Link`, hands it
-what arrives, and takes what is to be sent whenever the link was woken; the connection feeds its :class:`Wire`, which
-calls back with whole messages. Everything is synchronous and runs on the loop's thread, so a message costs no task.
+A :class:`~rwt_transports.connection.Connection` stands between them. The driver gives it a :class:`Link`,
+hands it what arrives, and takes what is to be sent whenever the link was woken; the connection feeds its
+:class:`Wire`, which calls back with whole messages. Everything is synchronous and runs on the loop's
+thread, so a message costs no task.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from rwt_protocol.frames import Buffer, Frame
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """How frames become a wire's bytes; depends on nothing but the frame, so that connections share the outcome.
+    """How frames become a wire's bytes; depends on nothing but the frame, so that connections share the
+    outcome.
 
     Attributes:
         whole: the frame as one piece.
@@ -35,7 +38,8 @@ class Link(Protocol):
         """Tell the driver that there is something to take. It takes later, not within this call."""
 
     def finish(self) -> None:
-        """Tell the peer that nothing more will come (half-close), and keep reading; closes where that cannot be."""
+        """Tell the peer that nothing more will come (half-close), and keep reading; closes where that
+        cannot be."""
 
     def close(self) -> None:
         """Close once what was taken has reached the network."""
@@ -54,7 +58,8 @@ class WireEvents(Protocol):
     """What a wire reports while it is fed."""
 
     def oversized(self, size: int) -> bool:
-        """A message larger than the limit has begun; `size` in bytes as far as known. True: skip it and go on."""
+        """A message larger than the limit has begun; `size` in bytes as far as known. True: skip it and go
+        on."""
 
     def answer(self, data: bytes) -> None:
         """The protocol itself owes the peer these bytes (a pong, the reply to a close)."""
@@ -64,20 +69,23 @@ class WireEvents(Protocol):
 
 
 class Wire(Protocol):
-    """One connection's protocol: bytes in, messages out; a frame in, bytes out. Does no I/O and reads no clock."""
+    """One connection's protocol: bytes in, messages out; a frame in, bytes out. Does no I/O and reads no
+    clock."""
 
     message: Callable[[bytes, bool], None]
     """Called with each whole message, and whether it is binary."""
 
     @property
     def framing(self) -> Framing:
-        """How outgoing frames become bytes; the same object for every connection of the wire that can share."""
+        """How outgoing frames become bytes; the same object for every connection of the wire that can
+        share."""
 
     def feed(self, data: bytes) -> None:
         """Take what arrived."""
 
     def space(self) -> memoryview | None:
-        """Where the next bytes may be received directly, inside a large message; None: receive anywhere and feed."""
+        """Where the next bytes may be received directly, inside a large message; None: receive anywhere and
+        feed."""
 
     def filled(self, count: int) -> None:
         """`count` bytes were received into :meth:`space`."""
@@ -130,7 +138,8 @@ class Driver(Protocol):
     """Moves bytes between a place and connections."""
 
     def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use. Raises :exc:`~rwt_transports.errors.ListenError`."""
+        """Accept peers within the block; gives the port in use. Raises
+        :exc:`~rwt_transports.errors.ListenError`."""
 
 
 class Listener(Protocol):

@@ -1,4 +1,5 @@
-"""One accepted connection, without I/O: HTTP until an upgrade where the transport has it, then a wire's messages."""
+"""One accepted connection, without I/O: HTTP until an upgrade where the transport has it, then a wire's
+messages."""
 
 from __future__ import annotations
 
@@ -52,6 +53,7 @@ class Reception:
     spare: Spare = field(default_factory=Spare)
     connections: set[Connection] = field(default_factory=set)
     closing: bool = False
+    _empty: anyio.Event | None = None
 
     def attach(self, link: Link, address: str, port: int) -> Connection:
         """A new peer has connected."""
@@ -70,6 +72,18 @@ class Reception:
         self.closing = True
         for connection in tuple(self.connections):
             connection.close(code, reason)
+
+    async def emptied(self) -> None:
+        """Wait until no connection is left."""
+        while self.connections:
+            self._empty = anyio.Event()
+            await self._empty.wait()
+
+    def detach(self, connection: Connection) -> None:
+        """A connection has ended."""
+        self.connections.discard(connection)
+        if not self.connections and self._empty is not None:
+            self._empty.set()
 
     def abort(self) -> None:
         """Cut those that are still here."""
@@ -167,7 +181,7 @@ class Connection:
 
     def lost(self) -> None:
         """The link is gone."""
-        self._reception.connections.discard(self)
+        self._reception.detach(self)
         self._conversation = None
         self._ending = True
         self.outbox.abandon()

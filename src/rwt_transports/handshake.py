@@ -34,7 +34,8 @@ class HandshakeAnswer:
 
 
 def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
-    """Whether a request asks to become a WebSocket: its ``Upgrade`` header names it (RFC 6455 section 4.1)."""
+    """Whether a request asks to become a WebSocket: its ``Upgrade`` header names it (RFC 6455 section
+    4.1)."""
     return any(
         name.lower() == "upgrade" and "websocket" in [token.strip().lower() for token in value.split(",")]
         for name, value in headers
@@ -47,7 +48,10 @@ def answer_handshake(path: str, headers: Iterable[tuple[str, str]]) -> Handshake
     response = protocol.accept(Request(path, Headers(list(headers))))
     if response.status_code == 101:
         return HandshakeAnswer(101, response.serialize())
-    return HandshakeAnswer(response.status_code, reason=_reason(protocol.handshake_exc))
+    failure = protocol.handshake_exc
+    wrong_version = isinstance(failure, InvalidHeader) and failure.name == "Sec-WebSocket-Version"
+    # RFC 6455 section 4.4 asks for 426 with the version that is spoken.
+    return HandshakeAnswer(426 if wrong_version else response.status_code, reason=_reason(failure))
 
 
 def _select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:

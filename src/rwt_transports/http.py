@@ -45,8 +45,8 @@ class HttpResponse:
     """What a route answers.
 
     Attributes:
-        body: all of it, or an iterator of chunks that are sent as they come; the iterator is closed when the peer
-            goes away.
+        body: all of it, or an iterator of chunks that are sent as they come; the iterator is closed when
+            the peer goes away.
         status: HTTP status.
         content_type: the ``Content-Type`` header.
         headers: further headers.

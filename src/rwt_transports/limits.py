@@ -13,10 +13,12 @@ class Limits:
     """Bounds per listener or per connection. The defaults are safe on an open network.
 
     Attributes:
-        message_bytes: largest incoming message. A larger one is skipped without being kept, and the endpoint is
-            told (:class:`~rwt_transports.api.OversizeAware`); an endpoint that cannot be told is closed with 1009.
-        strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by default: the
-            endpoint gets the bytes as they came and answers, so that one bad message does not cost the connection.
+        message_bytes: largest incoming message. A larger one is skipped without being kept, and the
+            endpoint is told (:class:`~rwt_transports.api.OversizeAware`); an endpoint that cannot be told
+            is closed with 1009.
+        strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
+            default: the endpoint gets the bytes as they came and answers, so that one bad message does not
+            cost the connection.
         connections: open connections of one listener; one more is answered with HTTP 503.
         handshake_seconds: from the first byte expected to the end of the request.
         idle_http_seconds: how long a kept-alive HTTP connection may wait between two requests.
@@ -28,7 +30,8 @@ class Limits:
         data_bytes: bytes queued in one connection's data lane. Reached, the oldest frame of the same topic is
             dropped for each new one; every topic keeps its newest frame.
         data_frames: the same bound as a number of frames.
-        control_bytes: bytes queued in one connection's control lane. Reached, the connection is closed with 1008.
+        control_bytes: bytes queued in one connection's control lane. Reached, the connection is closed with
+            1008.
         control_frames: the same bound as a number of frames.
     """
 

@@ -68,20 +68,30 @@ async def listen(
     chosen = Limits() if limits is None else limits
     try:
         async with anyio.create_task_group() as tasks:
-            reception = _reception(place, accept, routes, chosen, tasks)
-            async with (driver or fastest_driver()).serve(place.host, place.port, reception.attach) as port:
-                tasks.start_soon(_tick, reception)
-                try:
-                    yield OpenListener(place.with_port(port), reception)
-                finally:
-                    with anyio.CancelScope(shield=True):
-                        await _close_all(reception, chosen.close_seconds)
-                    tasks.cancel_scope.cancel()
+            try:
+                reception = _reception(place, accept, routes, chosen, tasks)
+                attach = reception.attach
+                async with (driver or fastest_driver()).serve(place.host, place.port, attach) as port:
+                    tasks.start_soon(_tick, reception)
+                    try:
+                        yield OpenListener(place.with_port(port), reception)
+                    finally:
+                        with anyio.CancelScope(shield=True):
+                            await _close_all(reception, chosen.close_seconds)
+            finally:
+                # Only now: a cancelled scope would put its own exception in the place of the caller's.
+                tasks.cancel_scope.cancel()
     except BaseExceptionGroup as group:
-        # That there is a task group inside is not the caller's business: one error is raised as itself.
-        if len(group.exceptions) > 1:
-            raise
-        raise group.exceptions[0] from group.exceptions[0].__cause__
+        error = _only(group)
+        raise error from error.__cause__
+
+
+def _only(group: BaseExceptionGroup[BaseException]) -> BaseException:
+    """That task groups are at work in here is not the caller's business: one error is raised as itself."""
+    error: BaseException = group
+    while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
+        error = error.exceptions[0]
+    return error
 
 
 def _reception(
@@ -113,8 +123,6 @@ async def _close_all(reception: Reception, patience: float) -> None:
     """Ask all peers to go; cut those that have not gone in `patience` seconds."""
     reception.close(GOING_AWAY, "the server is going away")
     with anyio.move_on_after(patience):
-        while reception.connections:
-            await anyio.sleep(0.01)
+        await reception.emptied()
     reception.abort()
-    while reception.connections:
-        await anyio.lowlevel.checkpoint()
+    await reception.emptied()

@@ -1,11 +1,13 @@
 """What one connection still has to send: two bounded lanes in front of a short queue of bytes.
 
-A frame goes straight to the *ready* bytes while the network keeps up. When those are full, frames wait in their lane:
+A frame goes straight to the *ready* bytes while the network keeps up. When those are full, frames wait in
+their lane:
 
 - control: first in, first out, goes before data, never dropped; too much of it ends the connection;
-- data: one flow per topic, served in turns by bytes (deficit round robin), so that a small topic waits for one frame
-  of a fat one and not for its queue. Over the bound the oldest frame of the same topic goes; a topic that has
-  nothing queued takes the place of the flow that holds most, and every topic keeps its newest frame.
+- data: one flow per topic, served in turns by bytes (deficit round robin), so that a small topic waits for
+  one frame of a fat one and not for its queue. Over the bound the oldest frame of the same topic goes; a
+  topic that has nothing queued takes the place of the flow that holds most, and every topic keeps its
+  newest frame.
 
 Order holds within the control lane and within a topic. Nothing here blocks, and nothing allocates a task.
 """
@@ -21,9 +23,11 @@ from .api import Framing
 from .limits import Limits
 
 READY_BYTES = 128 * 1024
-"""Bytes that may wait in front of the lanes: what one write joins, and the most that dropping cannot reach."""
+"""Bytes that may wait in front of the lanes: what one write joins, and the most that dropping cannot
+reach."""
 SLICE_BYTES = 256 * 1024
-"""A larger piece is handed over in slices of this size, so that a slow peer's rest stays shared and uncopied."""
+"""A larger piece is handed over in slices of this size, so that a slow peer's rest stays shared and
+uncopied."""
 ALONE_BYTES = 32 * 1024
 """A piece of this size is not joined with others: copying it would cost more than one more write."""
 PIECES_BYTES = 256 * 1024
@@ -56,8 +60,9 @@ class Outbox:
     """
 
     __slots__ = (
-        "_closed", "_control", "_control_bytes", "_current", "_data_bytes", "_data_frames", "_dropped", "_flows",
-        "_framing", "_hang_up", "_large", "_limits", "_on_empty", "_overflow", "_ready", "_room", "_turns", "_wake", "_whole",
+        "_closed", "_control", "_control_bytes", "_current", "_data_bytes", "_data_frames", "_dropped",
+        "_flows", "_framing", "_hang_up", "_large", "_limits", "_on_empty", "_overflow", "_ready", "_room",
+        "_turns", "_wake", "_whole",
     )  # fmt: skip
 
     def __init__(
@@ -139,7 +144,8 @@ class Outbox:
         if self._control_bytes >= limits.control_bytes or len(self._control) >= limits.control_frames:
             self._overflow(
                 f"{len(self._control)} replies ({self._control_bytes} bytes) wait unread; "
-                f"the limit is {limits.control_frames} (control_frames) or {limits.control_bytes} (control_bytes)"
+                f"the limits are {limits.control_frames} (control_frames) and {limits.control_bytes} "
+                "bytes (control_bytes)"
             )
             return
         self._control.append(frame)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from bench.cases import Compared, Floor, Metric, Result
 from bench.load import Throughput
 from bench.report import rows, table

@@ -211,11 +211,18 @@ def start_program(tmp_path_factory: pytest.TempPathFactory, client_packages: Non
 def server_of(start_server: StartServer) -> Iterator[Callable[[str], Server]]:
     """The one server of each distribution, started when the first test asks for it."""
     servers: dict[str, Server] = {}
+    failed: dict[str, str] = {}
     with ExitStack() as running:
 
         def of(distro: str) -> Server:
+            if distro in failed:
+                pytest.fail(f"the {distro} server did not come up before:\n{failed[distro]}", pytrace=False)
             if distro not in servers:
-                servers[distro] = running.enter_context(start_server(distro))
+                try:
+                    servers[distro] = running.enter_context(start_server(distro))
+                except BaseException as error:
+                    failed[distro] = str(error)
+                    raise
             return servers[distro]
 
         yield of

@@ -28,6 +28,9 @@ STRING = "std_msgs/String"
 FIBONACCI = "example_interfaces/Fibonacci"
 FIBONACCI_ACTION = "actionlib_tutorials/FibonacciAction"
 
+#: The states of `actionlib.GoalStatus` that a goal does not leave.
+ENDS = frozenset({2, 3, 4, 5, 8, 9})
+
 #: Whatever is on the wire or comes from the library, which has no types.
 Value = Any
 
@@ -541,8 +544,11 @@ def robot_parameter(connections: Connections, name: str) -> Value:
 def refused_parameter(connections: Connections, name: str) -> Value:
     ros = connections.open()
     before = ros.get_param(name)
-    set_ = call(ros, "/rosapi/set_param", "rosapi/SetParam", {"name": name, "value": '"fast"'})
-    return {"set": set_, "unchanged": ros.get_param(name) == before}
+    word, negative = (
+        call(ros, "/rosapi/set_param", "rosapi/SetParam", {"name": name, "value": value})
+        for value in ('"fast"', "-1.5")
+    )
+    return {"word": word, "negative": negative, "unchanged": ros.get_param(name) == before}
 
 
 def own_parameter(connections: Connections, _: str) -> Value:
@@ -665,6 +671,7 @@ class SentActionlibGoal:
         self.feedback: list[Value] = []
         self.statuses: list[int] = []
         self.started = threading.Event()
+        self._ended = threading.Event()
         self._results: queue.SimpleQueue[Value] = queue.SimpleQueue()
         self.goal.on("feedback", self._take)
         self.goal.on("status", self._take_status)
@@ -678,14 +685,16 @@ class SentActionlibGoal:
     def _take_status(self, status: Value) -> None:
         if self.statuses[-1:] != [status["status"]]:
             self.statuses.append(status["status"])
+        if status["status"] in ENDS:
+            self._ended.set()
 
     def end(self) -> Value:
         result = self._results.get(timeout=LIMIT)
-        # This client learns the final state from the status topic alone.
-        self.goal.wait(LIMIT)
+        # This client learns the final state from the status topic alone, and takes PREEMPTING for an end.
+        self._ended.wait(LIMIT)
         return {
             "result": result["sequence"],
-            "status": self.goal.status["status"],
+            "status": self.statuses[-1],
             "statuses": self.statuses,
             "feedback": self.feedback,
         }

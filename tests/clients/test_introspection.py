@@ -43,6 +43,14 @@ def decoded_header(distro: str) -> dict[str, Any]:
     return {"stamp": {"sec": "int32", "nanosec": "uint32"}, "frame_id": "string"}
 
 
+def refusal(client: Program, answer: dict[str, Any]) -> str:
+    """Why a parameter was not set: roslib 2 hands over the reason, the older libraries the whole answer."""
+    if client.name == "roslib2":
+        return str(answer["failed"])
+    assert answer["values"]["successful"] is False
+    return str(answer["values"]["reason"])
+
+
 def test_topics_and_their_types(client: Program, distro: str) -> None:
     observed = client.observe("rosapi_topics")
     answer = observed["topics"]["values"]
@@ -133,7 +141,10 @@ def test_message_details_are_decoded(roslib: Program, distro: str) -> None:
 
 
 def test_action_servers(client: Program) -> None:
-    assert sorted(client.observe("rosapi_actions")["values"]) == ["/fibonacci", "/navigate_to_pose"]
+    # Servers of clients that have just left may still be there.
+    servers = client.observe("rosapi_actions")["values"]
+    assert {"/fibonacci", "/navigate_to_pose"} <= set(servers)
+    assert len(servers) == len(set(servers))
 
 
 @pytest.mark.parametrize("distro", ["noetic"], indirect=True)
@@ -151,16 +162,10 @@ def test_the_robots_parameter(client: Program, distro: str) -> None:
 
 
 @pytest.mark.parametrize("distro", ["jazzy"], indirect=True)
-def test_a_value_that_the_robot_refuses(client: Program, distro: str) -> None:
+def test_values_that_the_robot_refuses(client: Program, distro: str) -> None:
     observed = client.observe(f"refused_parameter {MAX_SPEED[distro]}")
-    answer = observed["set"]
-    # roslib 2 looks at `successful` and hands over the reason; the older libraries hand over the answer.
-    if client.name == "roslib2":
-        reason = answer["failed"]
-    else:
-        assert answer["values"]["successful"] is False
-        reason = answer["values"]["reason"]
-    assert "max_speed" in reason
+    assert "string" in refusal(client, observed["word"])
+    assert "max_speed" in refusal(client, observed["negative"])
     assert observed["unchanged"] is True
 
 

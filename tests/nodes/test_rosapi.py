@@ -6,13 +6,14 @@ import json
 from collections.abc import AsyncIterator
 from typing import Any
 
+import anyio.lowlevel
 import pytest
+
 from rwt_bridge import Bridge, Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_nodes import Rosapi
-
 from tests.bridge.recording_client import Client
 
 pytestmark = pytest.mark.anyio
@@ -36,8 +37,6 @@ class Asker:
         return reply["values"]
 
     async def reply(self, service: str, /, **args: object) -> Any:
-        import anyio
-
         self._asked += 1
         self._client.say("call_service", id=self._asked, service=service, args=args)
         for _ in range(1000):
@@ -116,7 +115,8 @@ async def test_services(asker: Asker, distro: str) -> None:
     assert await asker.ask("/rosapi/services_for_type", type="std_srvs/SetBool") == {"services": ["/enable"]}
     assert await asker.ask("/rosapi/service_node", service="/enable") == {"node": "/robot"}
     assert await asker.ask("/rosapi/service_node", service="/nothing") == {"node": ""}
-    assert await asker.ask("/rosapi/service_providers", service="std_srvs/SetBool") == {"providers": ["/robot"]}
+    providers = await asker.ask("/rosapi/service_providers", service="std_srvs/SetBool")
+    assert providers == {"providers": ["/robot"]}
     assert (await asker.ask("/rosapi/service_host", service="/enable"))["host"]
 
 
@@ -131,7 +131,8 @@ async def test_nodes(asker: Asker, distro: str) -> None:
 
 
 async def test_message_details(asker: Asker, distro: str) -> None:
-    (root, *nested) = (await asker.ask("/rosapi/message_details", type="geometry_msgs/TwistStamped"))["typedefs"]
+    answer = await asker.ask("/rosapi/message_details", type="geometry_msgs/TwistStamped")
+    (root, *nested) = answer["typedefs"]
     assert root == {
         "type": "geometry_msgs/TwistStamped",
         "fieldnames": ["header", "twist"],
@@ -157,16 +158,16 @@ async def test_arrays_and_constants_in_details(asker: Asker) -> None:
     (imu, *_) = (await asker.ask("/rosapi/message_details", type="sensor_msgs/Imu"))["typedefs"]
     lengths = dict(zip(imu["fieldnames"], imu["fieldarraylen"], strict=True))
     assert lengths["orientation_covariance"] == 9
-    (status, *_) = (await asker.ask("/rosapi/message_details", type="diagnostic_msgs/DiagnosticStatus"))["typedefs"]
+    answer = await asker.ask("/rosapi/message_details", type="diagnostic_msgs/DiagnosticStatus")
+    (status, *_) = answer["typedefs"]
     assert dict(zip(status["constnames"], status["constvalues"], strict=True))["ERROR"] == "2"
     assert dict(zip(status["fieldnames"], status["fieldarraylen"], strict=True))["values"] == 0
 
 
 async def test_details_of_services_and_actions(asker: Asker) -> None:
-    (request, *_) = (await asker.ask("/rosapi/service_request_details", type="std_srvs/SetBool"))["typedefs"]
-    assert request["fieldnames"] == ["data"]
-    (response, *_) = (await asker.ask("/rosapi/service_response_details", type="std_srvs/SetBool"))["typedefs"]
-    assert response["fieldnames"] == ["success", "message"]
+    for part, fields in (("request", ["data"]), ("response", ["success", "message"])):
+        answer = await asker.ask(f"/rosapi/service_{part}_details", type="std_srvs/SetBool")
+        assert answer["typedefs"][0]["fieldnames"] == fields
     for part, fields in (("goal", ["order"]), ("result", ["sequence"]), ("feedback", ["sequence"])):
         answer = await asker.ask(f"/rosapi/action_{part}_details", type="example_interfaces/Fibonacci")
         assert answer["typedefs"][0]["fieldnames"] == fields
@@ -196,8 +197,8 @@ async def test_time_and_version(asker: Asker, distro: str) -> None:
 
 
 async def test_action_servers_of_ros1_are_sets_of_topics(asker: Asker, robot: Node) -> None:
-    for end, kind in (("goal", "FibonacciActionGoal"), ("cancel", "")):
-        robot.subscribe(f"/fib/{end}", lambda _: None, type=f"actionlib_tutorials/{kind}" if kind else "actionlib_msgs/GoalID")
+    robot.subscribe("/fib/goal", lambda _: None, type="actionlib_tutorials/FibonacciActionGoal")
+    robot.subscribe("/fib/cancel", lambda _: None, type="actionlib_msgs/GoalID")
     for end, kind in (("feedback", "FibonacciActionFeedback"), ("result", "FibonacciActionResult")):
         robot.advertise(f"/fib/{end}", f"actionlib_tutorials/{kind}")
     assert "/fib" not in (await asker.ask("/rosapi/action_servers"))["action_servers"]

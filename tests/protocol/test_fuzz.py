@@ -7,13 +7,13 @@ from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.protocol.wire_examples import EXAMPLES
 
 from rwt_protocol.codecs import JSON
 from rwt_protocol.codecs.whole import MOST_MESSAGES
 from rwt_protocol.ops import Direction
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Refusal, Session
+from tests.protocol.wire_examples import EXAMPLES
 
 _SESSIONS = st.builds(
     Session,

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 from pydantic import ValidationError
-from tests.protocol.wire_examples import EXAMPLES, Example
 
 from rwt_protocol.ops import (
     OPS,
@@ -29,6 +28,7 @@ from rwt_protocol.ops import (
 )
 from rwt_protocol.rawjson import EMPTY, RawJson
 from rwt_protocol.session import Refusal, Session
+from tests.protocol.wire_examples import EXAMPLES, Example
 
 #: Refused by the type of the payload, or by the protocol text alone.
 _NOT_OURS = {"publish-unknown-field", "publish-wrong-type", "result-without-status-from-roslibjs-2024"}
@@ -52,7 +52,7 @@ def test_examples_are_taken_or_refused_as_they_say(example: Example) -> None:
         found = decode(example.message, direction)
         name = example.message["op"]
         if name in _IN_SESSION and example.valid:
-            assert all(isinstance(item, Refusal) and item.op == name for item in found)
+            assert not any(isinstance(item, Refusal) for item in found)
         elif example.valid or example.name in _NOT_OURS:
             (op,) = found
             assert isinstance(op, OPS[name].model), op

@@ -6,11 +6,11 @@ import json
 from typing import Any
 
 import pytest
-from tests.protocol.wire_examples import EXAMPLES, Example
 
 from rwt_protocol.ops import OPS
 from rwt_protocol.profiles import COMPAT, PROFILES, ROS1, V2_0_0, Profile
-from rwt_protocol.schema import protocol_schema
+from rwt_protocol.schema import protocol_asyncapi, protocol_schema
+from tests.protocol.wire_examples import EXAMPLES, Example
 
 
 def document(profile: Profile = COMPAT) -> dict[str, Any]:
@@ -73,3 +73,16 @@ def test_profiles_differ() -> None:
     assert "timeout" in definition("call_service", V2_0_0)["properties"]
     assert "Qos" not in document(ROS1)["$defs"]
     assert "Qos" in document(COMPAT)["$defs"]
+
+
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: str(profile.name))
+def test_asyncapi_says_who_sends_what(profile: Profile) -> None:
+    whole: dict[str, Any] = json.loads(json.dumps(protocol_asyncapi(profile, "1.2.3")))
+    assert (whole["asyncapi"], whole["info"]["version"]) == ("3.0.0", "1.2.3")
+    for reference in references(whole):
+        found: Any = whole
+        for part in reference.removeprefix("#/").split("/"):
+            found = found[part]
+    for name, side in (("receive", "client to server"), ("send", "server to client")):
+        ops = {message["$ref"].rpartition("/")[2] for message in whole["operations"][name]["messages"]}
+        assert ops == {op for op in profile.ops if OPS[op].direction.value in (side, "both")}

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 #: A JSON text, perhaps a view of the buffer that a whole frame was received in.
 RawText = bytes | memoryview
+
+#: Tells whether a value of some shape has a flaw that no msgspec annotation expresses.
+_Flaw = Callable[[Any], bool]
 
 #: From this many bytes on a text is large.
 LARGE = 4096
@@ -62,9 +66,9 @@ class JsonCodec:
         "_check_small",
         "_complete",
         "_decode",
+        "_has_long_strings",
         "_kinds",
         "_pack",
-        "_too_large",
         "_unsendable",
         "strict",
     )
@@ -72,16 +76,13 @@ class JsonCodec:
     def __init__(self, message: MessageType) -> None:
         self.strict = _strict_struct(message)
         self._kinds = frozenset(_kinds(message))
-        self._too_large = _flaw_in(message, _too_large)
         self._unsendable = _flaw_in(message, _unsendable)
         self._decode: Callable[[RawText], msgspec.Struct] = msgspec.json.Decoder(message.struct).decode
         self._complete: Callable[[object, Callable[[], int]], msgspec.Struct] = message.completer
         self._pack = _packer(message)
-        decode = msgspec.json.Decoder(self.strict).decode
-        self._check_small: Callable[[RawText], object] = (
-            decode if self._too_large is None else self._decode_bounded
-        )
+        self._check_small = _bounded(msgspec.json.Decoder(self.strict).decode, _flaw_in(message, _too_large))
         self._check_large = self._large_check()
+        self._has_long_strings = self._check_large != self._check_small
 
     def check(self, raw: RawText) -> None:
         """Accept a text that may be passed on untouched, or raise one of :data:`REJECTIONS`."""
@@ -89,6 +90,13 @@ class JsonCodec:
             self._check_small(raw)
         else:
             self._check_large(raw)
+
+    def parse(self, raw: RawText) -> object:
+        """A text that the check refused, as plain objects; raises PayloadError as :func:`parse` does."""
+        if len(raw) >= LARGE and self._has_long_strings:
+            with suppress(msgspec.DecodeError):
+                return _parse_long_strings(raw)
+        return parse(raw)
 
     def convert(self, value: object) -> msgspec.Struct:
         """Copy a mapping or object into a `strict` Struct, or raise one of :data:`REJECTIONS`."""
@@ -99,7 +107,7 @@ class JsonCodec:
 
     def decode(self, raw: RawText) -> msgspec.Struct:
         """A text that passed the check, as the message's own Struct."""
-        if len(raw) >= LARGE and self._check_large != self._check_small:
+        if len(raw) >= LARGE and self._has_long_strings:
             return self._complete(_parse_long_strings(raw), _no_clock)
         try:
             return self._decode(raw)
@@ -137,10 +145,17 @@ class JsonCodec:
         if shortened is None:
             self._check_small(raw)
 
-    def _decode_bounded(self, raw: RawText) -> None:
-        message = msgspec.json.decode(raw, type=self.strict)
-        if self._too_large is not None and self._too_large(message):
+
+def _bounded(decode: Callable[[RawText], object], too_large: _Flaw | None) -> Callable[[RawText], object]:
+    """The check of a small text: to decode it, and to look at integers that msgspec cannot bound."""
+    if too_large is None:
+        return decode
+
+    def check(raw: RawText) -> None:
+        if too_large(decode(raw)):
             raise msgspec.ValidationError
+
+    return check
 
 
 def _no_clock() -> int:
@@ -296,10 +311,6 @@ def _kinds(message: MessageType) -> Iterable[str]:
                 yield "string" if shape.bound is None else "bounded string"
             case shapes.Float():
                 yield "float"
-
-
-#: Tells whether a value of some shape has a flaw that no msgspec annotation expresses.
-_Flaw = Callable[[Any], bool]
 
 
 def _too_large(shape: Shape) -> _Flaw | None:

@@ -12,13 +12,12 @@ from typing import Protocol
 
 import anyio
 
-from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node
-from rwt_graph.api import GoalStatus
+from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, GoalStatus, Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
 from rwt_nodes.demo.path_follower import PathFollower
 from rwt_nodes.demo.planner import NoWay, Planner
-from rwt_nodes.demo.pose import Pose
+from rwt_nodes.demo.pose import ORIGIN, Pose
 from rwt_nodes.demo.urdf import BASE
 
 ACTION = "nav2_msgs/NavigateToPose"
@@ -87,7 +86,7 @@ class Navigation:
         if trip is None:
             return STANDSTILL
         if trip.goal.cancel_requested:
-            if self._drive.velocity.is_zero:
+            if overridden or self._drive.velocity.is_zero:
                 self._finish(GoalStatus.CANCELED)
             return STANDSTILL
         if not self._drive.enabled:
@@ -139,24 +138,23 @@ class Navigation:
         if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
             return "the goal's pose has a value that is not a finite number"
         frame = request.pose.header.frame_id
-        if self._frame_origin(frame) is None:
+        if _bare(frame) not in self._frames():
             return f'the goal is in frame "{frame}"; use map, odom or {BASE}'
         return True
 
-    def _frame_origin(self, frame: str) -> Pose | None:
-        """A frame's origin in the map; a goal without a frame is taken to be in the map."""
-        origins = {
-            "": Pose(),
-            messages.MAP_FRAME: Pose(),
+    def _frames(self) -> dict[str, Pose]:
+        """The origin in the map of each frame a goal may be in; a goal without one is in the map."""
+        return {
+            "": ORIGIN,
+            messages.MAP_FRAME: ORIGIN,
             messages.ODOM_FRAME: self._odom_origin,
             BASE: self._drive.pose,
         }
-        return origins.get(frame.lstrip("/"))
 
     async def _execute(self, goal: ActionGoal) -> messages.Message:
         self.abort("a newer goal took its place")
         request: NavigateRequest = goal.request
-        origin = self._frame_origin(request.pose.header.frame_id) or Pose()
+        origin = self._frames()[_bare(request.pose.header.frame_id)]
         try:
             follower = self._plan(origin.after(messages.read_pose(request.pose.pose)))
         except NoWay as error:
@@ -212,3 +210,8 @@ class Navigation:
         fields = self._node.registry.action(ACTION).result.struct.__struct_fields__
         told = {"error_code": 1 if error else 0, "error_msg": error}
         return {name: value for name, value in told.items() if name in fields}
+
+
+def _bare(frame: str) -> str:
+    """A frame's name without the slash that old ROS 1 programs put before it."""
+    return frame.removeprefix("/")

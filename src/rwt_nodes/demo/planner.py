@@ -43,14 +43,14 @@ class Planner:
             NoWay: the goal is in or too close to something solid, or walled off.
         """
         if self._world.clearance(*goal) < self._needed:
-            msg = f"the goal ({goal[0]:.2f}, {goal[1]:.2f}) is within {self._needed:.2f} m of something solid"
+            msg = f"the goal ({goal[0]:.4g}, {goal[1]:.4g}) is within {self._needed:.2f} m of something solid"
             raise NoWay(msg)
         if not self._clearance:
             self._measure()
         first, last = self._nearest_free(start), self._nearest_free(goal)
         cells = self._search(first, last) if first is not None and last is not None else None
         if cells is None:
-            msg = f"no way leads from ({start[0]:.2f}, {start[1]:.2f}) to ({goal[0]:.2f}, {goal[1]:.2f})"
+            msg = f"no way leads from ({start[0]:.4g}, {start[1]:.4g}) to ({goal[0]:.4g}, {goal[1]:.4g})"
             raise NoWay(msg)
         return self._straightened([start, *(self._centre(cell) for cell in cells), goal])
 

@@ -7,12 +7,14 @@ from types import MappingProxyType
 from typing import Final
 
 from rwt_protocol.codecs.base import Codec
+from rwt_protocol.codecs.cbor import CborCodec
 from rwt_protocol.codecs.json import JsonCodec
 from rwt_protocol.errors import EncodingUnavailable
 
 JSON: Final = JsonCodec()
+CBOR: Final = CborCodec()
 
-CODECS: Final[Mapping[str, Codec]] = MappingProxyType({"none": JSON})
+CODECS: Final[Mapping[str, Codec]] = MappingProxyType({"none": JSON, "cbor": CBOR})
 """The encoding for each value of `compression` (SUB-08) that this program has; `none` is JSON."""
 
 
@@ -32,4 +34,4 @@ def codec_for(compression: str) -> Codec:
     return codec
 
 
-__all__ = ["CODECS", "JSON", "Codec", "JsonCodec", "codec_for"]
+__all__ = ["CBOR", "CODECS", "JSON", "CborCodec", "Codec", "JsonCodec", "codec_for"]

@@ -40,7 +40,7 @@ def _decoder() -> msgspec.json.Decoder[Members]:
     )
     # The key "msg" is a payload in one op and a text in another, so it is left undecoded in both.
     kinds: dict[str, Any] = {name: msgspec.Raw if name in UNDECODED else Any for name in names}
-    return msgspec.json.Decoder(TypedDict("AnyOp", kinds, total=False))  # type: ignore[operator]
+    return msgspec.json.Decoder(TypedDict("AnyOp", kinds, total=False))  # type: ignore[operator]  # made at run time
 
 
 DECODER: Final = _decoder()

@@ -19,7 +19,6 @@ _decode: Final = DECODER.decode
 _decode_raw: Final = msgspec.json.Decoder(msgspec.Raw).decode
 _decode_raw_members: Final = msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
 
-_SPACE: Final = re.compile(rb"[ \t\r\n]*+")
 _TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
 _STRING_OR_CONSTANT: Final = re.compile(rb'"(?:[^"\\]|\\.)*+"|-?Infinity|NaN', re.DOTALL)
 _SURROGATE: Final = re.compile(rb"\\u[dD][89a-fA-F]")
@@ -66,33 +65,32 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | Fault]:
     rest = data.strip(b" \t\r\n")
     if not rest:
         return [Fault("the message is empty")]
-    view = memoryview(rest)
-    position = 0
+    position, cleaned = 0, False
     while position < len(rest):
         if len(found) >= MOST_MESSAGES:
             found.append(Fault(f"more than {MOST_MESSAGES} messages in one frame; the rest was dropped"))
             break
         try:
-            end = position + _end_of_value(view[position:])
+            end = position + _end_of_value(memoryview(rest)[position:])
         except RecursionError:
             found.append(_too_deep(max_depth))
             break
         except msgspec.DecodeError as error:
-            cleaned = _without_constants(rest[position:])
-            if cleaned is not None:
-                rest, position = cleaned, 0
-                view = memoryview(rest)
+            if not cleaned:
+                rest, position, cleaned = _without_constants(rest[position:]), 0, True
                 continue
             if rest[position] in b"{[":
                 found.append(_broken(error, rest[position:]))
                 break
-            end = rest.find(b"{", position + 1)
             found.append(Fault("not JSON: expected an object that starts with {"))
+            end = rest.find(b"{", position + 1)
             if end < 0:
                 break
         else:
             found.append(_read_value(rest[position:end], max_depth))
-        position = _SPACE.match(rest, end).end()  # type: ignore[union-attr]  # matches everywhere
+        position = end
+        while position < len(rest) and rest[position] in b" \t\r\n":
+            position += 1
     return found
 
 
@@ -121,16 +119,15 @@ def _broken(error: msgspec.DecodeError, text: bytes) -> Fault:
     return Fault("not JSON: an object or array is malformed")
 
 
-def _without_constants(text: bytes) -> bytes | None:
-    """`text` with the tokens NaN and Infinity turned into null, or None if there are none.
+def _without_constants(text: bytes) -> bytes:
+    """`text` with the tokens NaN and Infinity turned into null.
 
     Python writes them for numbers that JSON has not, and roslibpy sends them. Null is how such a number is
     written on the way out (X16), so it is read that way too.
     """
     if b"NaN" not in text and b"Infinity" not in text:
-        return None
-    cleaned = _STRING_OR_CONSTANT.sub(lambda found: found[0] if found[0][:1] == b'"' else b"null", text)
-    return cleaned if cleaned != text else None
+        return text
+    return _STRING_OR_CONSTANT.sub(lambda found: found[0] if found[0][:1] == b'"' else b"null", text)
 
 
 def _read_value(piece: bytes, max_depth: int) -> Members | Fault:

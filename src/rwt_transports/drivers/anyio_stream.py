@@ -29,7 +29,7 @@ class _Link:
         self._finishing = False
         self._closing = False
 
-    # -- Link --------------------------------------------------------------------------------------------------
+    # -- Link --------------------------------------------------------------------------------------------
 
     def wake(self) -> None:
         """Let the writing task look."""
@@ -58,7 +58,7 @@ class _Link:
         """Read again."""
         self._reading.set()
 
-    # -- tasks -------------------------------------------------------------------------------------------------
+    # -- tasks -------------------------------------------------------------------------------------------
 
     async def run(self, driven: Driven) -> None:
         """Move bytes both ways until the connection ends."""
@@ -88,9 +88,13 @@ class _Link:
             while not self._closing:
                 await self._awake.wait()
                 self._awake = anyio.Event()
+                more = False
                 while (data := driven.take()) is not None:
+                    if more:
+                        # What is ahead of it has been taken by the network, so the peer reads.
+                        driven.progress()
                     await self._stream.send(data if isinstance(data, bytes) else bytes(data))
-                    driven.progress()
+                    more = True
                 if self._finishing:
                     self._finishing = False
                     await self._stream.send_eof()

@@ -1,4 +1,5 @@
-"""asyncio's own sockets, the fast driver: bytes come by callback, and what a loop turn produced is written at once."""
+"""asyncio's own sockets, the fast driver: bytes come by callback, and what a loop turn produced is written
+at once."""
 
 from __future__ import annotations
 

@@ -36,7 +36,8 @@ async def bind_tcp(host: str, port: int) -> list[socket.socket]:
 
 
 def _bind(family: int, address: tuple[str, int]) -> socket.socket:
-    bound = socket.socket(family, socket.SOCK_STREAM)
+    # asyncio sets TCP_NODELAY on what is accepted only where the protocol is named.
+    bound = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         bound.setblocking(False)
         if os.name == "posix":
@@ -53,7 +54,7 @@ def _bind(family: int, address: tuple[str, int]) -> socket.socket:
 def why_not(error: OSError, host: str, port: int) -> str:
     """One line that says why an address could not be opened, and what to do."""
     if error.errno == errno.EADDRINUSE:
-        return f"port {port} on {host} is in use; stop the program that holds it, or choose another port (0 picks one)"
+        return f"port {port} on {host} is in use; stop what holds it, or choose another port (0 picks one)"
     if error.errno in (errno.EACCES, errno.EPERM):
         return f"port {port} on {host} is not permitted to this user; choose a port from 1024 up"
     if error.errno == errno.EADDRNOTAVAIL:

@@ -1,11 +1,13 @@
 """The WebSocket protocol of RFC 6455 after its handshake, as a wire.
 
-The handshake is negotiated in :mod:`rwt_transports.handshake`. Frames are read here, with as few copies as Python
-allows: a message costs one pass, the one that unmasks it; a large one is received where it is unmasked from. Outgoing
-frames of a server are the same bytes for every peer, so they are made once per frame.
+The handshake is negotiated in :mod:`rwt_transports.handshake`. Frames are read here, with as few copies as
+Python
+allows: a message costs one pass, the one that unmasks it; a large one is received where it is unmasked
+from. Outgoing frames of a server are the same bytes for every peer, so they are made once per frame.
 
-Text is not checked for UTF-8 unless ``strict_utf8`` asks for it: section 8.1 would end the connection with 1007, but a
-robot's bridge answers the one bad message and keeps its client. Everything else follows the RFC to the letter.
+Text is not checked for UTF-8 unless ``strict_utf8`` asks for it: section 8.1 would end the connection with
+1007, but a robot's bridge answers the one bad message and keeps its client. Everything else follows the RFC
+to the letter.
 """
 
 from __future__ import annotations
@@ -13,7 +15,6 @@ from __future__ import annotations
 import secrets
 from collections.abc import Callable
 from struct import Struct
-
 
 try:
     from websockets.speedups import apply_mask
@@ -284,7 +285,8 @@ class WebSocketWire:
             position = following
 
     def _read_frame(self, data: bytes, position: int, end: int) -> int:
-        """Read the frame at `position`; returns where the next one starts, `position` when its header is cut off."""
+        """Read the frame at `position`; returns where the next one starts, `position` when its header is
+        cut off."""
         if end - position < 2:
             return position
         first = data[position]
@@ -347,7 +349,8 @@ class WebSocketWire:
     # -- too large a message -------------------------------------------------------------------------------
 
     def _admit(self, first: int, size: int) -> bool:
-        """Whether a data frame fits its message's limit. The first that does not is reported, and may be skipped."""
+        """Whether a data frame fits its message's limit. The first that does not is reported, and may be
+        skipped."""
         if self._skipping:
             return False
         total = len(self._parts) + size

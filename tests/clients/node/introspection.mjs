@@ -74,8 +74,9 @@ export function introspectionScenarios(asking) {
     async refused_parameter(connections, name) {
       const parameter = new asking.library.ROSLIB.Param({ ros: await connections.open(), name });
       const before = await asking.ask(parameter, 'get');
-      const set = await asking.ask(parameter, 'set', 'fast');
-      return { set, unchanged: (await asking.ask(parameter, 'get')).values === before.values };
+      const word = await asking.ask(parameter, 'set', 'fast');
+      const negative = await asking.ask(parameter, 'set', -1.5);
+      return { word, negative, unchanged: (await asking.ask(parameter, 'get')).values === before.values };
     },
 
     // A name that no node has declared, as programs for ROS 1 use them.

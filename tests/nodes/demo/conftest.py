@@ -18,9 +18,13 @@ from rwt_nodes.demo import DemoRobot
 START_NS = 1_767_225_600_000_000_000
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
+#: Compiled once for all tests: what a registry knows does not change here.
+REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"
 
 
 @pytest.fixture(params=sorted(DISTROS))
@@ -85,7 +89,7 @@ class Lab:
 @pytest.fixture
 async def lab(distro: str, anyio_backend: str) -> AsyncIterator[Lab]:
     clock = SimulatedClock(START_NS)
-    async with MemoryGraph(registry=Registry(DISTROS[distro]), clock=clock) as graph:
+    async with MemoryGraph(registry=REGISTRIES[distro], clock=clock) as graph:
         robot = DemoRobot(graph)
         yield Lab(graph, clock, robot, Node(graph, "user"))
         robot.close()

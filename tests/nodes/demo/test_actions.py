@@ -14,6 +14,12 @@ pytestmark = pytest.mark.anyio
 NAVIGATE = "/navigate_to_pose"
 
 
+@pytest.fixture(params=["asyncio", "trio"])
+def anyio_backend(request: pytest.FixtureRequest) -> str:
+    """Both: only here does the robot have coroutines of its own."""
+    return str(request.param)
+
+
 def pose(x: float, y: float, heading: float = 0.0, frame: str = "map") -> dict[str, object]:
     orientation = {"z": math.sin(heading / 2), "w": math.cos(heading / 2)}
     return {
@@ -95,7 +101,8 @@ def _check_feedback(lab: Any, heard: list[Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "x", "y"), [("odom", -2.4, -2.5), ("base_link", -2.4, -2.5), ("", -2.0, -1.0)]
+    ("frame", "x", "y"),
+    [("odom", -2.4, -2.5), ("/odom", -2.4, -2.5), ("base_link", -2.4, -2.5), ("", -2.0, -1.0)],
 )
 async def test_goals_may_be_in_any_frame_of_the_robot(lab: Any, frame: str, x: float, y: float) -> None:
     goal = pose(1.0, 0.0, frame=frame) if frame else pose(x, y)
@@ -182,6 +189,15 @@ async def test_a_hand_on_the_stick_goes_first_and_the_trip_goes_on(lab: Any) -> 
     assert (await handle.result())[0] is GoalStatus.SUCCEEDED
 
 
+async def test_a_goal_can_be_canceled_while_somebody_drives(lab: Any) -> None:
+    handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
+    await lab.settle()
+    lab.command(angular=1.0, seconds=1.0)
+    await handle.cancel()
+    lab.command(angular=1.0, seconds=0.2)
+    assert (await handle.result())[0] is GoalStatus.CANCELED
+
+
 @pytest.mark.parametrize(
     ("goal", "reason"),
     [(pose(0, 0, frame="moon"), "use map, odom or base_link"), (pose(math.nan, 0), "not a finite number")],
@@ -189,3 +205,15 @@ async def test_a_hand_on_the_stick_goes_first_and_the_trip_goes_on(lab: Any) -> 
 async def test_a_goal_that_means_nothing_is_rejected(lab: Any, goal: dict[str, object], reason: str) -> None:
     with pytest.raises(GoalRejected, match=reason):
         await (await lab.user.send_goal(NAVIGATE, goal)).result()
+
+
+@pytest.mark.parametrize("distro", ["noetic"])
+async def test_ros_1_serves_its_actions_over_topics(lab: Any) -> None:
+    results = lab.watch("/navigate_to_pose/result")
+    goals = lab.user.advertise("/navigate_to_pose/goal", "nav2_msgs/NavigateToPoseActionGoal")
+    goals.publish({"goal_id": {"id": "trip-1"}, "goal": pose(-2.4, -2.5)})
+    await lab.settle()
+    lab.clock.advance(15.0)
+    await lab.settle()
+    assert [(r.status.goal_id.id, r.status.status) for r in results] == [("trip-1", 3)]
+    assert (await in_map(lab))[:2] == pytest.approx((-2.4, -2.5), abs=0.06)

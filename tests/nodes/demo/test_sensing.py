@@ -10,6 +10,8 @@ import pytest
 
 from rwt_graph import MemoryGraph, Node, ParameterRejected, SimulatedClock
 from rwt_nodes.demo import DemoRobot
+from rwt_nodes.demo.lidar import Lidar
+from rwt_nodes.demo.pose import Pose
 from rwt_nodes.demo.world import draw_map, house
 
 pytestmark = pytest.mark.anyio
@@ -114,11 +116,14 @@ async def test_it_says_hello_once_a_second(lab: Any) -> None:
 
 
 async def test_nothing_is_measured_for_nobody(lab: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rwt_nodes.demo.lidar import Lidar
-
-    cast: list[object] = []
+    cast: list[Pose] = []
     real = Lidar.scan
-    monkeypatch.setattr(Lidar, "scan", lambda self, pose: cast.append(pose) or real(self, pose))
+
+    def counted(lidar: Lidar, pose: Pose) -> list[float]:
+        cast.append(pose)
+        return real(lidar, pose)
+
+    monkeypatch.setattr(Lidar, "scan", counted)
     lab.clock.advance(2.0)
     assert cast == []
     lab.watch("/scan")

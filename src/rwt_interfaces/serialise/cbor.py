@@ -1,0 +1,164 @@
+"""Messages in CBOR (RFC 8949) with typed arrays (RFC 8746), by the CBR rules.
+
+Only the message itself: the envelope around it is another package's. A message is a map of definite length
+with its fields in order. Integers are minimal, floats 64 bits wide with NaN and infinities kept (CBR-05).
+Arrays of numbers are little-endian typed arrays (CBR-02), octets plain byte strings (CBR-03), all else arrays
+(CBR-04), fixed and bounded ones included (CBR-07). In ROS 2 a byte is an octet, so that its arrays are tagged
+64, not 72, which would make 200 of it -56.
+
+How it is fast: a message is flattened to its leaves. One :func:`operator.attrgetter` fetches all of them, and
+they are joined with the constant bytes (map heads and keys) between them.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from functools import partial
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+from rwt_interfaces import shapes
+from rwt_interfaces.numbers import little_endian
+from rwt_interfaces.shapes import Shape
+
+if TYPE_CHECKING:
+    import msgspec
+
+    from rwt_interfaces.structs import MessageType
+
+#: Encodes one field's value.
+_Encode = Callable[[Any], bytes]
+#: A leaf of a message: the constant bytes before it, its attributes from the root, its encoder.
+_Leaf = tuple[bytes, str, _Encode]
+
+_UNSIGNED, _NEGATIVE, _BYTES, _TEXT, _ARRAY, _MAP, _TAG = range(7)
+
+#: Typed array tags by letter of :mod:`struct`; all little-endian.
+_TAGS = {"B": 64, "H": 69, "I": 70, "Q": 71, "b": 72, "h": 77, "i": 78, "q": 79, "f": 85, "d": 86}
+_float64 = struct.Struct(">Bd").pack
+
+
+def head(major: int, argument: int) -> bytes:
+    """The head of a data item, as short as it can be (RFC 8949, section 3)."""
+    major <<= 5
+    if argument < 24:
+        return bytes((major | argument,))
+    if argument < 1 << 8:
+        return bytes((major | 24, argument))
+    if argument < 1 << 16:
+        return struct.pack(">BH", major | 25, argument)
+    if argument < 1 << 32:
+        return struct.pack(">BI", major | 26, argument)
+    return struct.pack(">BQ", major | 27, argument)
+
+
+_SMALL = [head(_UNSIGNED, number) for number in range(256)]
+
+
+def _int(number: int) -> bytes:
+    if 0 <= number < 256:
+        return _SMALL[number]
+    return head(_UNSIGNED, number) if number > 0 else head(_NEGATIVE, -1 - number)
+
+
+def _text(text: str) -> bytes:
+    octets = text.encode()
+    return head(_TEXT, len(octets)) + octets
+
+
+def _octets(octets: bytes) -> bytes:
+    return head(_BYTES, len(octets)) + octets
+
+
+def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
+    """A function that encodes a message of that type; the message must be its type's own Struct."""
+    leaves = list(_leaves(message, "", b""))
+    tail = b""
+    if leaves and not leaves[-1][1]:
+        tail = leaves.pop()[0]
+    if not leaves:
+        return lambda value: tail
+    template: list[bytes] = []
+    for constant, _, _ in leaves:
+        template += (constant, b"")
+    template.append(tail)
+    encoders = [encode for _, _, encode in leaves]
+    fetch = attrgetter(*[path for _, path, _ in leaves])
+    several = len(leaves) > 1
+
+    def encode(value: msgspec.Struct) -> bytes:
+        values = fetch(value) if several else (fetch(value),)
+        parts = template.copy()
+        parts[1:-1:2] = [encode_leaf(leaf) for encode_leaf, leaf in zip(encoders, values, strict=True)]
+        return b"".join(parts)
+
+    return encode
+
+
+def _leaves(message: MessageType, prefix: str, before: bytes) -> Iterator[_Leaf]:
+    """The leaves of a message in order. Bytes after the last leaf come as a last one without attributes."""
+    slots = _slots(message)
+    before += head(_MAP, len(slots))
+    for name, attribute, shape in slots:
+        before += _text(name)
+        if isinstance(shape, shapes.Message):
+            nested = list(_leaves(shape.type, f"{prefix}{attribute}.", before))
+            before = nested.pop()[0]
+            yield from nested
+        else:
+            yield before, prefix + attribute, _encoder(shape)
+            before = b""
+    yield before, "", bytes
+
+
+def _slots(message: MessageType) -> list[tuple[str, str, Shape]]:
+    return [(slot.name, slot.attribute, slot.shape) for slot in message.slots]
+
+
+def _encoder(shape: Shape) -> _Encode:
+    match shape:
+        case shapes.Bool():
+            return _bool
+        case shapes.Int():
+            return _int
+        case shapes.Float():
+            return partial(_float64, 0xFB)
+        case shapes.String():
+            return _text
+        case shapes.Time():
+            return _time(shape)
+        case shapes.Octets():
+            return _octets
+        case shapes.Message():
+            return shape.type.to_cbor
+        case shapes.Array():
+            return _array(shape)
+
+
+def _bool(value: bool) -> bytes:
+    return b"\xf5" if value else b"\xf4"
+
+
+def _time(shape: shapes.Time) -> _Encode:
+    """CBR-06: a map with the distribution's own names."""
+    first, second = (_text(key) for key in shape.keys)
+    fetch = attrgetter(*shape.keys)
+
+    def encode(value: object) -> bytes:
+        seconds, nanoseconds = fetch(value)
+        return b"\xa2" + first + _int(seconds) + second + _int(nanoseconds)
+
+    return encode
+
+
+def _array(shape: shapes.Array) -> _Encode:
+    element = shape.element
+    if isinstance(element, shapes.Int) and element.name in ("uint8", "char"):
+        return lambda items: _octets(bytes(items))
+    if isinstance(element, (shapes.Int, shapes.Float)):
+        code = element.code
+        tag = head(_TAG, _TAGS[code])
+        return lambda items: tag + _octets(little_endian(items, code))
+    each = _encoder(element)
+    return lambda items: head(_ARRAY, len(items)) + b"".join([each(item) for item in items])
