@@ -21,7 +21,8 @@ class MessageRate:
 
     def __init__(self, rate: int, burst: int) -> None:
         self._interval = 1 / rate
-        self._tolerance = burst / rate
+        # Half a message more, since sums of floats round.
+        self._tolerance = (burst + 0.5) / rate
         self._full = float("-inf")
 
     def take(self, now: float) -> bool:

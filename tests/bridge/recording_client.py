@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rwt_bridge.bridge import Bridge
+from rwt_bridge.doorstep import Doorstep
 from rwt_bridge.peer import Peer
 from rwt_protocol.frames import Frame, Lane, PeerInfo
 
@@ -40,7 +41,10 @@ class Client:
 
     @property
     def peer(self) -> Peer:
-        """What the bridge holds of this client."""
+        """What the bridge holds of this client, once it has let it in."""
+        if isinstance(self.endpoint, Doorstep):
+            assert self.endpoint.peer is not None
+            return self.endpoint.peer
         assert isinstance(self.endpoint, Peer)
         return self.endpoint
 
