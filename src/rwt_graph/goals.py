@@ -135,10 +135,11 @@ class ActionFunction:
             goal.finish(GoalStatus.ABORTED, self._result(None), failure_text(error))
 
     def _result(self, result: object) -> Payload:
+        kind, now = self._interface.result, self._graph.clock.time_ns
+        # What an exception carries may be anything: a payload is checked by its type, the rest by value.
         if isinstance(result, Payload):
-            return result
-        value = {} if result is None else result
-        return Payload.from_value(self._interface.result, value, self._graph.clock.time_ns)
+            return to_payload(kind, result, now)
+        return Payload.from_value(kind, {} if result is None else result, now)
 
 
 _END_STATUS: dict[type[GoalEnded], GoalStatus] = {
