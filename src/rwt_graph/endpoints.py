@@ -103,7 +103,7 @@ class SampleQueue:
         """Add a sample; the oldest makes room."""
         if len(self._samples) == self._samples.maxlen:
             self.dropped += 1
-        self._samples.append(sample)
+        self._samples.append(sample.detach())
         self._wake()
 
     def _wake(self) -> None:
