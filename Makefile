@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+CLIENTS := tests/clients/node
 
 .PHONY: demo test lint types unit bench clean
 
@@ -20,6 +21,11 @@ $(STAMP)-dev: pyproject.toml $(STAMP)
 	$(BIN)/python -m pip install --quiet --group dev
 	touch $@
 
+# The npm releases of the client libraries that the tests drive, exactly as the lock file names them.
+$(CLIENTS)/node_modules/.installed: $(CLIENTS)/package-lock.json
+	npm ci --prefix $(CLIENTS) --no-audit --no-fund --loglevel=error
+	touch $@
+
 demo: $(STAMP)
 	$(BIN)/rwt serve --demo
 
@@ -31,10 +37,14 @@ lint: $(STAMP)-dev
 types: $(STAMP)-dev
 	$(BIN)/mypy
 
-unit: $(STAMP)-dev
+unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed
 	$(BIN)/pytest
 
 test: lint types unit
 
+# Whole-process figures beside a yardstick, as ratios; needs Linux. `make bench ARGS=--quick` is the short run.
+bench: $(STAMP)
+	$(BIN)/python -m bench $(ARGS)
+
 clean:
-	rm -rf $(VENV)
+	rm -rf $(VENV) $(CLIENTS)/node_modules

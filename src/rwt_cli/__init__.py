@@ -1,0 +1,27 @@
+"""The command `rwt`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from rwt_cli.errors import CommandError
+from rwt_cli.serve import add_serve_command
+
+__all__ = ["main"]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 done, 1 it failed, 2 it was called wrongly."""
+    parser = argparse.ArgumentParser(
+        prog="rwt", description="Robot Web Tools without ROS: rosbridge v2 for any robot."
+    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    add_serve_command(commands)
+    arguments = parser.parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except CommandError as error:
+        print(f"rwt: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks on stderr
+        return error.exit_code

@@ -10,8 +10,10 @@ Rules that hold for every backend:
 * Names are absolute and resolved (`/chatter`); see :mod:`rwt_graph.names`.
 * The other side may be in another process: an answer comes through a callback, never as a return value, and
   what introspection returns is a snapshot of what is known now.
-* Callbacks are never called before the method that took them has returned, except `on_sample`, which is
-  called from within `publish` when the subscriber is in the same process.
+* A callback may be called before the method that took it has returned (the other side is often in the same
+  process, and then it is a plain function call: `on_sample` from within `publish`, and from within
+  `subscribe` for kept samples; `on_reply` from within `call_service`; goal events from within `send_goal`),
+  or any time later.
 * A callback that raises is logged and disturbs nobody else.
 * Every `close` and `cancel` may be called twice.
 """
@@ -19,25 +21,27 @@ Rules that hold for every backend:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
-from rwt_graph.qos import BEST_AVAILABLE, QoS
+from msgspec import Struct
+
+from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_graph.errors import CallFailed
+    from rwt_graph.param_tree import ParameterTree
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A payload in the graph.
+class Sample(Struct, frozen=True, eq=False, gc=False):
+    """A payload in the graph. One is made per publish: a msgspec Struct, which costs a fifth of a dataclass.
 
     Attributes:
         topic: absolute name.
@@ -61,7 +65,7 @@ class Publisher(ABC):
 
     @abstractmethod
     def publish(self, payload: Payload) -> None:
-        """Hand one message to every subscriber, in the order of the calls. After `close` this does nothing."""
+        """Hand one message to every subscriber, in the order of the calls. Does nothing after `close`."""
 
     @property
     @abstractmethod
@@ -105,6 +109,8 @@ class Registration(ABC):
 class ServiceCall(ABC):
     """One request as its provider sees it. Exactly one of `reply` and `fail` has an effect, and only once."""
 
+    __slots__ = ()
+
     service: str
     request: Payload
 
@@ -125,13 +131,15 @@ class ServiceCall(ABC):
 class PendingCall(ABC):
     """One request as its caller sees it."""
 
+    __slots__ = ()
+
     @abstractmethod
     def cancel(self) -> None:
         """Forget the call: no reply callback comes after this."""
 
 
 OnReply = Callable[["Payload | CallFailed"], None]
-"""Called exactly once: with the response, or with why there is none."""
+"""Called exactly once, unless the call is cancelled: with the response, or with why there is none."""
 
 
 class GoalStatus(IntEnum):
@@ -221,6 +229,11 @@ class ClientGoal(ABC):
     def status(self) -> GoalStatus:
         """The last state that was heard of."""
 
+    @property
+    @abstractmethod
+    def reason(self) -> str:
+        """Why the server ended the goal as it did; empty while it runs or when nothing was said."""
+
     @abstractmethod
     def cancel(self) -> None:
         """Ask the server to cancel; the outcome comes as the result."""
@@ -240,7 +253,12 @@ class Participant(ABC):
     name: str
 
     @abstractmethod
-    def advertise(self, topic: str, type: MessageType, qos: QoS = QoS()) -> Publisher:  # noqa: A002, B008
+    def advertise(
+        self,
+        topic: str,
+        type: MessageType,  # noqa: A002 - ROS's word
+        qos: QoS = DEFAULT_QOS,
+    ) -> Publisher:
         """Become a publisher of `topic`.
 
         Raises:
@@ -252,7 +270,7 @@ class Participant(ABC):
         self,
         topic: str,
         on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,  # noqa: A002
+        type: MessageType | None = None,  # noqa: A002 - ROS's word
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         """Become a subscriber of `topic`; kept samples of transient-local publishers come first.
@@ -267,22 +285,27 @@ class Participant(ABC):
     def advertise_service(
         self,
         service: str,
-        type: ServiceType,  # noqa: A002
+        type: ServiceType,  # noqa: A002 - ROS's word
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
-        """Offer a service. A provider of the same name is replaced (SVP-07)."""
+        """Offer a service. A provider of the same name is replaced; its calls in flight fail (SVP-07)."""
 
     @abstractmethod
     def call_service(
         self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
     ) -> PendingCall:
-        """Call a service; `timeout` in seconds, None waits for ever. An unknown service is a reply too."""
+        """Call a service; an unknown service is a reply too.
+
+        Args:
+            timeout: seconds after which the reply is :exc:`CallTimeout`, kept to within 20 ms and never
+                early; None waits for ever.
+        """
 
     @abstractmethod
     def advertise_action(
         self,
         action: str,
-        type: ActionType,  # noqa: A002
+        type: ActionType,  # noqa: A002 - ROS's word
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         """Offer an action. A server of the same name is replaced (ACT-18)."""
@@ -291,11 +314,25 @@ class Participant(ABC):
     def send_goal(
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
     ) -> ClientGoal:
-        """Send a goal; an unknown action is a result too. `goal_id` is 32 hex digits, or made here."""
+        """Send a goal; an unknown action is a result too.
+
+        Args:
+            goal_id: 32 lower-case hex digits; None makes one. One that is in use on the action is rejected.
+
+        Raises:
+            InvalidGraphName: `goal_id` is something else.
+        """
+
+    @abstractmethod
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Ask to cancel a goal that anybody sent, by its id. An unknown one is no error (ACT-07)."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close everything that this node created, and leave the graph."""
+        """Close everything that this node created, and leave the graph.
+
+        Its open calls and goals end with a :exc:`CallFailed` that says so; the goals go on running unheard.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -353,11 +390,13 @@ class Graph(ABC):
         distro: the ROS distribution whose names and messages this graph speaks.
         registry: the interfaces it knows.
         clock: ROS time, steady time and timers.
+        parameters: the global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
     """
 
     distro: Distro
     registry: Registry
     clock: Clock
+    parameters: ParameterTree
 
     @abstractmethod
     def participant(self, name: str) -> Participant:
@@ -391,12 +430,34 @@ class Graph(ABC):
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Every node, sorted by name."""
 
+    @property
     @abstractmethod
-    def run_on_graph(self, call: Callable[[], None]) -> None:
-        """Run `call` on the graph's thread, soon and in order; safe from any thread."""
+    def running(self) -> bool:
+        """Whether the graph is on an event loop now."""
 
     @abstractmethod
-    async def __aenter__(self) -> Graph:
+    def on_graph_thread(self) -> bool:
+        """Whether the graph may be touched from here: this is its thread, or no loop runs it."""
+
+    @abstractmethod
+    def run_on_graph(self, call: Callable[[], None]) -> None:
+        """Run `call` on the graph's thread, soon and in order; safe from any thread.
+
+        While the graph is not running, `call` runs at once. What it raises is logged.
+        """
+
+    @abstractmethod
+    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
+        """Run a coroutine function as a task of the graph; before the graph runs it is kept until then.
+
+        What it raises is logged and ends nothing else; it is cancelled when the graph is left.
+
+        Raises:
+            NotRunning: the graph was left already.
+        """
+
+    @abstractmethod
+    async def __aenter__(self) -> Self:
         """Run on the current event loop (asyncio or trio): timers, coroutine handlers, calls from threads."""
 
     @abstractmethod

@@ -47,6 +47,9 @@ class QoS:
     lifespan: float | None = None
 
 
+#: ROS 2's default profile.
+DEFAULT_QOS = QoS()
+
 #: ROS 1's `latch=True`: the last sample is kept for whoever joins late.
 LATCHED = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
 

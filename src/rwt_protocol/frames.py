@@ -11,7 +11,7 @@ Buffer = bytes | memoryview
 
 
 class Frame:
-    """One outgoing message: text (UTF-8 JSON) or binary. Immutable, and shared by every connection it goes to.
+    """One outgoing message: text (UTF-8 JSON) or binary. Immutable; shared by every connection it goes to.
 
     It is kept as `parts`, so that a payload is spliced into its envelope without a copy; a wire joins header
     and parts once, and :meth:`framed` keeps the outcome for the next connection.
@@ -75,7 +75,7 @@ class PeerInfo:
 
 
 class Sink(Protocol):
-    """Where an endpoint writes. Every method is synchronous, never blocks, and is called on the loop's thread."""
+    """Where an endpoint writes. All is synchronous, does not block, and is called on the loop's thread."""
 
     def send(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
         """Queue one frame. `topic` names the flow within which a frame of the data lane may be dropped.
@@ -84,7 +84,7 @@ class Sink(Protocol):
         """
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close the connection after what is queued in the control lane. RFC 6455 section 7.4 names the codes."""
+        """Close the connection after what the control lane holds. RFC 6455 section 7.4 names the codes."""
 
     @property
     def backlog(self) -> int:

@@ -1,0 +1,142 @@
+"""The bridge: every rosbridge client of one graph, and what they share."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Never
+
+from rwt_bridge import actions, control, services, topics
+from rwt_bridge.fanout import Fanout
+from rwt_bridge.peer import Peer
+from rwt_bridge.publications import Publications
+from rwt_graph.errors import GraphError
+from rwt_interfaces.errors import InterfaceError
+from rwt_protocol import ops
+from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.profiles import PROFILES
+from rwt_protocol.session import Session, WireLimits
+
+if TYPE_CHECKING:
+    from rwt_bridge.actions import SentGoal
+    from rwt_bridge.settings import Settings
+    from rwt_graph.api import Graph
+    from rwt_interfaces.structs import MessageType
+    from rwt_protocol.frames import PeerInfo, Sink
+
+logger = logging.getLogger("rwt.bridge")
+
+#: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
+_MOST_ORPHANS = 1000
+
+HANDLERS: dict[type[ops.Op], Callable[[Peer, Never], None]] = {
+    ops.Advertise: topics.on_advertise,
+    ops.Unadvertise: topics.on_unadvertise,
+    ops.Publish: topics.on_publish,
+    ops.Subscribe: topics.on_subscribe,
+    ops.Unsubscribe: topics.on_unsubscribe,
+    ops.CallService: services.on_call_service,
+    ops.ServiceResponse: services.on_service_response,
+    ops.AdvertiseService: services.on_advertise_service,
+    ops.UnadvertiseService: services.on_unadvertise_service,
+    ops.SendActionGoal: actions.on_send_action_goal,
+    ops.CancelActionGoal: actions.on_cancel_action_goal,
+    ops.ActionFeedback: actions.on_action_feedback,
+    ops.ActionResult: actions.on_action_result,
+    ops.AdvertiseAction: actions.on_advertise_action,
+    ops.UnadvertiseAction: actions.on_unadvertise_action,
+    ops.Auth: control.on_auth,
+}
+
+
+class Bridge:
+    """Connects rosbridge clients to a graph.
+
+    Attributes:
+        graph: the robot.
+        participant: the node under which all clients act, `/rosbridge_websocket`.
+        publications: the publishers that clients share.
+        dispatcher: which handler does which op.
+    """
+
+    def __init__(self, graph: Graph, settings: Settings) -> None:
+        self.graph = graph
+        self.participant = graph.participant("/rosbridge_websocket")
+        self.publications = Publications(self.participant, graph.clock, settings.unregister_timeout)
+        self.now = graph.clock.time_ns
+        self._settings = settings
+        self._fanouts: dict[str, Fanout] = {}
+        self._peers: set[Peer] = set()
+        self._count = 0
+        self._orphans: dict[SentGoal, str] = {}
+        self.dispatcher: Dispatcher[Peer] = Dispatcher(
+            HANDLERS, on_error=_log_error, refusals=(GraphError, InterfaceError)
+        )
+
+    @property
+    def client_count(self) -> int:
+        """How many clients are connected."""
+        return len(self._peers)
+
+    def accept(self, sink: Sink, info: PeerInfo) -> Peer:
+        """Take in a new client."""
+        limits = WireLimits(max_message_size=self._settings.max_message_size)
+        session = Session(PROFILES[self._settings.profile], limits=limits)
+        self._count += 1
+        peer = Peer(self, self._count, sink, info, session)
+        self._peers.add(peer)
+        logger.info("client %d joined from %s over %s", peer.number, info.address or "?", info.transport)
+        return peer
+
+    def left(self, peer: Peer) -> None:
+        """Forget a client; its goals run on, and can still be cancelled from the same address."""
+        self._peers.discard(peer)
+        for goal in peer.goals:
+            goal.orphan()
+            self._orphans[goal] = peer.info.address
+        while len(self._orphans) > _MOST_ORPHANS:
+            del self._orphans[next(iter(self._orphans))]
+
+    def fanout(self, topic: str, type: MessageType) -> Fanout:  # noqa: A002
+        """The fan-out of a topic, made if nobody listens yet.
+
+        Raises:
+            TypeConflict: the topic has another type.
+        """
+        fanout = self._fanouts.get(topic)
+        if fanout is None:
+            fanout = self._fanouts[topic] = Fanout(self.participant, topic, type)
+        else:
+            fanout.check_type(type)
+        return fanout
+
+    def release_fanout(self, fanout: Fanout) -> None:
+        """End a fan-out that nobody listens to any more."""
+        if fanout.is_empty and self._fanouts.get(fanout.topic) is fanout:
+            del self._fanouts[fanout.topic]
+            fanout.close()
+
+    def call_timeout(self, wished: float | None) -> float | None:
+        """Seconds a service call may take: zero or less waits for ever, absent is the default (SRV-10)."""
+        seconds = self._settings.default_call_service_timeout if wished is None else wished
+        return seconds if seconds > 0 else None
+
+    def orphaned_goal(self, address: str, action: str, id_: str | int | None) -> SentGoal | None:
+        """The newest running goal of that id whose sender, at that address, has disconnected."""
+        for goal, sender in reversed(self._orphans.items()):
+            if sender == address and goal.action == action and goal.id == id_:
+                return goal
+        return None
+
+    def forget_goal(self, goal: SentGoal) -> None:
+        """The goal has ended."""
+        self._orphans.pop(goal, None)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.publications.close()
+        self.participant.close()
+
+
+def _log_error(op: ops.Op, error: Exception) -> None:
+    logger.error("internal error in %s", op.op, exc_info=error)

@@ -1,0 +1,145 @@
+"""From one sample in the graph to the frames of many clients: one encode per topic and encoding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from rwt_bridge.gate import Gate
+from rwt_graph.errors import TypeConflict
+from rwt_protocol.frames import Frame, Lane
+
+if TYPE_CHECKING:
+    from rwt_bridge.encodings import Encoder, Encoding
+    from rwt_graph.api import Participant, Sample, Subscription
+    from rwt_graph.clock import Clock
+    from rwt_interfaces.structs import MessageType
+    from rwt_protocol.frames import Sink
+
+
+class _Encoded:
+    """One sample in one encoding, encoded when the first gate lets it through."""
+
+    __slots__ = ("_encode", "_frame", "_sample")
+
+    def __init__(self, encode: Encoder, sample: Sample) -> None:
+        self._encode = encode
+        self._sample = sample
+        self._frame: Frame | None = None
+
+    def frame(self) -> Frame:
+        if self._frame is None:
+            self._frame = self._encode(self._sample)
+        return self._frame
+
+
+class Channel:
+    """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
+
+    A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels.
+    """
+
+    def __init__(self, encode: Encoder) -> None:
+        self._encode = encode
+        self._gates: list[Gate] = []
+        self._direct: tuple[Callable[[Frame], None], ...] = ()
+        self._gated: tuple[Gate, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self._gates)
+
+    def add(self, gate: Gate) -> None:
+        """Let a gate take part from the next sample on."""
+        self._gates.append(gate)
+        self.sort()
+
+    def remove(self, gate: Gate) -> None:
+        """Take a gate out."""
+        self._gates.remove(gate)
+        self.sort()
+
+    def sort(self) -> None:
+        """Divide the gates into open and throttled ones, after one has joined, left or changed."""
+        self._direct = tuple(gate.send for gate in self._gates if gate.is_open)
+        self._gated = tuple(gate for gate in self._gates if not gate.is_open)
+
+    def deliver(self, sample: Sample) -> None:
+        """Send one sample through every gate."""
+        if self._direct:
+            frame = self._encode(sample)
+            for send in self._direct:
+                send(frame)
+            if self._gated:
+                encoded = _Encoded(lambda _: frame, sample)
+                for gate in self._gated:
+                    gate.offer(encoded)
+        elif self._gated:
+            encoded = _Encoded(self._encode, sample)
+            for gate in self._gated:
+                gate.offer(encoded)
+
+    def replay(self, sample: Sample, gate: Gate) -> None:
+        """Send one kept sample to one gate (SUB-13)."""
+        gate.offer(_Encoded(self._encode, sample))
+
+
+class Fanout:
+    """All clients of one topic, behind one subscription in the graph."""
+
+    def __init__(self, participant: Participant, topic: str, type: MessageType) -> None:  # noqa: A002
+        self.topic = topic
+        self.type = type
+        self._channels: dict[tuple[str, str], Channel] = {}
+        self._active: tuple[Channel, ...] = ()
+        self.subscription: Subscription = participant.subscribe(topic, self._deliver, type)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nobody listens any more."""
+        return not self._channels
+
+    def check_type(self, type: MessageType) -> None:  # noqa: A002
+        """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
+        if type.name != self.type.name:
+            raise TypeConflict(
+                f"tried to register topic {self.topic} with type {type.name} "
+                f"but it is already established with type {self.type.name}"
+            )
+
+    def join(self, gate: Gate, name: str, encoding: Encoding) -> Channel:
+        """Add a gate to the channel of that spelling and encoding."""
+        key = (name, encoding.name)
+        channel = self._channels.get(key)
+        if channel is None:
+            channel = self._channels[key] = Channel(encoding.encoder(name))
+            self._active = tuple(self._channels.values())
+        channel.add(gate)
+        return channel
+
+    def leave(self, gate: Gate, name: str, encoding: Encoding) -> None:
+        """Take a gate out of its channel."""
+        key = (name, encoding.name)
+        channel = self._channels[key]
+        channel.remove(gate)
+        if not channel:
+            del self._channels[key]
+            self._active = tuple(self._channels.values())
+
+    def close(self) -> None:
+        """Leave the graph's topic."""
+        self.subscription.close()
+
+    def _deliver(self, sample: Sample) -> None:
+        for channel in self._active:
+            channel.deliver(sample)
+
+
+def open_gate(clock: Clock, sink: Sink, topic: str) -> Gate:
+    """A gate whose frames go to `sink` in the data lane, in the flow of `topic`."""
+    send = sink.send
+    lane = Lane.DATA
+
+    def send_data(frame: Frame) -> None:
+        send(frame, lane, topic)
+
+    return Gate(clock, send_data)

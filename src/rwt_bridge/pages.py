@@ -1,0 +1,79 @@
+"""What the server's port says to a browser and to a health check."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Iterable
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+from rwt_transports.http import HttpRequest, HttpResponse, Routes
+
+if TYPE_CHECKING:
+    from rwt_bridge.bridge import Bridge
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>Robot Web Tools</title>
+<style>body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 44rem; margin: 3rem auto; padding: 0 1rem }}
+code, pre {{ background: #8882; padding: .1em .3em; border-radius: 3px }} pre {{ padding: .8em }}
+td {{ padding: .1em 1em .1em 0 }}</style>
+<h1>A robot is here</h1>
+<p>This is Robot Web Tools {version}: rosbridge v2 over WebSocket on this very port, speaking ROS {ros} names
+({distro}). {clients} connected.</p>
+<h2>Connect</h2>
+<pre>new ROSLIB.Ros({{ url: "{url}" }})            // roslibjs
+roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
+<h2>Topics</h2>
+<table>{topics}</table>
+<h2>Services</h2>
+<table>{services}</table>
+<h2>Actions</h2>
+<table>{actions}</table>
+"""
+
+
+def routes(bridge: Bridge) -> Routes:
+    """The routes that every bridge has."""
+    routes = Routes()
+    routes.get("/", lambda request: _index(bridge, request))
+    routes.get("/healthz", lambda request: _health(bridge))
+    return routes
+
+
+def _index(bridge: Bridge, request: HttpRequest) -> HttpResponse:
+    """What is running, and what to connect."""
+    graph = bridge.graph
+    host, _, port = request.headers.get("host", "localhost:9090").rpartition(":")
+    registry = graph.registry
+    clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
+    page = _PAGE.format(
+        version=html.escape(version("robot-web-tools")),
+        ros=graph.distro.ros_version,
+        distro=graph.distro.name,
+        clients=clients,
+        url=html.escape(f"ws://{host}:{port}"),
+        host=html.escape(host),
+        port=html.escape(port),
+        topics=_rows(
+            (topic.name, registry.type_name(topic.type) if topic.type else "") for topic in graph.topics()
+        ),
+        services=_rows((service.name, registry.type_name(service.type)) for service in graph.services()),
+        actions=_rows((action.name, registry.type_name(action.type)) for action in graph.actions()),
+    )
+    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
+
+
+def _rows(pairs: Iterable[tuple[str, str]]) -> str:
+    rows = (
+        f"<tr><td><code>{html.escape(name)}</code><td>{html.escape(type_name)}" for name, type_name in pairs
+    )
+    return "".join(rows) or "<tr><td>none"
+
+
+def _health(bridge: Bridge) -> HttpResponse:
+    """That the server answers, for load balancers and supervisors."""
+    body = {"status": "ok", "version": version("robot-web-tools"), "clients": bridge.client_count}
+    return HttpResponse(json.dumps(body).encode(), content_type="application/json")

@@ -1,0 +1,118 @@
+"""What one client owns: its session, its subscriptions, publishers, services, actions, calls and goals."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+from rwt_bridge.topics import release_publishers
+from rwt_protocol.ops import ActionResult, ServiceResponse, Status
+from rwt_protocol.session import Refusal
+
+if TYPE_CHECKING:
+    from rwt_bridge.actions import ProvidedAction, SentGoal
+    from rwt_bridge.bridge import Bridge
+    from rwt_bridge.services import ClientCall, ProvidedService
+    from rwt_bridge.subscriptions import ClientSubscription
+    from rwt_graph.api import Publisher
+    from rwt_protocol.frames import PeerInfo, Sink
+    from rwt_protocol.ops import Op
+    from rwt_protocol.session import Session
+
+logger = logging.getLogger("rwt.bridge")
+
+_LOG_LEVELS = {
+    "error": logging.WARNING,
+    "warning": logging.INFO,
+    "info": logging.DEBUG,
+    "none": logging.DEBUG,
+}
+
+#: Characters of one line of the log that a client has a say in.
+_LONGEST_LINE = 500
+
+
+class Peer:
+    """One client. A new connection is a new, empty peer (DIS-06)."""
+
+    def __init__(self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session) -> None:
+        self.bridge = bridge
+        self.number = number
+        self.sink = sink
+        self.info = info
+        self.session = session
+        self.advertised: dict[str, set[str | int | None]] = {}
+        self.implicit: set[str] = set()
+        self.publishers: dict[str, Publisher] = {}
+        self.subscriptions: dict[str, ClientSubscription] = {}
+        self.services: dict[str, ProvidedService] = {}
+        self.actions: dict[str, ProvidedAction] = {}
+        self.calls: set[ClientCall] = set()
+        self.goals: set[SentGoal] = set()
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Take one message from the wire, run what it holds, and answer what is refused."""
+        for item in self.session.decode(data, binary, self.bridge.graph.clock.monotonic()):
+            if isinstance(item, Refusal):
+                self.log(logging.WARNING, item.reason, item.id)
+                answer = item.answer
+            else:
+                answer = self.bridge.dispatcher.dispatch(self, item)
+                if answer is not None:
+                    self._log_answer(answer)
+            if answer is not None:
+                self._answer(answer)
+
+    def oversized(self, size: int, limit: int) -> None:
+        """A message was too large to be taken from the wire; its bytes were skipped."""
+        reason = f"a message of {size} bytes was skipped: max_message_size is {limit}"
+        self.log(logging.WARNING, reason)
+        self._answer(Status(level="error", msg=reason))
+
+    def closed(self, code: int, reason: str) -> None:
+        """The connection has ended: give back everything (DIS-01 … DIS-07)."""
+        for subscription in self.subscriptions.values():
+            subscription.close()
+        release_publishers(self)
+        for service in self.services.values():
+            service.close()
+        for action in self.actions.values():
+            action.close()
+        for call in self.calls:
+            if call.pending is not None:
+                call.pending.cancel()
+        self.bridge.left(self)
+        logger.info("client %d left: %d %s", self.number, code, reason)
+
+    def send(self, op: Op) -> None:
+        """Send one op in the control lane."""
+        self.sink.send(self.session.encode(op))
+
+    def forget_publisher(self, topic: str) -> None:
+        """Look the topic's publisher up again at the next publish."""
+        self.publishers = {name: held for name, held in self.publishers.items() if held.topic != topic}
+
+    def log(self, level: int, text: str, id_: object = None) -> None:
+        """One line in the log, with the client's number and the op's id."""
+        if logger.isEnabledFor(level):
+            note = "" if id_ is None else f" [id: {id_}]"
+            logger.log(level, "[client %d]%s %s", self.number, note, _one_line(text))
+
+    def _answer(self, op: Op) -> None:
+        """Send what answers a refused op; a `status` only if this client wants to hear it."""
+        frame = self.session.answer(op)
+        if frame is not None:
+            self.sink.send(frame)
+
+    def _log_answer(self, op: Op) -> None:
+        """Note a refusal: what a client is not told must be found in the log."""
+        if isinstance(op, Status):
+            self.log(_LOG_LEVELS[op.level], op.msg, op.id)
+        elif isinstance(op, ServiceResponse | ActionResult):
+            self.log(logging.INFO, str(op.values), op.id)
+
+
+def _one_line(text: str) -> str:
+    """A text of the client's own making, cut and without line breaks, so that it cannot forge log lines."""
+    line = text if text.isprintable() else text.encode("unicode_escape").decode()
+    return line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}…"

@@ -1,0 +1,54 @@
+"""Serve a graph to rosbridge clients: the one call that a program needs to embed a server."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rwt_bridge.bridge import Bridge
+from rwt_bridge.pages import routes
+from rwt_bridge.settings import Settings
+from rwt_transports.limits import Limits
+from rwt_transports.listener import listen
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph
+
+
+@dataclass(frozen=True, slots=True)
+class Server:
+    """A running server.
+
+    Attributes:
+        urls: where it listens, with the ports it has got.
+        bridge: the clients.
+    """
+
+    urls: tuple[str, ...]
+    bridge: Bridge
+
+
+@asynccontextmanager
+async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> AsyncIterator[Server]:
+    """Serve `graph` on every URL until the block is left; then each client is closed with code 1001.
+
+    Args:
+        graph: a graph that runs (`async with graph`).
+        urls: where to listen, for example ``ws://127.0.0.1:9090``; none means what `settings` says.
+        settings: everything else.
+
+    Raises:
+        TransportError: a URL that cannot be used, or a port that is taken.
+    """
+    settings = settings or Settings()
+    bridge = Bridge(graph, settings)
+    limits = Limits(message_bytes=settings.max_message_size)
+    async with AsyncExitStack() as stack:
+        stack.callback(bridge.close)
+        listeners = [
+            await stack.enter_async_context(listen(url, bridge.accept, routes=routes(bridge), limits=limits))
+            for url in urls or settings.listen
+        ]
+        yield Server(tuple(listener.url for listener in listeners), bridge)

@@ -1,0 +1,92 @@
+"""One client's subscriptions of one topic: several wishes, one delivery (SUB-04)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rwt_bridge.fanout import open_gate
+
+if TYPE_CHECKING:
+    from rwt_bridge.encodings import Encoding
+    from rwt_bridge.fanout import Channel, Fanout
+    from rwt_bridge.peer import Peer
+    from rwt_interfaces.structs import MessageType
+    from rwt_protocol import ops
+
+
+class ClientSubscription:
+    """Every `subscribe` of one client under one spelling of a topic's name, by id.
+
+    The gate follows the smallest `throttle_rate` (SUB-05) and the smallest `queue_length` (X06), and the
+    encoding is the strongest that was asked for (SUB-08).
+    """
+
+    def __init__(self, peer: Peer, name: str, fanout: Fanout) -> None:
+        self._name = name
+        self._fanout = fanout
+        self._bridge = peer.bridge
+        self._wishes: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
+        self._gate = open_gate(peer.bridge.graph.clock, peer.sink, name)
+        self._encoding: Encoding | None = None
+        self._channel: Channel | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is subscribed any more."""
+        return not self._wishes
+
+    def check_type(self, type: MessageType) -> None:  # noqa: A002
+        """Raise `TypeConflict` unless the topic is of that type (SUB-03)."""
+        self._fanout.check_type(type)
+
+    def put(self, op: ops.Subscribe, encoding: Encoding) -> None:
+        """Add a subscription, or change the one of the same id (SUB-09).
+
+        A new one is given the kept samples of latched topics, so that a widget which joins late in a client
+        that already listens sees them too (SUB-13).
+        """
+        is_new = op.id not in self._wishes
+        self._wishes[op.id] = (op, encoding)
+        channel = self._apply()
+        if is_new:
+            for sample in self._fanout.subscription.history():
+                channel.replay(sample, self._gate)
+
+    def drop(self, id_: str | int | None) -> bool:
+        """End the subscription of that id, or all of them; whether there was one."""
+        if id_ is not None and id_ not in self._wishes:
+            return False
+        if id_ is None:
+            self._wishes.clear()
+        else:
+            del self._wishes[id_]
+        if self._wishes:
+            self._apply()
+        else:
+            self.close()
+        return True
+
+    def close(self) -> None:
+        """Stop the flow and drop what waits in the gate (DIS-01, THR-07)."""
+        self._wishes.clear()
+        self._gate.close()
+        self._leave()
+        self._bridge.release_fanout(self._fanout)
+
+    def _apply(self) -> Channel:
+        wishes = self._wishes.values()
+        encoding = max((encoding for _, encoding in wishes), key=lambda encoding: encoding.precedence)
+        throttle = min(op.throttle_rate for op, _ in wishes) / 1000
+        self._gate.configure(throttle, min(op.queue_length for op, _ in wishes))
+        if encoding is self._encoding and self._channel is not None:
+            self._channel.sort()
+            return self._channel
+        self._leave()
+        self._encoding = encoding
+        self._channel = self._fanout.join(self._gate, self._name, encoding)
+        return self._channel
+
+    def _leave(self) -> None:
+        if self._encoding is not None:
+            self._fanout.leave(self._gate, self._name, self._encoding)
+            self._encoding = None

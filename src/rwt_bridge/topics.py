@@ -1,0 +1,136 @@
+"""advertise, unadvertise, publish, subscribe, unsubscribe."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rwt_bridge.encodings import encoding_of
+from rwt_bridge.subscriptions import ClientSubscription
+from rwt_bridge.typecheck import payload_of
+from rwt_graph.names import resolve
+from rwt_graph.qos import LATCHED, Durability, History, QoS, Reliability
+from rwt_protocol.errors import Refused
+
+if TYPE_CHECKING:
+    from rwt_bridge.peer import Peer
+    from rwt_graph.api import Publisher
+    from rwt_interfaces.structs import MessageType
+    from rwt_protocol import ops
+
+#: The user token of a client that published without having advertised (UNA-05).
+_IMPLICIT = object()
+
+
+def on_advertise(peer: Peer, op: ops.Advertise) -> None:
+    """Make the client a publisher (ADV-01 … ADV-07)."""
+    topic = resolve(op.topic)
+    message_type = peer.bridge.graph.registry.message(op.type)
+    peer.bridge.publications.acquire(topic, message_type, _publisher_qos(op), (peer, op.id))
+    peer.advertised.setdefault(topic, set()).add(op.id)
+
+
+def on_unadvertise(peer: Peer, op: ops.Unadvertise) -> None:
+    """Take back one advertisement, or all of this client's for the topic (UNA-01 … UNA-03)."""
+    topic = resolve(op.topic)
+    ids = peer.advertised.get(topic)
+    if ids is None:
+        raise Refused(f"unadvertise: this client does not advertise {topic}", level="warning")
+    dropped = list(ids) if op.id is None else [op.id]
+    for id_ in dropped:
+        ids.discard(id_)
+        peer.bridge.publications.release(topic, (peer, id_))
+    if not ids:
+        del peer.advertised[topic]
+        peer.forget_publisher(topic)
+
+
+def on_publish(peer: Peer, op: ops.Publish) -> None:
+    """Check the message once and hand it to the graph (PUB-01 … PUB-09)."""
+    publisher = peer.publishers.get(op.topic)
+    if publisher is None:
+        publisher = peer.publishers[op.topic] = _publisher(peer, op)
+    publisher.publish(payload_of(publisher.type, op.msg, "publish.msg", peer.bridge.now))
+
+
+def _publisher(peer: Peer, op: ops.Publish) -> Publisher:
+    """The shared publisher for a topic that this client has not published on yet."""
+    topic = resolve(op.topic)
+    publications = peer.bridge.publications
+    ids = peer.advertised.get(topic)
+    user = (peer, next(iter(ids))) if ids else (peer, _IMPLICIT)
+    message_type = _known_type(peer, topic, op.type)
+    if message_type is None:
+        raise Refused(
+            f"publish: cannot infer the type of {topic}, which nobody has advertised: "
+            "send `advertise` first, or `type` with the message"
+        )
+    publisher = publications.acquire(topic, message_type, LATCHED if op.latch else None, user)
+    if not ids:
+        peer.implicit.add(topic)
+    return publisher
+
+
+def release_publishers(peer: Peer) -> None:
+    """Give back everything this client published on (DIS-02)."""
+    for topic, ids in peer.advertised.items():
+        for id_ in ids:
+            peer.bridge.publications.release(topic, (peer, id_))
+    for topic in peer.implicit:
+        peer.bridge.publications.release(topic, (peer, _IMPLICIT))
+
+
+def on_subscribe(peer: Peer, op: ops.Subscribe) -> None:
+    """Let samples of a topic flow to the client (SUB-01 … SUB-14)."""
+    topic = resolve(op.topic)
+    encoding = encoding_of(op.compression)
+    subscription = peer.subscriptions.get(op.topic)
+    if subscription is None:
+        message_type = _known_type(peer, topic, op.type)
+        if message_type is None:
+            raise Refused(
+                f"subscribe: cannot infer the type of {topic}, which nobody has advertised: "
+                "send `type` to wait for it"
+            )
+        fanout = peer.bridge.fanout(topic, message_type)
+        subscription = peer.subscriptions[op.topic] = ClientSubscription(peer, op.topic, fanout)
+    elif op.type:
+        subscription.check_type(peer.bridge.graph.registry.message(op.type))
+    subscription.put(op, encoding)
+
+
+def on_unsubscribe(peer: Peer, op: ops.Unsubscribe) -> None:
+    """End one subscription, or all of this client's for the topic (UNS-01 … UNS-04)."""
+    subscription = peer.subscriptions.get(op.topic)
+    if subscription is None or not subscription.drop(op.id):
+        raise Refused(f"unsubscribe: this client has no such subscription of {op.topic}", level="warning")
+    if subscription.is_empty:
+        del peer.subscriptions[op.topic]
+
+
+def _known_type(peer: Peer, topic: str, name: str | None) -> MessageType | None:
+    """The type that the client names, or the one the graph knows."""
+    if name:
+        return peer.bridge.graph.registry.message(name)
+    info = peer.bridge.graph.topic(topic)
+    return None if info is None else info.type
+
+
+def _publisher_qos(op: ops.Advertise) -> QoS | None:
+    """`qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
+    if op.qos is None:
+        return LATCHED if op.latch else None
+    wish = op.qos
+    default = QoS()
+    return QoS(
+        history=default.history if wish.history is None else History(wish.history),
+        depth=default.depth if wish.depth is None else wish.depth,
+        reliability=default.reliability if wish.reliability is None else Reliability(wish.reliability),
+        durability=default.durability if wish.durability is None else Durability(wish.durability),
+        deadline=_seconds(wish.deadline),
+        lifespan=_seconds(wish.lifespan),
+    )
+
+
+def _seconds(wish: float | str | None) -> float | None:
+    """Seconds, or None where the client names no number: "infinite" and "best_available" set no limit."""
+    return None if isinstance(wish, str) else wish

@@ -1,0 +1,145 @@
+"""`rwt serve`: a rosbridge server in front of an in-memory robot graph."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import anyio
+
+from rwt_bridge.serve import serve
+from rwt_bridge.settings import Settings, SettingsError, read_settings
+from rwt_cli.errors import CommandError
+from rwt_graph.memory import MemoryGraph
+from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.registry import Registry
+from rwt_nodes.rosapi import Rosapi
+from rwt_transports.errors import TransportError
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph
+    from rwt_nodes.demo import DemoRobot
+
+_EXAMPLES = """\
+examples:
+  rwt serve --demo                         the demo robot on ws://127.0.0.1:9090
+  rwt serve ws://0.0.0.0:9090 --distro noetic
+  rwt serve ws://127.0.0.1:0               on any free port, which is printed
+  rwt serve --interfaces my_msgs/          with message types of your own
+"""
+
+
+def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `serve` to the command line."""
+    parser = commands.add_parser(
+        "serve",
+        help="serve a robot to rosbridge clients",
+        description=__doc__,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "url",
+        nargs="*",
+        metavar="URL",
+        help="where to listen (default ws://127.0.0.1:9090; port 0 picks one)",
+    )
+    parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
+    parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
+    parser.add_argument(
+        "--interfaces",
+        action="append",
+        type=Path,
+        metavar="DIR",
+        help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    parser.add_argument("--config", type=Path, metavar="FILE", help="TOML file with settings")
+    parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    logging.basicConfig(
+        stream=sys.stderr,
+        level=logging.DEBUG if arguments.verbose else logging.INFO,
+        format="%(asctime)s %(levelname)s %(name)s %(message)s",
+    )
+    settings = _settings(arguments)
+    try:
+        anyio.run(_serve, settings)
+    except TransportError as error:
+        raise CommandError(str(error)) from error
+    return 0
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    """The file's settings, with what the command line says on top."""
+    try:
+        settings = read_settings(arguments.config) if arguments.config else Settings()
+    except SettingsError as error:
+        raise CommandError(str(error), exit_code=2) from error
+    given = {
+        "listen": tuple(arguments.url) or None,
+        "demo": arguments.demo,
+        "distro": arguments.distro,
+        "interfaces": tuple(arguments.interfaces or ()) or None,
+    }
+    return settings.model_copy(update={key: value for key, value in given.items() if value is not None})
+
+
+def _registry(settings: Settings) -> Registry:
+    registry = Registry(DISTROS[settings.distro])
+    for folder in settings.interfaces:
+        try:
+            registry.add_directory(folder)
+        except (InterfaceError, OSError) as error:
+            raise CommandError(f"--interfaces {folder}: {error}", exit_code=2) from error
+    try:
+        registry.verify()
+    except InterfaceError as error:
+        raise CommandError(f"--interfaces: {error}", exit_code=2) from error
+    return registry
+
+
+async def _serve(settings: Settings) -> None:
+    graph = MemoryGraph(registry=_registry(settings))
+    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
+        async with graph:
+            nodes.enter_context(Rosapi(graph))
+            if settings.demo:
+                nodes.enter_context(_demo_robot(graph))
+            async with serve(graph, *settings.listen, settings=settings) as server:
+                said = [f"listening on {url}" for url in server.urls]
+                if settings.demo:
+                    said.append(_next_steps(server.urls[0]))
+                _say("\n".join(said))
+                async for _ in signals:
+                    break
+
+
+def _demo_robot(graph: Graph) -> closing[DemoRobot]:
+    from rwt_nodes.demo import DemoRobot  # Its code is read only where it runs.
+
+    return closing(DemoRobot(graph))
+
+
+def _next_steps(url: str) -> str:
+    page = url.replace("ws", "http", 1)
+    return f"""
+The demo robot is up. Point any rosbridge client at {url}, or open {page} in a browser.
+
+  roslibjs   new ROSLIB.Ros({{ url: "{url}" }})
+  roslibpy   roslibpy.Ros(host="{url.split("/")[2].rpartition(":")[0]}", port={url.rpartition(":")[2]}).run()
+
+Publish geometry_msgs/Twist on /cmd_vel to drive, subscribe to /odom, /scan and /map, call /add_two_ints,
+or send a goal to /navigate_to_pose. Ctrl-C ends it."""
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)  # noqa: T201 - what a command has to say goes to stdout

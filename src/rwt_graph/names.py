@@ -1,0 +1,125 @@
+"""Names of topics, services, actions, nodes and parameters.
+
+One rule serves both generations of ROS: a name is a sequence of tokens of letters, digits and underscores,
+separated by slashes. It is absolute (`/a/b`), relative to a namespace (`a/b`) or private to a node (`~/a`,
+and ROS 1's `~a`). Repeated and trailing slashes are dropped, as ROS 1 does. ROS 2 forbids a token to begin
+with a digit and ROS 1 does not; it is allowed here.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+
+from rwt_graph.errors import InvalidGraphName
+
+_TOKEN = re.compile(r"[A-Za-z0-9_]+\Z")
+_NOT_IN_TOKEN = re.compile(r"[^A-Za-z0-9_]")
+_PARAMETER = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-/]*\Z")
+
+#: Longest name that is looked at: beyond it something is wrong, and the text would fill logs and errors.
+MAX_LENGTH = 512
+
+
+def _shown(name: str) -> str:
+    return repr(name if len(name) <= 80 else name[:77] + "...")
+
+
+def _tokens(name: str, path: str) -> list[str]:
+    tokens = [token for token in path.split("/") if token]
+    for token in tokens:
+        if not _TOKEN.match(token):
+            bad = _NOT_IN_TOKEN.search(token)
+            what = f"{bad.group()!r}" if bad else "a line break"
+            raise InvalidGraphName(
+                f"{_shown(name)} is not a valid name: it contains {what}; "
+                "use letters, digits, underscores and slashes"
+            )
+    return tokens
+
+
+@lru_cache(maxsize=4096)
+def resolve(name: str, namespace: str = "/", node: str = "") -> str:
+    """The absolute form of `name`.
+
+    Args:
+        name: absolute (`/a`), relative (`a`) or private (`~/a`, `~a`).
+        namespace: what relative names are relative to.
+        node: absolute name of the node, for private names.
+
+    Raises:
+        InvalidGraphName: a character that ROS does not allow, an empty name, or a private name without a
+        node.
+    """
+    if not name or len(name) > MAX_LENGTH:
+        reason = "it is empty" if not name else f"it is longer than {MAX_LENGTH} characters"
+        raise InvalidGraphName(f"{_shown(name)} is not a valid name: {reason}")
+    if name.startswith("/"):
+        tokens = _tokens(name, name)
+    elif name.startswith("~"):
+        if not node:
+            raise InvalidGraphName(f"{_shown(name)} is private to a node, and no node is given")
+        tokens = [*_tokens(node, node), *_tokens(name, name[1:])]
+    else:
+        tokens = [*_tokens(namespace, namespace), *_tokens(name, name)]
+    if not tokens:
+        raise InvalidGraphName(f"{_shown(name)} is not a valid name: it has no part between its slashes")
+    return "/" + "/".join(tokens)
+
+
+def validate(name: str) -> str:
+    """`name` itself, when it is absolute and as :func:`resolve` writes it.
+
+    Raises:
+        InvalidGraphName: it is not.
+    """
+    resolved = resolve(name)
+    if resolved != name:
+        raise InvalidGraphName(f"{_shown(name)} is not an absolute name; did you mean {resolved!r}?")
+    return name
+
+
+def node_name(name: str, namespace: str = "/") -> str:
+    """The absolute name of a node.
+
+    Raises:
+        InvalidGraphName: `name` has a slash in it without being absolute, or a character that is not allowed.
+    """
+    if "/" in name and not name.startswith("/"):
+        raise InvalidGraphName(
+            f"{_shown(name)} is not a node name: give the part before the name as namespace"
+        )
+    return resolve(name, namespace)
+
+
+def namespace_of(name: str) -> str:
+    """The namespace of an absolute name: `/a` for `/a/b`, `/` for `/a`."""
+    return name.rpartition("/")[0] or "/"
+
+
+def parameter_name(name: str) -> str:
+    """`name` itself, when a node's parameter may be called so: tokens separated by dots or slashes.
+
+    Raises:
+        InvalidGraphName: it may not.
+    """
+    if len(name) > MAX_LENGTH or not _PARAMETER.match(name):
+        raise InvalidGraphName(
+            f"{_shown(name)} is not a valid parameter name: use letters, digits, '_', '.', '-' and '/'"
+        )
+    return name
+
+
+def split_parameter(name: str) -> tuple[str, str] | None:
+    """`/node:param` → (`/node`, `param`); None when there is no colon (a name of the global tree).
+
+    Raises:
+        InvalidGraphName: one of the two parts is not a valid name.
+    """
+    node, colon, parameter = name.partition(":")
+    if not colon:
+        return None
+    return resolve(node), parameter_name(parameter)
+
+
+__all__ = ["namespace_of", "node_name", "parameter_name", "resolve", "split_parameter", "validate"]

@@ -1,0 +1,64 @@
+"""What a graph publishes by itself: `/rosout` exists always, `/clock` when time is simulated.
+
+Viewers decide by the type of `/rosout` which ROS they talk to, so it must be there before any node logs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rwt_graph.api import Graph, Participant
+from rwt_graph.clock import NANOSECONDS, SimulatedClock
+from rwt_graph.qos import LATCHED, Durability, QoS
+
+if TYPE_CHECKING:
+    from rwt_interfaces.distro import Distro
+
+#: ROS 2's profile of `/rosout`: a late console sees the last ten seconds.
+ROSOUT_2 = QoS(depth=100, durability=Durability.TRANSIENT_LOCAL, lifespan=10.0)
+
+
+def rosout_type(distro: Distro) -> str:
+    """The type of `/rosout`."""
+    return "rosgraph_msgs/Log" if distro.ros_version == 1 else "rcl_interfaces/Log"
+
+
+def rosout_qos(distro: Distro) -> QoS:
+    """How nodes advertise `/rosout`."""
+    return LATCHED if distro.ros_version == 1 else ROSOUT_2
+
+
+class SystemTopics:
+    """The publishers that belong to the graph itself and to no node of the program."""
+
+    def __init__(self, graph: Graph, participant: Participant) -> None:
+        self._graph = graph
+        self._participant = participant
+        registry = graph.registry
+        participant.advertise("/rosout", registry.message(rosout_type(graph.distro)))
+        if isinstance(graph.clock, SimulatedClock):
+            self._clock = participant.advertise("/clock", registry.message("rosgraph_msgs/Clock"))
+            self._simulated = graph.clock
+            graph.clock.listeners.append(self._tick)
+
+    @staticmethod
+    def node_name(distro: Distro) -> str:
+        """ROS 1 has a node `/rosout`; in ROS 2 a leading underscore hides a node."""
+        return "/rosout" if distro.ros_version == 1 else "/_graph"
+
+    def _tick(self, now_ns: int) -> None:
+        from rwt_interfaces.payload import Payload
+
+        whole, fraction = self._graph.distro.time_fields
+        seconds, nanoseconds = divmod(now_ns, NANOSECONDS)
+        value = {"clock": {whole: seconds, fraction: nanoseconds}}
+        self._clock.publish(Payload.from_value(self._clock.type, value))
+
+    def close(self) -> None:
+        """Stop following the clock, and leave."""
+        if isinstance(self._graph.clock, SimulatedClock) and self._tick in self._graph.clock.listeners:
+            self._graph.clock.listeners.remove(self._tick)
+        self._participant.close()
+
+
+__all__ = ["SystemTopics", "rosout_qos", "rosout_type"]

@@ -1,0 +1,189 @@
+"""The demo robot: every part of it, joined on one node."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from rwt_graph import Graph, Node, ServiceFailed
+from rwt_nodes.demo import messages
+from rwt_nodes.demo.battery import Battery
+from rwt_nodes.demo.diagnostics import Diagnostics
+from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
+from rwt_nodes.demo.fibonacci import Fibonacci
+from rwt_nodes.demo.lidar import Lidar
+from rwt_nodes.demo.navigation import Navigation
+from rwt_nodes.demo.parameters import declare_tunables
+from rwt_nodes.demo.planner import Planner
+from rwt_nodes.demo.sensors import BatteryPublisher, ScanPublisher
+from rwt_nodes.demo.state import StatePublisher
+from rwt_nodes.demo.teleop import Teleop
+from rwt_nodes.demo.urdf import urdf
+from rwt_nodes.demo.world import World, draw_map, house
+
+#: Seconds from one control step to the next.
+CONTROL_PERIOD = 0.05
+#: Seconds from one battery state, diagnosis and hello to the next.
+REPORT_PERIOD = 1.0
+#: The longest time that one step makes up for when the program was held up, seconds.
+_LONGEST_STEP = 0.2
+
+
+class _Addends(Protocol):
+    a: int
+    b: int
+
+
+class _Switch(Protocol):
+    data: bool
+
+
+class DemoRobot:
+    """A differential-drive robot in a walled world, simulated.
+
+    It drives by `/cmd_vel` and `/navigate_to_pose`, publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`,
+    `/scan`, `/map`, `/plan`, `/battery_state`, `/diagnostics`, `/robot_description`, `/chatter`, and serves
+    `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`. Its parameters are in
+    :data:`rwt_nodes.demo.parameters.TUNABLES`.
+
+    Args:
+        graph: where it lives; all its timing is the graph's clock.
+        world: what it drives in; by default a house of 10 m by 8 m.
+        seed: of the laser's noise, so that two runs measure the same.
+    """
+
+    def __init__(self, graph: Graph, world: World | None = None, seed: int = 1) -> None:
+        self._world = world or house()
+        self._node = Node(graph, "demo_robot")
+        chassis = Chassis()
+        self._drive = DifferentialDrive(self._world, chassis, Limits())
+        self._lidar = Lidar(self._world, seed=seed)
+        self._battery = Battery()
+        self._teleop = Teleop(self._node)
+        self._navigation = Navigation(
+            self._node, self._drive, Planner(self._world, chassis.radius), self._world.start
+        )
+        self._state = StatePublisher(self._node, self._drive, chassis, self._world.start)
+        self._scans = ScanPublisher(self._node, self._drive, self._lidar)
+        self._fibonacci = Fibonacci(self._node)
+        self._battery_states = BatteryPublisher(self._node, self._battery)
+        self._diagnostics = Diagnostics(self._node, self._drive, self._battery, self._navigation)
+        self._serve()
+        self._declare_parameters()
+        self._publish_map()
+        self._describe(urdf(chassis))
+        self._chatter = self._node.advertise("/chatter", "std_msgs/String")
+        self._said = 0
+        self._stepped = self._node.clock.monotonic()
+        self._start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.close()
+
+    def _start(self) -> None:
+        """Start every timer at one moment: what is due together then wakes the program once."""
+        self._node.create_timer(CONTROL_PERIOD, self._step)
+        self._scans.start()
+        self._node.create_timer(REPORT_PERIOD, self._report)
+
+    def _report(self) -> None:
+        self._battery_states.publish()
+        self._diagnostics.publish()
+        self._said += 1
+        self._chatter.publish({"data": f"hello world {self._said}"})
+
+    def _step(self) -> None:
+        """One control step: who drives, one step of the world, and what is to be told of it."""
+        now = self._node.clock.monotonic()
+        seconds = min(now - self._stepped, _LONGEST_STEP)
+        self._stepped = now
+        self._drive.step(self._wanted(), seconds)
+        self._battery.drain(self._drive.velocity, seconds)
+        if self._battery.level == 0.0:
+            # A demo that ran overnight must still drive in the morning.
+            self._battery.swap()
+            self._node.log.warning("the battery was empty and has been swapped for a full one")
+        self._state.publish()
+
+    def _wanted(self) -> Velocity:
+        """A hand on the stick goes before navigation; a released stick, which still says 0, does not."""
+        by_hand = self._teleop.velocity or STANDSTILL
+        planned = self._navigation.steer(overridden=not by_hand.is_zero)
+        return planned if by_hand.is_zero else by_hand
+
+    def _serve(self) -> None:
+        ros1 = self._node.distro.ros_version == 1
+        add_type = "rospy_tutorials/AddTwoInts" if ros1 else "example_interfaces/AddTwoInts"
+        self._node.advertise_service("/add_two_ints", add_type, _add_two_ints)
+        self._node.advertise_service("/reset", "std_srvs/Empty", self._reset)
+        self._node.advertise_service("/enable_motors", "std_srvs/SetBool", self._enable_motors)
+
+    def _reset(self, request: object) -> messages.Message:
+        """Back to the start with a fresh battery; the motors stay as they are."""
+        self._navigation.abort("the robot was reset")
+        self._teleop.forget()
+        self._drive.reset()
+        self._battery.swap()
+        self._node.log.info("reset: back at the start, battery full")
+        return {}
+
+    def _enable_motors(self, request: _Switch) -> messages.Message:
+        self._drive.enabled = request.data
+        if not request.data:
+            self._drive.stop()
+        return {"success": True, "message": f"motors {'enabled' if request.data else 'disabled'}"}
+
+    def _declare_parameters(self) -> None:
+        limits, lidar = self._drive.limits, self._lidar
+        declare_tunables(
+            self._node,
+            {
+                "max_speed": lambda value: setattr(limits, "speed", value),
+                "max_turn_rate": lambda value: setattr(limits, "turn_rate", value),
+                "max_acceleration": lambda value: setattr(limits, "acceleration", value),
+                "max_turn_acceleration": lambda value: setattr(limits, "turn_acceleration", value),
+                "command_timeout": lambda value: setattr(self._teleop, "timeout", value),
+                "scan_rate": self._scans.set_rate,
+                "scan_noise": lambda value: setattr(lidar, "noise", value),
+                "fibonacci_rate": lambda value: setattr(self._fibonacci, "rate", value),
+            },
+        )
+
+    def _publish_map(self) -> None:
+        grid = draw_map(self._world)
+        stamp = self._node.clock.time_ns()
+        self._node.advertise("/map", "nav_msgs/OccupancyGrid", latch=True).publish(
+            {
+                "header": messages.header(stamp, messages.MAP_FRAME),
+                "info": {
+                    "map_load_time": messages.time(stamp),
+                    "resolution": grid.resolution,
+                    "width": grid.columns,
+                    "height": grid.rows,
+                    "origin": {
+                        "position": messages.vector(grid.left, grid.bottom),
+                        "orientation": messages.turn_about_z(0.0),
+                    },
+                },
+                "data": grid.cells,
+            }
+        )
+
+    def _describe(self, description: str) -> None:
+        """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global parameter."""
+        node = self._node
+        node.advertise("/robot_description", "std_msgs/String", latch=True).publish({"data": description})
+        if node.distro.ros_version == 2:
+            node.parameters.declare(
+                "robot_description", description, description="The robot as URDF.", read_only=True
+            )
+        graph = node.graph
+        graph.run_on_graph(lambda: graph.parameters.set("/robot_description", description))
+
+
+def _add_two_ints(request: _Addends) -> messages.Message:
+    total = request.a + request.b
+    if not -(2**63) <= total < 2**63:
+        msg = f"{request.a} + {request.b} does not fit an int64"
+        raise ServiceFailed(msg)
+    return {"sum": total}

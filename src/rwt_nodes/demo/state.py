@@ -1,0 +1,94 @@
+"""What the robot tells about itself: where it is, how its parts stand, and what it looks like."""
+
+from __future__ import annotations
+
+from rwt_graph import Node
+from rwt_nodes.demo import messages
+from rwt_nodes.demo.drive import Chassis, DifferentialDrive
+from rwt_nodes.demo.pose import Pose
+from rwt_nodes.demo.urdf import BASE, LEFT_JOINT, RIGHT_JOINT, fixed_mounts, wheel_mounts
+
+#: Diagonals of the odometry's covariances: sure of everything but drifting in x, y and yaw.
+_POSE_COVARIANCE = [0.001 if i in (0, 7, 35) else 1e-6 if i % 7 == 0 else 0.0 for i in range(36)]
+
+
+class StatePublisher:
+    """Publishes `/odom`, `/tf`, `/tf_static` and `/joint_states`."""
+
+    def __init__(self, node: Node, drive: DifferentialDrive, chassis: Chassis, odom_origin: Pose) -> None:
+        self._node = node
+        self._drive = drive
+        self._origin = odom_origin
+        self._wheels = wheel_mounts(chassis)
+        self._chassis = chassis
+        self._odom = node.advertise("/odom", "nav_msgs/Odometry")
+        self._tf = node.advertise("/tf", "tf2_msgs/TFMessage")
+        self._joints = node.advertise("/joint_states", "sensor_msgs/JointState")
+        fixed = node.advertise("/tf_static", "tf2_msgs/TFMessage", latch=True)
+        fixed.publish({"transforms": self._fixed_transforms(chassis)})
+
+    def publish(self) -> None:
+        """Publish the state of this moment, to those who listen."""
+        stamp = self._node.clock.time_ns()
+        if self._odom.subscriber_count:
+            self._odom.publish(self._odometry(stamp))
+        if self._tf.subscriber_count:
+            self._tf.publish({"transforms": self._transforms(stamp)})
+        if self._joints.subscriber_count:
+            self._joints.publish(self._joint_state(stamp))
+
+    def _odometry(self, stamp: int) -> messages.Message:
+        return {
+            "header": messages.header(stamp, messages.ODOM_FRAME),
+            "child_frame_id": BASE,
+            "pose": {
+                "pose": messages.pose(self._drive.pose.seen_from(self._origin)),
+                "covariance": _POSE_COVARIANCE,
+            },
+            "twist": {"twist": messages.twist(self._drive.velocity), "covariance": _POSE_COVARIANCE},
+        }
+
+    def _transforms(self, stamp: int) -> list[messages.Message]:
+        """Where odometry began, where the robot is since then, and how its wheels stand."""
+        body = self._drive.pose.seen_from(self._origin)
+        angles = (self._drive.left_angle, self._drive.right_angle)
+        return [
+            messages.planar_transform(stamp, messages.MAP_FRAME, messages.ODOM_FRAME, self._origin),
+            messages.planar_transform(stamp, messages.ODOM_FRAME, BASE, body),
+            *(
+                messages.transform(
+                    stamp,
+                    BASE,
+                    mount.link,
+                    messages.vector(mount.x, mount.y, mount.z),
+                    messages.turn_about_y(angle),
+                )
+                for mount, angle in zip(self._wheels, angles, strict=True)
+            ),
+        ]
+
+    def _joint_state(self, stamp: int) -> messages.Message:
+        velocity, chassis = self._drive.velocity, self._chassis
+        apart = velocity.angular * chassis.track / 2
+        return {
+            "header": messages.header(stamp, ""),
+            "name": [LEFT_JOINT, RIGHT_JOINT],
+            "position": [self._drive.left_angle, self._drive.right_angle],
+            "velocity": [
+                (velocity.linear - apart) / chassis.wheel_radius,
+                (velocity.linear + apart) / chassis.wheel_radius,
+            ],
+        }
+
+    def _fixed_transforms(self, chassis: Chassis) -> list[messages.Message]:
+        stamp = self._node.clock.time_ns()
+        return [
+            messages.transform(
+                stamp,
+                BASE,
+                mount.link,
+                messages.vector(mount.x, mount.y, mount.z),
+                messages.turn_about_z(0.0),
+            )
+            for mount in fixed_mounts(chassis)
+        ]

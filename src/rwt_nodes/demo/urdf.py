@@ -1,0 +1,95 @@
+"""The robot's description: links, joints and shapes, as URDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from xml.etree import ElementTree as ET
+
+from rwt_nodes.demo.drive import Chassis
+
+BASE = "base_link"
+LASER = "laser"
+CASTER = "caster_link"
+LEFT_WHEEL = "left_wheel_link"
+RIGHT_WHEEL = "right_wheel_link"
+LEFT_JOINT = "left_wheel_joint"
+RIGHT_JOINT = "right_wheel_joint"
+
+#: Heights above the floor, metres.
+_BODY_HEIGHT = 0.12
+_GROUND_CLEARANCE = 0.03
+_LASER_SIZE = (0.035, 0.04)  # radius, height
+_CASTER_RADIUS = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """Where a link sits on :data:`BASE`, which is on the floor between the wheels; metres.
+
+    Wheels turn around y, which is an axle across the robot; everything else is fixed.
+    """
+
+    link: str
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+def fixed_mounts(chassis: Chassis) -> tuple[Mount, ...]:
+    """The links that never move on the robot."""
+    caster = Mount(CASTER, x=-chassis.radius + 2 * _CASTER_RADIUS, z=_CASTER_RADIUS)
+    return Mount(LASER, z=_GROUND_CLEARANCE + _BODY_HEIGHT + _LASER_SIZE[1] / 2), caster
+
+
+def wheel_mounts(chassis: Chassis) -> tuple[Mount, Mount]:
+    """The left and the right wheel."""
+    half, up = chassis.track / 2, chassis.wheel_radius
+    return Mount(LEFT_WHEEL, y=half, z=up), Mount(RIGHT_WHEEL, y=-half, z=up)
+
+
+def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
+    """The description as XML text."""
+    robot = ET.Element("robot", name=name)
+    _link(robot, BASE, _cylinder(chassis.radius, _BODY_HEIGHT), "0.2 0.4 0.8 1", "0 0 0.09")
+    laser, caster = fixed_mounts(chassis)
+    _link(robot, LASER, _cylinder(*_LASER_SIZE), "0.1 0.1 0.1 1")
+    _joint(robot, "laser_joint", laser)
+    _link(robot, CASTER, ET.Element("sphere", radius=_text(_CASTER_RADIUS)), "0.6 0.6 0.6 1")
+    _joint(robot, "caster_joint", caster)
+    for joint, mount in zip((LEFT_JOINT, RIGHT_JOINT), wheel_mounts(chassis), strict=True):
+        # A cylinder stands on z: a quarter turn around x lays it on the axle.
+        wheel = _cylinder(chassis.wheel_radius, 0.03)
+        _link(robot, mount.link, wheel, "0.1 0.1 0.1 1", rpy="1.5707963 0 0")
+        _joint(robot, joint, mount, axis="0 1 0")
+    ET.indent(robot)
+    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+
+
+def _link(
+    robot: ET.Element, name: str, shape: ET.Element, colour: str, xyz: str = "0 0 0", rpy: str = "0 0 0"
+) -> None:
+    link = ET.SubElement(robot, "link", name=name)
+    for part in ("visual", "collision"):
+        element = ET.SubElement(link, part)
+        ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
+        ET.SubElement(element, "geometry").append(shape)
+        if part == "visual":
+            material = ET.SubElement(element, "material", name=f"{name}_colour")
+            ET.SubElement(material, "color", rgba=colour)
+
+
+def _joint(robot: ET.Element, name: str, mount: Mount, axis: str | None = None) -> None:
+    joint = ET.SubElement(robot, "joint", name=name, type="fixed" if axis is None else "continuous")
+    ET.SubElement(joint, "parent", link=BASE)
+    ET.SubElement(joint, "child", link=mount.link)
+    ET.SubElement(joint, "origin", xyz=f"{_text(mount.x)} {_text(mount.y)} {_text(mount.z)}", rpy="0 0 0")
+    if axis is not None:
+        ET.SubElement(joint, "axis", xyz=axis)
+
+
+def _cylinder(radius: float, length: float) -> ET.Element:
+    return ET.Element("cylinder", radius=_text(radius), length=_text(length))
+
+
+def _text(value: float) -> str:
+    return f"{value:.6g}"

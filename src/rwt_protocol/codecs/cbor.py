@@ -1,0 +1,143 @@
+"""The CBOR encoding (CBR): one map a binary frame.
+
+On the way out the message that is published is CBOR already, and is spliced in. On the way in a payload is
+turned into JSON, so that what follows is the same for both encodings: byte strings become base64 and typed
+arrays become lists, both of which JSON has for such fields; NaN and infinities become null.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from io import BytesIO
+from typing import TYPE_CHECKING, Final, NoReturn
+
+import msgspec
+from pydantic import BaseModel
+
+from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.codecs.members import UNDECODED
+from rwt_protocol.frames import Buffer, Frame
+from rwt_protocol.ops import Op
+from rwt_protocol.rawjson import RawJson
+
+if TYPE_CHECKING:
+    import cbor2
+
+_KIND: Final = (
+    "an integer",
+    "an integer",
+    "bytes",
+    "a string",
+    "an array",
+    "a map",
+    "a tag",
+    "a simple value",
+)
+
+_ARRAYS: Final = {
+    64: "<B", 65: ">H", 66: ">I", 67: ">Q", 68: "<B", 69: "<H", 70: "<I", 71: "<Q",
+    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
+    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
+}  # fmt: skip
+"""Byte order and type of the elements of each kind of typed array (RFC 8746 section 2.1)."""
+
+_FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
+"""Tags that the library would turn into dates, patterns, shared references and so on, which ROS has not."""
+
+
+class CborCodec:
+    """The CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+
+    name: Final = "cbor"
+
+    def split(self, data: bytes, max_depth: int) -> Sequence[Members | Fault]:
+        """The message in one binary frame. Never raises."""
+        import cbor2  # only for those who use it
+
+        stream = BytesIO(data)
+        try:
+            foreign = dict.fromkeys(_FOREIGN, _refuse)
+            decoder = cbor2.CBORDecoder(
+                stream, tag_hook=_typed_array, semantic_decoders=foreign, max_depth=max_depth
+            )
+            found = decoder.decode()
+        except cbor2.CBORError:
+            return (Fault("not CBOR: malformed, nested too deeply, or with a tag that ROS has not"),)
+        if stream.tell() != len(data):
+            return (Fault("not CBOR: more than one value in the frame"),)
+        if not isinstance(found, dict):
+            return (Fault(f"expected a map, got {_KIND[data[0] >> 5]}"),)
+        return (_members(found),)
+
+    def encode(self, op: Op) -> Frame:
+        """One op as a binary frame, its members in the order of the model.
+
+        Raises:
+            MalformedPayload: its payload came from another peer, and is not JSON.
+        """
+        import cbor2  # only for those who use it
+
+        message: dict[str, object] = {"op": op.op}
+        for name, value in op:
+            if isinstance(value, RawJson):
+                message[name] = msgspec.json.decode(value.proven().data)
+            elif name in op.model_fields_set and value is not None:
+                message[name] = value.model_dump(exclude_none=True) if isinstance(value, BaseModel) else value
+        return Frame(cbor2.dumps(message), binary=True)
+
+
+def publish_prefix(topic: str) -> bytes:
+    """What stands before the payload in every message of `topic` (CBR-01)."""
+    return b"\xa3\x62op\x67publish\x65topic" + _text(topic) + b"\x63msg"
+
+
+def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
+    """One message of the topic of `prefix`; `payload` is CBOR, and is spliced in."""
+    return Frame(prefix, payload, binary=True)
+
+
+def _text(text: str) -> bytes:
+    """A CBOR text string of definite length (RFC 8949 section 3.1)."""
+    data = text.encode()
+    size = len(data)
+    if size < 24:
+        return bytes((0x60 | size,)) + data
+    if size < 0x100:
+        return bytes((0x78, size)) + data
+    return (
+        b"\x79" + size.to_bytes(2, "big") + data
+        if size < 0x10000
+        else b"\x7a" + size.to_bytes(4, "big") + data
+    )
+
+
+def _members(found: dict[object, object]) -> Members | Fault:
+    """The members of a message, its payloads as JSON."""
+    members: Members = {name: value for name, value in found.items() if isinstance(name, str)}
+    for name in UNDECODED & members.keys():
+        try:
+            members[name] = msgspec.Raw(msgspec.json.encode(members[name]))
+        except (TypeError, ValueError, OverflowError, msgspec.MsgspecError, RecursionError):
+            rest = {key: value for key, value in members.items() if key not in UNDECODED}
+            return Fault(f"{name}: holds something that JSON has not", rest)
+    return members
+
+
+def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:
+    """The elements of a typed array; of unsigned bytes, the bytes."""
+    import cbor2  # loaded by whoever decodes
+
+    code = _ARRAYS.get(tag.tag)
+    data = tag.value
+    if code is None or not isinstance(data, bytes) or len(data) % struct.calcsize(code):
+        raise cbor2.CBORDecodeError("not a typed array")
+    if code == "<B":
+        return data
+    return list(struct.unpack(f"{code[0]}{len(data) // struct.calcsize(code)}{code[1]}", data))
+
+
+def _refuse(*ignored: object) -> NoReturn:
+    import cbor2  # loaded by whoever decodes
+
+    raise cbor2.CBORDecodeError("a tag that ROS has not")

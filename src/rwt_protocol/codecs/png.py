@@ -1,0 +1,140 @@
+"""A message as a picture (PNG): its text in the pixels, so that PNG's compression compresses it.
+
+Every row is written with filter 0: text does not look like its neighbours above and to the left, and other
+filters make it longer. Reading takes any filter.
+"""
+
+from __future__ import annotations
+
+import binascii
+import math
+import re
+import struct
+import zlib
+from io import BytesIO
+from typing import Final
+
+from rwt_protocol.codecs.json import JsonCodec
+from rwt_protocol.errors import Refused
+from rwt_protocol.frames import Frame
+from rwt_protocol.ops import Png
+
+_SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
+_HEADER: Final = struct.Struct(">IIBBBBB")
+_RGB8: Final = (8, 2, 0, 0, 0)
+"""Bit depth 8, colour type 2, and no other compression, filter method or interlacing (PNG-02)."""
+
+_BEYOND_ASCII: Final = re.compile(r"[^\x00-\x7f]+")
+
+
+def encode(frame: Frame, level: int = 6) -> Frame:
+    """The JSON message `frame` as a `png` message.
+
+    Args:
+        frame: a text frame.
+        level: of zlib, 1 to 9.
+    """
+    picture = _picture(_ascii(frame.data), level)
+    return JsonCodec().encode(Png(data=binascii.b2a_base64(picture, newline=False).decode()))
+
+
+def decode(data: str, max_size: int) -> bytes:
+    """The JSON text in a picture. The padding at its end is white space in JSON (PNG-07).
+
+    Args:
+        data: `Png.data`.
+        max_size: most bytes of text; checked before anything is decompressed.
+
+    Raises:
+        Refused: not base64, not such a picture, or too large.
+    """
+    try:
+        picture = binascii.a2b_base64(data, strict_mode=True)
+    except ValueError:
+        raise Refused("png.data: expected base64") from None
+    width, height, compressed = _read_picture(picture)
+    if width * height * 3 > max_size:
+        raise Refused(f"png.data: the picture holds {width * height * 3} bytes; the limit is {max_size}")
+    row = 1 + width * 3
+    unpacker = zlib.decompressobj()
+    try:
+        rows = unpacker.decompress(compressed, row * height)
+    except zlib.error:
+        raise Refused("png.data: the picture is damaged") from None
+    if len(rows) != row * height:
+        raise Refused("png.data: the picture is cut short")
+    if any(rows[::row]):
+        return _filtered(picture)
+    return b"".join(rows[start + 1 : start + row] for start in range(0, len(rows), row))
+
+
+def _ascii(text: bytes) -> bytes:
+    """JSON text with everything beyond ASCII as escapes: clients read the pixels byte by byte (PNG-05)."""
+    return text if text.isascii() else _BEYOND_ASCII.sub(_escape, text.decode()).encode()
+
+
+def _escape(found: re.Match[str]) -> str:
+    units = found[0].encode("utf-16-be").hex()
+    return "".join(f"\\u{units[start : start + 4]}" for start in range(0, len(units), 4))
+
+
+def _picture(text: bytes, level: int) -> bytes:
+    """`text` as the pixels of a nearly square picture, padded with newlines (PNG-03)."""
+    width = max(1, int(math.sqrt(len(text) / 3)))
+    height = math.ceil(len(text) / 3 / width)
+    row = width * 3
+    text = text.ljust(row * height, b"\n")
+    rows = b"".join(b"\x00" + text[start : start + row] for start in range(0, len(text), row))
+    header = _HEADER.pack(width, height, *_RGB8)
+    return b"".join(
+        (
+            _SIGNATURE,
+            _chunk(b"IHDR", header),
+            _chunk(b"IDAT", zlib.compress(rows, level)),
+            _chunk(b"IEND", b""),
+        )
+    )
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def _read_picture(picture: bytes) -> tuple[int, int, bytes]:
+    """Width, height and compressed rows.
+
+    Raises:
+        Refused: not a PNG picture of 8-bit RGB.
+    """
+    wrong = Refused("png.data: expected a PNG picture of 8-bit RGB, not interlaced")
+    if not picture.startswith(_SIGNATURE):
+        raise wrong
+    size: tuple[int, int] | None = None
+    rows: list[bytes] = []
+    position = len(_SIGNATURE)
+    while position + 12 <= len(picture):
+        length = int.from_bytes(picture[position : position + 4], "big")
+        kind = picture[position + 4 : position + 8]
+        body = picture[position + 8 : position + 8 + length]
+        position += 12 + length
+        if kind == b"IHDR" and len(body) == _HEADER.size:
+            width, height, *rest = _HEADER.unpack(body)
+            size = (width, height) if tuple(rest) == _RGB8 and width and height else None
+        elif kind == b"IDAT":
+            rows.append(body)
+        elif kind == b"IEND":
+            break
+    if size is None:
+        raise wrong
+    return *size, b"".join(rows)
+
+
+def _filtered(picture: bytes) -> bytes:
+    """The pixels of a picture whose rows are filtered, and whose size has been checked."""
+    from PIL import Image  # heavy, and few pictures need it
+
+    try:
+        with Image.open(BytesIO(picture), formats=["PNG"]) as image:
+            return image.tobytes()
+    except (OSError, ValueError, SyntaxError):
+        raise Refused("png.data: the picture is damaged") from None

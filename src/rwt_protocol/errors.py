@@ -1,0 +1,50 @@
+"""Everything that `rwt_protocol` raises.
+
+* :exc:`ProtocolError`
+
+  * :exc:`Refused`: a message is well formed and is not done; handlers raise it.
+
+    * :exc:`MalformedPayload`: the bytes of a payload are not one JSON value.
+    * :exc:`EncodingUnavailable`: an encoding that this program does not have was asked for.
+
+  * :exc:`IncompleteDispatcher`: the table of handlers and the table of ops disagree.
+
+Decoding raises nothing: :meth:`rwt_protocol.session.Session.decode` returns what is wrong as a `Refusal`.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Level = Literal["info", "warning", "error", "none"]
+"""The levels of `set_level` and `status` (STA-01)."""
+
+
+class ProtocolError(Exception):
+    """Base of every error of this package. The text says what, where and what instead."""
+
+
+class Refused(ProtocolError):
+    """A handler will not do what the op asks. The text goes to the peer as it is.
+
+    Attributes:
+        reason: the text.
+        level: the severity of the `status` message that carries it, where one does (STA-04).
+    """
+
+    def __init__(self, reason: str, level: Level = "error") -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.level: Level = level
+
+
+class MalformedPayload(Refused):
+    """The bytes of a payload are not one JSON value in UTF-8."""
+
+
+class EncodingUnavailable(Refused):
+    """The encoding is unknown, or is not part of this program."""
+
+
+class IncompleteDispatcher(ProtocolError, TypeError):
+    """A handler is missing for an op, or is there for something that no peer may send."""

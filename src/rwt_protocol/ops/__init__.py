@@ -1,0 +1,81 @@
+"""The ops of rosbridge v2: one frozen model each, and the closed table of them all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+from rwt_protocol.ops import actions, control, services, topics
+from rwt_protocol.ops.actions import (
+    ActionFeedback,
+    ActionResult,
+    AdvertiseAction,
+    CancelActionGoal,
+    GoalStatus,
+    SendActionGoal,
+    UnadvertiseAction,
+)
+from rwt_protocol.ops.base import Address, Direction, Op, OpSpec
+from rwt_protocol.ops.control import Auth, Fragment, Png, SetLevel, Status
+from rwt_protocol.ops.services import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
+from rwt_protocol.ops.topics import Advertise, Publish, Qos, Subscribe, Unadvertise, Unsubscribe
+
+_SPECS: Final = (*control.SPECS, *topics.SPECS, *services.SPECS, *actions.SPECS)
+
+OPS: Final[Mapping[str, OpSpec]] = MappingProxyType({spec.name: spec for spec in _SPECS})
+"""Every op, by its name on the wire."""
+
+SPEC_OF: Final[Mapping[type[Op], OpSpec]] = MappingProxyType({spec.model: spec for spec in _SPECS})
+"""Every op, by its model."""
+
+
+ALIASES: Final[Mapping[str, str]] = MappingProxyType(
+    {alias: spec.name for spec in _SPECS for alias in spec.aliases}
+)
+"""Other names of ops, and the name of each in `OPS` (X02)."""
+
+
+def inbound(direction: Direction) -> frozenset[type[Op]]:
+    """The models that need a handler where messages of `direction` arrive.
+
+    Args:
+        direction: `Direction.TO_SERVER` in a server, `Direction.TO_CLIENT` in a client.
+    """
+    return frozenset(
+        spec.model for spec in _SPECS if spec.direction in (direction, Direction.BOTH) and not spec.in_session
+    )
+
+
+__all__ = [
+    "ALIASES",
+    "OPS",
+    "SPEC_OF",
+    "ActionFeedback",
+    "ActionResult",
+    "Address",
+    "Advertise",
+    "AdvertiseAction",
+    "AdvertiseService",
+    "Auth",
+    "CallService",
+    "CancelActionGoal",
+    "Direction",
+    "Fragment",
+    "GoalStatus",
+    "Op",
+    "OpSpec",
+    "Png",
+    "Publish",
+    "Qos",
+    "SendActionGoal",
+    "ServiceResponse",
+    "SetLevel",
+    "Status",
+    "Subscribe",
+    "Unadvertise",
+    "UnadvertiseAction",
+    "UnadvertiseService",
+    "Unsubscribe",
+    "inbound",
+]

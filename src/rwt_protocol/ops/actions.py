@@ -1,0 +1,134 @@
+"""Ops about actions of ROS 2: goals, feedback and results, and who offers them."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from rwt_protocol.errors import Level
+from rwt_protocol.ops.base import (
+    Address,
+    Arguments,
+    Direction,
+    Expected,
+    Flag,
+    Op,
+    OpSpec,
+    RequiredId,
+    Text,
+    Values,
+)
+from rwt_protocol.ops.control import refuse_with_status
+from rwt_protocol.ops.topics import CompressionName, OptionalCount
+from rwt_protocol.rawjson import EMPTY
+
+
+class GoalStatus(IntEnum):
+    """What became of a goal (ACT, head of the section)."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+
+def _usual_status(known: dict[str, object]) -> int:
+    """What a result without `status` means (ACT-16)."""
+    status = GoalStatus.SUCCEEDED if known.get("result") else GoalStatus.ABORTED
+    return status.value
+
+
+class AdvertiseAction(Op):
+    """The sender offers an action (ACT-12)."""
+
+    op: Literal["advertise_action"] = "advertise_action"
+    type: Text
+    action: Text
+
+
+class UnadvertiseAction(Op):
+    """The sender withdraws an action that it offers (ACT-18)."""
+
+    op: Literal["unadvertise_action"] = "unadvertise_action"
+    action: Text
+
+
+class SendActionGoal(Op):
+    """Asks for one run of an action; to a provider, asks it to run (ACT-01, ACT-12).
+
+    Attributes:
+        args: the goal, an object by name or an array by position (ACT-11).
+        feedback: whether feedback is wanted (ACT-02).
+        fragment_size: split what answers it if it is longer than this many characters (FRG-20).
+        compression: accepted, and without effect (PNG-08).
+    """
+
+    op: Literal["send_action_goal"] = "send_action_goal"
+    action: Text
+    action_type: Text
+    args: Arguments = EMPTY
+    feedback: Flag = False
+    fragment_size: OptionalCount = None
+    compression: CompressionName = "none"
+
+
+class CancelActionGoal(Op):
+    """Asks that the goal with this id end early (ACT-07, ACT-13)."""
+
+    op: Literal["cancel_action_goal"] = "cancel_action_goal"
+    id: RequiredId
+    action: Text
+
+
+class ActionFeedback(Op):
+    """How far a goal has come (ACT-02, ACT-14)."""
+
+    wire_order: ClassVar[tuple[str, ...]] = ("action", "values", "id")
+
+    op: Literal["action_feedback"] = "action_feedback"
+    action: Text
+    values: Values = EMPTY
+
+
+class ActionResult(Op):
+    """How a goal ended.
+
+    Attributes:
+        values: the result; when `result` is false, usually a string that says why (ACT-04).
+        result: whether the goal was run at all; its outcome is `status` (ACT-03).
+        status: a `GoalStatus`; absent, succeeded if `result` is true and aborted if it is not (ACT-16).
+    """
+
+    wire_order: ClassVar[tuple[str, ...]] = ("action", "values", "status", "result", "id")
+
+    op: Literal["action_result"] = "action_result"
+    action: Text
+    values: Values = EMPTY
+    result: Flag = True
+    status: Annotated[int, Field(ge=0, le=6), Expected("a whole number from 0 to 6")] = Field(
+        default_factory=_usual_status
+    )
+
+
+def refuse_goal(address: Address, reason: str, level: Level = "error") -> Op:
+    """Who sent a goal waits for its result, so it gets one (ACT-04, ACT-05)."""
+    if not address.name and address.id is None:
+        return refuse_with_status(address, reason, level)
+    return ActionResult(
+        action=address.name, values=reason, result=False, status=GoalStatus.UNKNOWN.value, id=address.id
+    )
+
+
+SPECS = (
+    OpSpec(AdvertiseAction, Direction.TO_SERVER, refuse_with_status),
+    OpSpec(UnadvertiseAction, Direction.TO_SERVER, refuse_with_status),
+    OpSpec(SendActionGoal, Direction.BOTH, refuse_goal),
+    OpSpec(CancelActionGoal, Direction.BOTH, refuse_with_status),
+    OpSpec(ActionFeedback, Direction.BOTH, refuse_with_status),
+    OpSpec(ActionResult, Direction.BOTH, refuse_with_status),
+)

@@ -1,0 +1,170 @@
+"""What every op shares: its envelope, the kinds of its members, and how it is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Annotated, ClassVar
+
+import msgspec
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from rwt_protocol.errors import Level
+from rwt_protocol.rawjson import EMPTY, RawJson
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """How a refusal names what a member should have held."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Opaque:
+    """Marks a payload: a member whose JSON this package does not decode.
+
+    Attributes:
+        convert: makes the member's value from its undecoded bytes.
+        schema: the JSON Schema of what ROS puts there.
+    """
+
+    convert: Callable[[msgspec.Raw | RawJson], RawJson | str]
+    schema: Mapping[str, object]
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return dict(self.schema)
+
+
+def opaque(raw: msgspec.Raw | RawJson) -> RawJson:
+    """The undecoded bytes as a payload of their own: copied, so that they do not keep the frame alive."""
+    return RawJson(bytes(raw)) if type(raw) is msgspec.Raw else raw
+
+
+def opaque_or_empty(raw: msgspec.Raw | RawJson) -> RawJson:
+    """As :func:`opaque`; null is the same as an absent member (SRV-02, SVP-05)."""
+    payload = opaque(raw)
+    return EMPTY if payload.data == b"null" else payload
+
+
+def opaque_or_text(raw: msgspec.Raw | RawJson) -> RawJson | str:
+    """As :func:`opaque_or_empty`; a JSON string, which is how a failure is told, is decoded (SRV-05)."""
+    payload = opaque_or_empty(raw)
+    return msgspec.json.decode(payload.data, type=str) if payload.shape == "string" else payload
+
+
+def _whole_number(value: object) -> object:
+    """An integral float is an integer (SUB-11)."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+_Integer = Annotated[int, Field(ge=-(2**63), lt=2**64)]
+_ID = Expected("a string or a 64-bit integer")
+
+RequiredId = Annotated[str | _Integer, Field(union_mode="left_to_right"), _ID]
+Id = Annotated[str | _Integer | None, Field(union_mode="left_to_right"), _ID]
+"""The sender's own mark, echoed unchanged in what answers it (ENV-02).
+
+None is an absent id, and null on the wire is the same: roslibpy writes it where it has none (STA-07). It is
+echoed if and only if it is there and not null (SRV-01).
+"""
+
+Text = Annotated[str, Expected("a string")]
+OptionalText = Annotated[str | None, Expected("a string")]
+Flag = Annotated[bool, Expected("true or false")]
+Whole = Annotated[int, BeforeValidator(_whole_number, json_schema_input_type=int), Expected("a whole number")]
+Count = Annotated[
+    int,
+    Field(ge=0),
+    BeforeValidator(_whole_number, json_schema_input_type=Annotated[int, Field(ge=0)]),
+    Expected("a whole number, zero or more"),
+]
+
+Message = Annotated[RawJson, Opaque(opaque, {"type": "object"}), Expected("an object")]
+Arguments = Annotated[
+    RawJson, Opaque(opaque_or_empty, {"type": ["object", "array"]}), Expected("an object or an array")
+]
+Values = Annotated[
+    RawJson | str,
+    Opaque(opaque_or_text, {"type": ["object", "string"]}),
+    Expected("an object, or a string that says what failed"),
+]
+
+
+class Op(BaseModel):
+    """One message of the protocol. Immutable.
+
+    Members that the model does not have are ignored (ENV-01), and on the wire null stands for an absent
+    optional member.
+    """
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
+
+    wire_order: ClassVar[tuple[str, ...]] = ()
+    """The members in the order in which they are written (ENV-16), where it is not the order of the model."""
+
+    op: str
+    id: Id = None
+
+
+class Direction(Enum):
+    """Who sends an op."""
+
+    TO_SERVER = "client to server"
+    TO_CLIENT = "server to client"
+    BOTH = "both"
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """What a refusal needs of the message that it answers; readable even when the rest of it is not valid.
+
+    Attributes:
+        op: the name of the op as it was sent, empty when there was none.
+        id: the sender's id.
+        name: the service or action that was meant, as it was written; empty when there was none.
+    """
+
+    op: str = ""
+    id: str | int | None = None
+    name: str = ""
+
+    @classmethod
+    def of(cls, op: Op) -> Address:
+        """Where to answer `op`."""
+        name = getattr(op, "service", None) or getattr(op, "action", None) or ""
+        return cls(op.op, op.id, name)
+
+
+Refuse = Callable[[Address, str, Level], Op]
+"""Makes the op that tells the sender of a message why it was not done."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpSpec:
+    """What the table of ops knows of one of them.
+
+    Attributes:
+        model: the op's type.
+        direction: who sends it.
+        refuse: how its sender is told that it was not done.
+        aliases: other names under which it is accepted.
+        in_session: whether the session itself does what it asks, so that no handler sees it.
+    """
+
+    model: type[Op]
+    direction: Direction
+    refuse: Refuse
+    aliases: tuple[str, ...] = ()
+    in_session: bool = False
+
+    @property
+    def name(self) -> str:
+        """The op's name on the wire."""
+        name: object = self.model.model_fields["op"].default
+        return str(name)

@@ -1,0 +1,96 @@
+"""Ops about the connection itself: fragment, png, set_level, status, auth."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field
+
+from rwt_protocol.errors import Level
+from rwt_protocol.ops.base import Address, Count, Direction, Expected, Op, OpSpec, RequiredId, Text
+
+LevelName = Annotated[Level, Expected('"info", "warning", "error" or "none"')]
+
+
+def _floor(value: object) -> object:
+    """Other servers write the number of fragments as a fraction; its floor is meant (FRG-23)."""
+    return math.floor(value) if isinstance(value, float) and math.isfinite(value) else value
+
+
+def _whole_seconds(value: object) -> object:
+    """Clients write times as integers, floats or ``{sec, nanosec}``; whole seconds count (AUT-02, AUT-05)."""
+    if isinstance(value, dict):
+        value = value.get("sec", value.get("secs"))
+    return math.floor(value) if isinstance(value, float) and math.isfinite(value) else value
+
+
+Total = Annotated[
+    int,
+    Field(ge=1),
+    BeforeValidator(_floor, json_schema_input_type=Annotated[float, Field(ge=1)]),
+    Expected("a whole number, one or more"),
+]
+Seconds = Annotated[
+    int, BeforeValidator(_whole_seconds, json_schema_input_type=float), Expected("a time in seconds")
+]
+
+
+class Fragment(Op):
+    """One piece of the text of another message (FRG-01). `num` counts from zero to `total` - 1."""
+
+    op: Literal["fragment"] = "fragment"
+    id: RequiredId
+    data: Text
+    num: Count
+    total: Total
+
+
+class Png(Op):
+    """A whole message as the pixels of a PNG image, in base64 (PNG-01)."""
+
+    op: Literal["png"] = "png"
+    data: Text
+
+
+class SetLevel(Op):
+    """Asks for status messages of `level` and above (STA-01, STA-02)."""
+
+    op: Literal["set_level"] = "set_level"
+    level: LevelName
+
+
+class Status(Op):
+    """Tells a client what became of something that it sent (STA-03, STA-04)."""
+
+    op: Literal["status"] = "status"
+    level: LevelName
+    msg: Text
+
+
+class Auth(Op):
+    """Credentials as rosauth computes them (AUT-02). `t` and `end` are seconds since 1970."""
+
+    op: Literal["auth"] = "auth"
+    mac: Text
+    client: Text
+    dest: Text
+    rand: Text
+    t: Seconds
+    level: Text
+    end: Seconds
+
+
+def refuse_with_status(address: Address, reason: str, level: Level = "error") -> Op:
+    """How everything is refused that has no reply of its own."""
+    return Status(level=level, msg=reason, id=address.id)
+
+
+SPECS = (
+    OpSpec(Fragment, Direction.BOTH, refuse_with_status, in_session=True),
+    OpSpec(Png, Direction.TO_CLIENT, refuse_with_status, in_session=True),
+    # Three names are in use for one op (X02).
+    OpSpec(SetLevel, Direction.TO_SERVER, refuse_with_status, ("set_status_level", "status_level"), True),
+    OpSpec(Status, Direction.TO_CLIENT, refuse_with_status),
+    OpSpec(Auth, Direction.TO_SERVER, refuse_with_status),
+)

@@ -1,0 +1,97 @@
+"""Ops about services: call_service, service_response, advertise_service, unadvertise_service."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from rwt_protocol.errors import Level
+from rwt_protocol.ops.base import (
+    Address,
+    Arguments,
+    Direction,
+    Expected,
+    Flag,
+    Op,
+    OpSpec,
+    OptionalText,
+    Text,
+    Values,
+)
+from rwt_protocol.ops.control import refuse_with_status
+from rwt_protocol.ops.topics import CompressionName, OptionalCount
+from rwt_protocol.rawjson import EMPTY
+
+Timeout = Annotated[Annotated[float, Field(allow_inf_nan=False)] | None, Expected("a number of seconds")]
+
+
+class CallService(Op):
+    """Asks for one run of a service; to a provider, asks it to run (SRV-01, SVP-01).
+
+    Attributes:
+        service: the name as the caller wrote it, which the reply repeats.
+        type: sent by some clients and not needed (SRV-03).
+        args: an object by name or an array by position (SRV-02); absent and null are an empty object.
+        timeout: seconds to wait, 0 and less for ever; None leaves it to the server (SRV-10).
+        fragment_size: split the reply if it is longer than this many characters (FRG-20).
+        compression: accepted, and without effect (PNG-08).
+    """
+
+    op: Literal["call_service"] = "call_service"
+    service: Text
+    type: OptionalText = None
+    args: Arguments = EMPTY
+    timeout: Timeout = None
+    fragment_size: OptionalCount = None
+    compression: CompressionName = "none"
+
+
+class ServiceResponse(Op):
+    """The one reply to a call (SRV-14).
+
+    Attributes:
+        values: the response; when `result` is false, usually a string that says why (SRV-05). Absent and
+            null are an empty object (SVP-05).
+        result: whether the service ran and succeeded. Absent is true, as clients read it (CLI-01).
+    """
+
+    wire_order: ClassVar[tuple[str, ...]] = ("service", "values", "result", "id")
+
+    op: Literal["service_response"] = "service_response"
+    service: Text
+    values: Values = EMPTY
+    result: Flag = True
+
+
+class AdvertiseService(Op):
+    """The sender offers a service (SVP-01)."""
+
+    op: Literal["advertise_service"] = "advertise_service"
+    type: Text
+    service: Text
+
+
+class UnadvertiseService(Op):
+    """The sender withdraws a service that it offers (SVP-09)."""
+
+    op: Literal["unadvertise_service"] = "unadvertise_service"
+    service: Text
+
+
+def refuse_call(address: Address, reason: str, level: Level = "error") -> Op:
+    """A caller waits for its reply, so it gets one (SRV-04 to SRV-08).
+
+    Only a call that names no service and has no id has nobody to reply to.
+    """
+    if not address.name and address.id is None:
+        return refuse_with_status(address, reason, level)
+    return ServiceResponse(service=address.name, values=reason, result=False, id=address.id)
+
+
+SPECS = (
+    OpSpec(CallService, Direction.BOTH, refuse_call),
+    OpSpec(ServiceResponse, Direction.BOTH, refuse_with_status),
+    OpSpec(AdvertiseService, Direction.TO_SERVER, refuse_with_status),
+    OpSpec(UnadvertiseService, Direction.TO_SERVER, refuse_with_status),
+)

@@ -1,0 +1,167 @@
+"""Ops about topics: advertise, unadvertise, publish, subscribe, unsubscribe."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from rwt_protocol.ops.base import (
+    Count,
+    Direction,
+    Expected,
+    Flag,
+    Message,
+    Op,
+    OpSpec,
+    OptionalText,
+    Text,
+    Whole,
+)
+from rwt_protocol.ops.control import refuse_with_status
+from rwt_protocol.rawjson import EMPTY
+
+Compression = Literal["none", "png", "cbor", "cbor-raw"]
+
+COMPRESSIONS: Final = frozenset({"none", "png", "cbor", "cbor-raw"})
+
+
+def _known_compression(value: object) -> object:
+    """A string that names no compression asks for none (SUB-10)."""
+    return "none" if isinstance(value, str) and value not in COMPRESSIONS else value
+
+
+CompressionName = Annotated[
+    Compression, BeforeValidator(_known_compression, json_schema_input_type=str), Expected("a string")
+]
+
+
+def _lower(value: object) -> object:
+    """Names of policies are written in any case (ADV-11)."""
+    return value.lower() if isinstance(value, str) else value
+
+
+class _Duration(BaseModel):
+    """The other spelling of a number of seconds."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
+
+    secs: Annotated[int, Field(ge=0)]
+    nsecs: Annotated[int, Field(ge=0)]
+
+
+def _seconds(value: object) -> object:
+    """Seconds from a number, ``{secs, nsecs}``, or a name in any case."""
+    if isinstance(value, dict):
+        duration = _Duration.model_validate(value)
+        return duration.secs + duration.nsecs / 1e9
+    return _lower(value)
+
+
+class Qos(BaseModel):
+    """Quality of service as a client asks for it; None leaves a policy to the server (ADV-11).
+
+    Attributes:
+        depth: messages kept with the history `keep_last`.
+        deadline: longest time between two messages, in seconds.
+        lifespan: age in seconds after which a message is not delivered any more.
+    """
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
+
+    history: Annotated[
+        Literal["keep_last", "keep_all"] | None,
+        BeforeValidator(_lower),
+        Expected('"keep_last" or "keep_all"'),
+    ] = None
+    depth: Annotated[Count | None, Expected("a whole number, zero or more")] = None
+    reliability: Annotated[
+        Literal["reliable", "best_effort", "best_available"] | None,
+        BeforeValidator(_lower),
+        Expected('"reliable", "best_effort" or "best_available"'),
+    ] = None
+    durability: Annotated[
+        Literal["volatile", "transient_local", "best_available"] | None,
+        BeforeValidator(_lower),
+        Expected('"volatile", "transient_local" or "best_available"'),
+    ] = None
+    deadline: Annotated[
+        Annotated[float, Field(ge=0, allow_inf_nan=False)] | Literal["infinite", "best_available"] | None,
+        BeforeValidator(_seconds),
+        Expected('seconds, {"secs", "nsecs"}, "infinite" or "best_available"'),
+    ] = None
+    lifespan: Annotated[
+        Annotated[float, Field(ge=0, allow_inf_nan=False)] | Literal["infinite"] | None,
+        BeforeValidator(_seconds),
+        Expected('seconds, {"secs", "nsecs"} or "infinite"'),
+    ] = None
+
+
+OptionalQos = Annotated[Qos | None, Expected("an object")]
+OptionalCount = Annotated[Count | None, Expected("a whole number, zero or more")]
+
+
+class Advertise(Op):
+    """The sender will publish on a topic (ADV-01). `latch` and `queue_size` are ROS 1's words (ADV-06)."""
+
+    op: Literal["advertise"] = "advertise"
+    topic: Text
+    type: Text
+    latch: Flag = False
+    queue_size: OptionalCount = None
+    qos: OptionalQos = None
+
+
+class Unadvertise(Op):
+    """The sender will not publish any more: the advertisement with this id, or all of them (UNA-03)."""
+
+    op: Literal["unadvertise"] = "unadvertise"
+    topic: Text
+
+
+class Publish(Op):
+    """One message on a topic (PUB-01). `type` is used when nobody has advertised the topic (X12)."""
+
+    op: Literal["publish"] = "publish"
+    topic: Text
+    type: OptionalText = None
+    msg: Message = EMPTY
+    latch: Flag = False
+    queue_size: OptionalCount = None
+
+
+class Subscribe(Op):
+    """Asks for the messages of a topic.
+
+    Attributes:
+        type: the type that is expected; None accepts what the topic has (SUB-01).
+        throttle_rate: least time between two messages, in milliseconds; 0 and less: none (SUB-12, THR-09).
+        queue_length: messages kept while throttled, the newest first to stay (THR-03).
+        fragment_size: split what is longer than this many characters (FRG-20); None and 0: do not.
+        compression: how messages are encoded (SUB-08).
+    """
+
+    op: Literal["subscribe"] = "subscribe"
+    topic: Text
+    type: OptionalText = None
+    throttle_rate: Whole = 0
+    queue_length: Count = 0
+    fragment_size: OptionalCount = None
+    compression: CompressionName = "none"
+    qos: OptionalQos = None
+
+
+class Unsubscribe(Op):
+    """Ends the subscription with this id, or all of the sender's on the topic (UNS-01)."""
+
+    op: Literal["unsubscribe"] = "unsubscribe"
+    topic: Text
+
+
+SPECS = (
+    OpSpec(Advertise, Direction.TO_SERVER, refuse_with_status),
+    OpSpec(Unadvertise, Direction.TO_SERVER, refuse_with_status),
+    OpSpec(Publish, Direction.BOTH, refuse_with_status),
+    OpSpec(Subscribe, Direction.TO_SERVER, refuse_with_status),
+    OpSpec(Unsubscribe, Direction.TO_SERVER, refuse_with_status),
+)

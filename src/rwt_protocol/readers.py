@@ -1,0 +1,90 @@
+"""From the members of a message to its op: one reader for each op that arrives, in one profile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from types import MappingProxyType
+
+import msgspec
+from pydantic import ValidationError
+
+from rwt_protocol.codecs.base import Members
+from rwt_protocol.codecs.members import UNDECODED
+from rwt_protocol.ops import OPS, Direction, Op, OpSpec
+from rwt_protocol.ops.base import Opaque
+from rwt_protocol.profiles import Profile
+from rwt_protocol.rawjson import RawJson
+
+_Convert = Callable[[msgspec.Raw | RawJson], object]
+
+
+class Reader:
+    """How the members of one op become that op.
+
+    Attributes:
+        model: the op's type.
+        in_session: whether the session itself does what the op asks.
+    """
+
+    __slots__ = ("_ignored", "_optional", "_payloads", "_validate", "in_session", "model")
+
+    def __init__(self, spec: OpSpec, ignored: frozenset[str]) -> None:
+        self.model = spec.model
+        self.in_session = spec.in_session
+        self._ignored = tuple(ignored)
+        self._validate: Callable[[Members], Op] = spec.model.__pydantic_validator__.validate_python
+        self._payloads = _converters(spec.model)
+        self._optional = tuple(n for n, field in spec.model.model_fields.items() if not field.is_required())
+
+    def read(self, members: Members) -> Op:
+        """The op, validated once. `members` is used up.
+
+        Raises:
+            ValidationError: a member is missing or wrong.
+            msgspec.DecodeError, UnicodeDecodeError: a text among the payloads is not a string.
+        """
+        for name, convert in self._payloads:
+            if name in members:
+                members[name] = convert(members[name])  # type: ignore[arg-type]  # the decoder left it undecoded
+        for name in self._ignored:
+            members.pop(name, None)
+        try:
+            return self._validate(members)
+        except ValidationError:
+            # Null stands for an absent member (STA-07, SUB-11). Few send it, so the others do not pay for it.
+            nulls = [name for name in self._optional if name in members and members[name] is None]
+            if not nulls:
+                raise
+            for name in nulls:
+                del members[name]
+            return self._validate(members)
+
+
+@cache
+def readers(profile: Profile, direction: Direction) -> Mapping[object, Reader]:
+    """The readers of the ops that arrive in one direction, by name."""
+    return MappingProxyType(
+        {
+            name: Reader(spec, profile.without.get(name, frozenset()))
+            for name, spec in OPS.items()
+            if name in profile.ops and spec.direction in (direction, Direction.BOTH)
+        }
+    )
+
+
+def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
+    """What to do with the members that arrive undecoded."""
+    found: list[tuple[str, _Convert]] = []
+    for name, field in model.model_fields.items():
+        marks = [item for item in field.metadata if isinstance(item, Opaque)]
+        if marks:
+            found.append((name, marks[0].convert))
+        elif name in UNDECODED:
+            found.append((name, _decoded))
+    return tuple(found)
+
+
+def _decoded(raw: msgspec.Raw | RawJson) -> object:
+    """The value of a member that is a payload in another op, and a text in this one."""
+    return msgspec.json.decode(raw.data if isinstance(raw, RawJson) else raw)

@@ -1,0 +1,112 @@
+"""The whole protocol as one document, made from the models: JSON Schema or AsyncAPI."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pydantic import JsonValue
+from pydantic.json_schema import GenerateJsonSchema, models_json_schema
+
+from rwt_protocol.ops import OPS, Direction, OpSpec
+from rwt_protocol.profiles import COMPAT, Profile
+from rwt_protocol.rawjson import RawJson
+
+_DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
+
+
+class _Generator(GenerateJsonSchema):
+    """Writes the default of a payload, which pydantic cannot."""
+
+    def encode_default(self, dft: object) -> JsonValue:
+        """A default value as JSON; a payload's is an empty object."""
+        return {} if isinstance(dft, RawJson) else super().encode_default(dft)
+
+
+def protocol_schema(profile: Profile = COMPAT) -> dict[str, JsonValue]:
+    """One JSON Schema that describes every message of `profile`.
+
+    A message is one of the definitions under ``$defs``, told apart by ``op``; each says under ``x-direction``
+    who sends it. Members that a definition does not list are allowed and ignored (ENV-01); null stands for an
+    absent optional member, which the document leaves out.
+    """
+    definitions, references = _definitions(profile, "#/$defs/")
+    alternatives: list[JsonValue] = [{"$ref": reference} for reference in references.values()]
+    mapping: dict[str, JsonValue] = dict(references)
+    return {
+        "$schema": _DIALECT,
+        "title": f"rosbridge v2, profile {profile.name}",
+        "type": "object",
+        "oneOf": alternatives,
+        "discriminator": {"propertyName": "op", "mapping": mapping},
+        "$defs": definitions,
+    }
+
+
+def protocol_asyncapi(profile: Profile = COMPAT, version: str = "2.0.0") -> dict[str, JsonValue]:
+    """The same as an AsyncAPI 3.0 document, seen from the server: what it receives, and what it sends.
+
+    Args:
+        profile: which messages there are.
+        version: of the interface that is described.
+    """
+    definitions, references = _definitions(profile, "#/components/schemas/")
+    messages: dict[str, JsonValue] = {
+        op: {"name": op, "payload": {"$ref": reference}} for op, reference in references.items()
+    }
+    return {
+        "asyncapi": "3.0.0",
+        "info": {"title": f"rosbridge v2, profile {profile.name}", "version": version},
+        "defaultContentType": "application/json",
+        "channels": {"connection": {"address": "/", "messages": messages}},
+        "operations": {
+            "receive": _operation("receive", profile, Direction.TO_SERVER),
+            "send": _operation("send", profile, Direction.TO_CLIENT),
+        },
+        "components": {"schemas": definitions},
+    }
+
+
+def _operation(action: str, profile: Profile, direction: Direction) -> dict[str, JsonValue]:
+    messages: list[JsonValue] = [
+        {"$ref": f"#/channels/connection/messages/{op}"}
+        for op in sorted(profile.ops)
+        if OPS[op].direction in (direction, Direction.BOTH)
+    ]
+    return {"action": action, "channel": {"$ref": "#/channels/connection"}, "messages": messages}
+
+
+def _definitions(profile: Profile, where: str) -> tuple[dict[str, JsonValue], dict[str, str]]:
+    """The schemas of the ops of `profile` and of what they refer to, and the reference to each op's own.
+
+    Args:
+        profile: which ops there are.
+        where: what stands before a schema's name in a reference to it.
+    """
+    specs = [OPS[op] for op in sorted(profile.ops)]
+    _, document = models_json_schema(
+        [(spec.model, "validation") for spec in specs],
+        ref_template=where + "{model}",
+        schema_generator=_Generator,
+    )
+    definitions: dict[str, JsonValue] = dict(document["$defs"])
+    for spec in specs:
+        definition = definitions[spec.model.__name__]
+        if isinstance(definition, dict):
+            _finish(definition, spec, profile.without.get(spec.name, frozenset()))
+    own = {spec.model.__name__ for spec in specs}
+    text = repr([definitions[name] for name in own])
+    used = {name: it for name, it in definitions.items() if name in own or f"{where}{name}'" in text}
+    return used, {spec.name: where + spec.model.__name__ for spec in specs}
+
+
+def _finish(definition: dict[str, JsonValue], spec: OpSpec, without: frozenset[str]) -> None:
+    """What the model's own schema does not say: who sends it, that `op` is needed, what the profile lacks."""
+    definition["x-direction"] = spec.direction.value
+    members = definition["properties"]
+    required = definition.setdefault("required", [])
+    if isinstance(members, dict) and isinstance(required, list):
+        names: list[JsonValue] = [spec.name, *spec.aliases]
+        members["op"] = {"enum": names} if spec.aliases else {"const": spec.name}
+        required.insert(0, "op")
+        for name in without:
+            members.pop(name, None)

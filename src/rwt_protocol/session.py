@@ -1,0 +1,262 @@
+"""One peer's wire state: frames in, ops out, and back. No I/O, no clock, no log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import msgspec
+from pydantic import ValidationError
+
+from rwt_protocol.codecs import CBOR, JSON, png
+from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.errors import Level, Refused
+from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
+from rwt_protocol.frames import Frame
+from rwt_protocol.ops import ALIASES, OPS, Address, Direction, Fragment, Op, Png, SetLevel, Status
+from rwt_protocol.profiles import COMPAT, Profile, StatusRule
+from rwt_protocol.readers import readers
+from rwt_protocol.wording import describe, explain, nearest
+
+_MAPS: Final = frozenset(bytes((byte,)) for byte in range(0xA0, 0xC0))
+"""The first bytes of a CBOR map; no JSON text begins with one."""
+
+_MOST_INSIDE: Final = 4
+_SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
+
+
+@dataclass(frozen=True, slots=True)
+class WireLimits:
+    """What one peer may send.
+
+    Attributes:
+        max_message_size: bytes in one frame.
+        max_depth: objects and arrays open at once in one message, itself included.
+        fragments: messages in pieces.
+    """
+
+    max_message_size: int = 10_000_000
+    max_depth: int = 100
+    fragments: FragmentLimits = field(default_factory=FragmentLimits)
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Something in a frame that is not done.
+
+    Attributes:
+        reason: why, in words for the sender.
+        op: the name of the op as it was sent, empty when none could be read.
+        id: the sender's id, None when none could be read.
+        name: the service or action that was meant, empty when none could be read.
+        answer: the op that tells the sender; None on a client's side where the protocol has no way to.
+    """
+
+    reason: str
+    op: str = ""
+    id: str | int | None = None
+    name: str = ""
+    answer: Op | None = None
+
+
+class Session:
+    """The wire state of one peer.
+
+    What asks something of the session itself (`set_level`, `fragment`, `png`) is done by it, and is not
+    given out.
+
+    Args:
+        profile: which version of the protocol is spoken.
+        direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
+        limits: what the peer may send.
+    """
+
+    __slots__ = (
+        "_cut",
+        "_direction",
+        "_inside",
+        "_level",
+        "_max_depth",
+        "_max_size",
+        "_profile",
+        "_readers",
+        "_reassembly",
+    )
+
+    def __init__(
+        self,
+        profile: Profile = COMPAT,
+        direction: Direction = Direction.TO_SERVER,
+        limits: WireLimits = WireLimits(),
+    ) -> None:
+        self._profile = profile
+        self._direction = direction
+        self._max_size = limits.max_message_size
+        self._max_depth = limits.max_depth
+        self._cut = 0
+        self._inside = 0
+        self._reassembly = Reassembly(limits.fragments)
+        self._readers = readers(profile, direction)
+        self._level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
+
+    def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
+        """The messages of one frame, in order. Never raises, and keeps nothing of a frame that is cut short.
+
+        A binary frame is read as CBOR if it begins with a map, and as JSON text otherwise (ENV-12).
+
+        Args:
+            data: the whole frame.
+            binary: whether it came as binary rather than as text.
+            now: seconds on any clock that never goes back.
+        """
+        if len(data) > self._max_size:
+            return (
+                self._refusal({}, f"{len(data)} bytes: the limit is {self._max_size} (max_message_size)"),
+            )
+        codec = CBOR if binary and data[:1] in _MAPS else JSON
+        parts = codec.split(data, self._max_depth)
+        if len(parts) == 1:
+            return self._read(parts[0], now)
+        return [read for part in parts for read in self._read(part, now)]
+
+    def encode(self, op: Op) -> Frame:
+        """One op as a frame.
+
+        Raises:
+            MalformedPayload: its payload came from another peer, and is not JSON.
+        """
+        return JSON.encode(op)
+
+    def cut(
+        self,
+        frame: Frame,
+        size: int | None,
+        id: str | int | None = None,  # noqa: A002  # as on the wire
+    ) -> Sequence[Frame]:
+        """A frame in pieces of at most `size` characters, if it is longer (FRG-21).
+
+        Args:
+            frame: the whole message.
+            size: the `fragment_size` that the client asked for with what this answers; None and 0: none.
+            id: the id of the message inside; the pieces are known by it, or by one of their own (FRG-24).
+        """
+        if not size or frame.size <= size:
+            return (frame,)
+        self._cut += 1
+        return cut(frame, size, f"fragment:{self._cut}" if id is None or id == "" else str(id))
+
+    def answer(self, op: Op) -> Frame | None:
+        """One op as a frame, or None for a `status` that this client does not want to hear (STA-02)."""
+        if isinstance(op, Status) and not self.wants_status(op.level):
+            return None
+        return JSON.encode(op)
+
+    @property
+    def level(self) -> Level | None:
+        """The least severity of which the client hears; None when it hears none in this profile."""
+        return self._level
+
+    def wants_status(self, level: Level) -> bool:
+        """Whether a `status` of that severity may be sent now (STA-02)."""
+        return self._level is not None and level != "none" and _SEVERITY[level] >= _SEVERITY[self._level]
+
+    def _read(self, members: Members | Fault, now: float) -> Sequence[Op | Refusal]:
+        """One message as its op; nothing when the session itself has done what it asks."""
+        if isinstance(members, Fault):
+            return (self._refusal(members.members, members.reason),)
+        try:
+            reader = self._readers[members["op"]]
+        except (KeyError, TypeError):
+            return self._read_other(members, now)
+        try:
+            op = reader.read(members)
+        except ValidationError as error:
+            return (self._refusal(members, explain(str(members["op"]), reader.model, error)),)
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            return (self._refusal(members, f"{members['op']}: holds a string that is not valid"),)
+        return self._do(op, now) if reader.in_session else (op,)
+
+    def _read_other(self, members: Members, now: float) -> Sequence[Op | Refusal]:
+        """A message whose `op` is not one that arrives here: another name of one, or none at all."""
+        name = members.get("op")
+        if isinstance(name, str) and ALIASES.get(name) in self._readers:
+            return self._read(members | {"op": ALIASES[name]}, now)
+        return (self._refusal(members, self._why_no_op(members)),)
+
+    def _do(self, op: Op, now: float) -> Sequence[Op | Refusal]:
+        """What is asked of the session itself."""
+        try:
+            if isinstance(op, SetLevel):
+                self._level = op.level
+            elif isinstance(op, Fragment):
+                return self._join(op, now)
+            elif isinstance(op, Png):
+                return self._decode_inner(png.decode(op.data, self._max_size), now)
+        except Refused as refused:
+            return (self._refusal({"op": op.op, "id": op.id}, refused.reason),)
+        return ()
+
+    def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
+        """What a piece completes, as if it had come whole (FRG-11).
+
+        Raises:
+            Refused: the piece does not fit.
+        """
+        text = self._reassembly.add(fragment, now)
+        if text is None:
+            return ()
+        try:
+            return self._decode_inner(text.encode(), now)
+        finally:
+            self._reassembly.forget(fragment.id)
+
+    def _decode_inner(self, data: bytes, now: float) -> Sequence[Op | Refusal]:
+        """A message that came inside another.
+
+        Raises:
+            Refused: that one was inside another, and so on, too often.
+        """
+        if self._inside >= _MOST_INSIDE:
+            raise Refused(f"messages inside messages, more than {_MOST_INSIDE} deep")
+        self._inside += 1
+        try:
+            return self.decode(data, False, now)
+        finally:
+            self._inside -= 1
+
+    def _why_no_op(self, members: Members) -> str:
+        """Why the `op` of a message is not one that is taken here (ENV-03, ENV-04, ENV-05)."""
+        allowed = f"expected one of {', '.join(sorted(map(str, self._readers)))}"
+        if "op" not in members:
+            if "receiver" in members:
+                return 'a message of rosbridge v1 ("receiver"): in v2 every message has an "op"'
+            return f'no "op": {allowed}'
+        name = members["op"]
+        if not isinstance(name, str):
+            return f"op: expected a string, got {describe(name)}"
+        if name in OPS and name in self._profile.ops:
+            return f'operation "{name}" only goes {OPS[name].direction.value}'
+        return f"unknown operation {describe(name)}{nearest(name, map(str, self._readers))}: {allowed}"
+
+    def _refusal(self, members: Members, reason: str) -> Refusal:
+        address = _address(members)
+        spec = OPS.get(address.op, OPS["status"])
+        answer: Op | None = spec.refuse(address, reason, "error")
+        if isinstance(answer, Status) and self._direction is Direction.TO_CLIENT:
+            answer = None
+        return Refusal(reason, address.op, address.id, address.name, answer)
+
+
+def _address(members: Members) -> Address:
+    """Where to answer a message, as far as that can be read."""
+    op, mark = members.get("op"), members.get("id")
+    name = members.get("service", members.get("action"))
+    known = isinstance(mark, str) or (
+        isinstance(mark, int) and not isinstance(mark, bool) and -(2**63) <= mark < 2**64
+    )
+    return Address(
+        op if isinstance(op, str) else "",
+        mark if known and isinstance(mark, str | int) else None,
+        name if isinstance(name, str) else "",
+    )

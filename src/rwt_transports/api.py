@@ -1,0 +1,154 @@
+"""The two seams of this package: a *wire* knows a protocol and does no I/O, a *driver* moves bytes and
+knows none.
+
+A :class:`~rwt_transports.connection.Connection` stands between them. The driver gives it a :class:`Link`,
+hands it what arrives, and takes what is to be sent whenever the link was woken; the connection feeds its
+:class:`Wire`, which calls back with whole messages. Everything is synchronous and runs on the loop's
+thread, so a message costs no task.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from rwt_protocol.frames import Buffer, Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Framing:
+    """How frames become a wire's bytes; depends on nothing but the frame, so that connections share the
+    outcome.
+
+    Attributes:
+        whole: the frame as one piece.
+        pieces: the same bytes in several pieces, of which the large ones are the frame's own parts, uncopied.
+    """
+
+    whole: Callable[[Frame], bytes]
+    pieces: Callable[[Frame], tuple[Buffer, ...]]
+
+
+class Link(Protocol):
+    """One peer's pipe of bytes, as a driver offers it to a connection. No method blocks."""
+
+    def wake(self) -> None:
+        """Tell the driver that there is something to take. It takes later, not within this call."""
+
+    def finish(self) -> None:
+        """Tell the peer that nothing more will come (half-close), and keep reading; closes where that
+        cannot be."""
+
+    def close(self) -> None:
+        """Close once what was taken has reached the network."""
+
+    def abort(self) -> None:
+        """Drop the connection at once."""
+
+    def pause_reading(self) -> None:
+        """Take nothing more from the network, so that the peer's sending comes to rest."""
+
+    def resume_reading(self) -> None:
+        """Undo :meth:`pause_reading`."""
+
+
+class WireEvents(Protocol):
+    """What a wire reports while it is fed."""
+
+    def oversized(self, size: int) -> bool:
+        """A message larger than the limit has begun; `size` in bytes as far as known. True: skip it and go
+        on."""
+
+    def answer(self, data: bytes) -> None:
+        """The protocol itself owes the peer these bytes (a pong, the reply to a close)."""
+
+    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
+        """No message follows. `agreed`: both sides have said so; otherwise the peer broke the protocol."""
+
+
+class Wire(Protocol):
+    """One connection's protocol: bytes in, messages out; a frame in, bytes out. Does no I/O and reads no
+    clock."""
+
+    message: Callable[[bytes, bool], None]
+    """Called with each whole message, and whether it is binary."""
+
+    @property
+    def framing(self) -> Framing:
+        """How outgoing frames become bytes; the same object for every connection of the wire that can
+        share."""
+
+    def feed(self, data: bytes) -> None:
+        """Take what arrived."""
+
+    def space(self) -> memoryview | None:
+        """Where the next bytes may be received directly, inside a large message; None: receive anywhere and
+        feed."""
+
+    def filled(self, count: int) -> None:
+        """`count` bytes were received into :meth:`space`."""
+
+    def close(self, code: int, reason: str) -> bytes:
+        """Begin to close: later messages are not reported. Returns what to send, perhaps nothing."""
+
+    def ping(self) -> bytes:
+        """What to send to learn whether the peer is alive; nothing where the protocol has no ping."""
+
+
+@runtime_checkable
+class OversizeAware(Protocol):
+    """An endpoint that wants to answer a message which was too large to take."""
+
+    def oversized(self, size: int, limit: int) -> None:
+        """A message of at least `size` bytes was skipped; `limit` is the setting. Never raises."""
+
+
+class Driven(Protocol):
+    """What a driver drives: the connection's half of the seam."""
+
+    def receive(self, data: bytes) -> None:
+        """Bytes arrived."""
+
+    def space(self) -> memoryview | None:
+        """Where the next bytes may be received directly, or None."""
+
+    def filled(self, count: int) -> None:
+        """`count` bytes were received into :meth:`space`."""
+
+    def take(self) -> Buffer | None:
+        """The next bytes to write, None when there are none for now."""
+
+    def progress(self) -> None:
+        """The network took bytes again after it had refused some: the peer is alive."""
+
+    def eof(self) -> None:
+        """The peer will send nothing more."""
+
+    def lost(self) -> None:
+        """The link is gone, for whatever reason. Called once, last."""
+
+
+Attach = Callable[[Link, str, int], Driven]
+"""Called by a driver for each new peer: its link, its address (or "") and its port (or 0)."""
+
+
+class Driver(Protocol):
+    """Moves bytes between a place and connections."""
+
+    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Accept peers within the block; gives the port in use. Raises
+        :exc:`~rwt_transports.errors.ListenError`."""
+
+
+class Listener(Protocol):
+    """An open listener."""
+
+    @property
+    def url(self) -> str:
+        """Where it listens, with the actual port."""
+
+    @property
+    def connections(self) -> int:
+        """How many peers are connected, plain HTTP included."""

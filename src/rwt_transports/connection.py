@@ -1,0 +1,348 @@
+"""One accepted connection, without I/O: HTTP until an upgrade where the transport has it, then a wire's
+messages."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, field
+
+import anyio
+
+from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
+
+from .api import Link, OversizeAware, Wire, WireEvents
+from .errors import Refused
+from .http import HttpConversation, HttpRequest, HttpResponse, Routes
+from .limits import Limits
+from .outbox import Outbox
+from .wires.websocket import Spare
+
+logger = logging.getLogger("rwt_transports")
+
+ABNORMAL = 1006
+INTERNAL = 1011
+POLICY = 1008
+
+Spawn = Callable[[Callable[[], Coroutine[object, object, None]]], None]
+"""Runs a coroutine function in a task of the listener."""
+
+MakeWire = Callable[[WireEvents, Limits, Spare], Wire]
+"""Makes the wire of one new connection."""
+
+
+@dataclass(slots=True)
+class Reception:
+    """What all connections of one listener share.
+
+    Attributes:
+        accept: makes the endpoint of a new peer.
+        make_wire: makes its wire.
+        routes: plain HTTP on the same port; None for transports that begin with messages at once.
+        spawn: runs an HTTP handler that waits or streams.
+        transport: the URL scheme, for :class:`~rwt_protocol.frames.PeerInfo`.
+        connections: those that are open.
+    """
+
+    accept: Accept
+    make_wire: MakeWire
+    limits: Limits
+    routes: Routes | None
+    spawn: Spawn
+    transport: str
+    spare: Spare = field(default_factory=Spare)
+    connections: set[Connection] = field(default_factory=set)
+    closing: bool = False
+    _empty: anyio.Event | None = None
+
+    def attach(self, link: Link, address: str, port: int) -> Connection:
+        """A new peer has connected."""
+        connection = Connection(self, link, address, port)
+        self.connections.add(connection)
+        connection.begin()
+        return connection
+
+    def tick(self, now: float) -> None:
+        """Look after every time-out; called about twice a second with a monotonic time in seconds."""
+        for connection in tuple(self.connections):
+            connection.tick(now)
+
+    def close(self, code: int, reason: str) -> None:
+        """Ask every peer to go."""
+        self.closing = True
+        for connection in tuple(self.connections):
+            connection.close(code, reason)
+
+    async def emptied(self) -> None:
+        """Wait until no connection is left."""
+        while self.connections:
+            self._empty = anyio.Event()
+            await self._empty.wait()
+
+    def detach(self, connection: Connection) -> None:
+        """A connection has ended."""
+        self.connections.discard(connection)
+        if not self.connections and self._empty is not None:
+            self._empty.set()
+
+    def abort(self) -> None:
+        """Cut those that are still here."""
+        for connection in tuple(self.connections):
+            connection.abort()
+
+
+class Connection:
+    """Stands between a driver and an endpoint; see :mod:`rwt_transports.api`."""
+
+    __slots__ = (
+        "_address",
+        "_alive",
+        "_closed_with",
+        "_conversation",
+        "_deadline",
+        "_ending",
+        "_endpoint",
+        "_heard",
+        "_link",
+        "_pinged",
+        "_port",
+        "_reception",
+        "_scope",
+        "_wire",
+        "outbox",
+        "take",
+    )  # fmt: skip
+
+    def __init__(self, reception: Reception, link: Link, address: str, port: int) -> None:
+        self._reception = reception
+        self._link = link
+        self._address = address
+        self._port = port
+        self._wire = reception.make_wire(self, reception.limits, reception.spare)
+        self.outbox = Outbox(self._wire.framing, reception.limits, link.wake, self._overflow, self.close)
+        self.take: Callable[[], Buffer | None] = self.outbox.take
+        self._conversation: HttpConversation | None = None
+        self._endpoint: Endpoint | None = None
+        self._closed_with: tuple[int, str] | None = None
+        self._ending = False
+        self._deadline: float | None = None
+        self._heard: float | None = None
+        self._alive = True
+        self._pinged = False
+        self._scope: anyio.CancelScope | None = None
+
+    def begin(self) -> None:
+        """Start with HTTP, or open at once where the transport has no handshake."""
+        reception = self._reception
+        if reception.routes is not None:
+            self._conversation = HttpConversation(reception.routes, reception.limits, self, self._address)
+            return
+        try:
+            self._open(PeerInfo(reception.transport, self._address, self._port))
+        except Refused as refused:
+            self.close(POLICY, refused.reason)
+
+    # -- the driver's side ---------------------------------------------------------------------------------
+
+    def receive(self, data: bytes) -> None:
+        """Bytes arrived."""
+        self._alive = True
+        try:
+            if self._conversation is not None:
+                self._conversation.feed(data)
+            else:
+                self._wire.feed(data)
+        except Exception:
+            self._broken_inside()
+
+    def space(self) -> memoryview | None:
+        """Where the next bytes may be received directly."""
+        return self._wire.space()
+
+    def filled(self, count: int) -> None:
+        """`count` bytes were received into :meth:`space`."""
+        self._alive = True
+        try:
+            self._wire.filled(count)
+        except Exception:
+            self._broken_inside()
+
+    def progress(self) -> None:
+        """The network took bytes again."""
+        self._alive = True
+
+    def eof(self) -> None:
+        """The peer will send nothing more."""
+        if self._conversation is not None:
+            self._conversation.eof()
+            return
+        self._end_endpoint(ABNORMAL, "the peer went away without a word")
+        self._link.close()
+
+    def lost(self) -> None:
+        """The link is gone."""
+        self._reception.detach(self)
+        self._conversation = None
+        self._ending = True
+        self.outbox.abandon()
+        if self._scope is not None:
+            self._scope.cancel()
+        self._end_endpoint(ABNORMAL, "the connection was lost")
+
+    # -- the endpoint's side -------------------------------------------------------------------------------
+
+    def close(self, code: int = 1000, reason: str = "") -> None:
+        """Close after what is queued in the control lane; a second call does nothing."""
+        if self._ending:
+            return
+        if self._conversation is not None:
+            if not self._conversation.busy:
+                self.hang_up()
+            return
+        self._ending = True
+        self._closed_with = (code, reason)
+        farewell = self._wire.close(code, reason)
+        self.outbox.finish(farewell)
+        if not farewell:
+            self.outbox.when_empty(self._link.close)
+
+    def abort(self) -> None:
+        """Cut the connection."""
+        self._link.abort()
+
+    def _overflow(self, reason: str) -> None:
+        logger.warning("closing %s: %s", self, reason)
+        self.outbox.seal()
+        self.close(POLICY, reason)
+
+    def _broken_inside(self) -> None:
+        logger.exception("an endpoint or a wire failed; closing %s", self)
+        self.close(INTERNAL, "internal error")
+
+    # -- what the wire reports (WireEvents) ----------------------------------------------------------------
+
+    def oversized(self, size: int) -> bool:
+        """A message larger than the limit has begun."""
+        endpoint: object = self._endpoint
+        if not isinstance(endpoint, OversizeAware):
+            return False
+        endpoint.oversized(size, self._reception.limits.message_bytes)
+        return True
+
+    def answer(self, data: bytes) -> None:
+        """Bytes of the protocol itself."""
+        self.outbox.push(data)
+
+    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
+        """The wire is done: close, or wait for a peer that broke the protocol to take notice."""
+        self._ending = True
+        if not agreed:
+            logger.info("closing %s: %s", self, reason)
+        self._end_endpoint(*(self._closed_with or (code, reason)))
+        self.outbox.when_empty(self._link.close if agreed else self._link.finish)
+
+    # -- what HTTP asks (HttpEvents) -----------------------------------------------------------------------
+
+    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
+        """Become a WebSocket, if the listener and the accept function have it."""
+        reception = self._reception
+        if reception.closing:
+            return HttpResponse(b"this server is closing\n", 503)
+        if len(reception.connections) > reception.limits.connections:
+            text = f"all {reception.limits.connections} connections of this server are taken (connections)\n"
+            return HttpResponse(text.encode(), 503)
+        target = f"{request.path}?{request.query}" if request.query else request.path
+        refusal = self._open_after(
+            PeerInfo(reception.transport, self._address, self._port, target, request.headers), head
+        )
+        if refusal is None and rest:
+            self._wire.feed(rest)
+        return refusal
+
+    def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
+        """Run an HTTP handler in a task that ends with the connection."""
+        self._reception.spawn(lambda: self._in_scope(work))
+
+    async def drained(self) -> None:
+        """Wait until everything sent so far has been taken."""
+        empty = anyio.Event()
+        if not self._ending:
+            self.outbox.when_empty(empty.set)
+        await empty.wait()
+
+    def hang_up(self) -> None:
+        """Close once everything is sent."""
+        self._ending = True
+        self.outbox.when_empty(self._link.close)
+
+    async def _in_scope(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
+        if self._ending:
+            return
+        with anyio.CancelScope() as self._scope:
+            await work()
+        self._scope = None
+
+    # -- life ----------------------------------------------------------------------------------------------
+
+    def _open(self, peer: PeerInfo) -> None:
+        endpoint = self._reception.accept(self.outbox, peer)
+        self._endpoint = endpoint
+        if not self._ending:
+            self._wire.message = endpoint.receive
+
+    def _open_after(self, peer: PeerInfo, head: bytes) -> HttpResponse | None:
+        """Open with `head` in front of what the endpoint may send at once; the response is a refusal."""
+        mark = self.outbox.mark()
+        conversation, self._conversation = self._conversation, None
+        try:
+            self._open(peer)
+        except Refused as refused:
+            refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status)
+        except Exception:
+            logger.exception("the accept function failed for %s", self)
+            refusal = HttpResponse(b"internal error\n", 500)
+        else:
+            self.outbox.insert(mark, head)
+            return None
+        self.outbox.roll_back(mark)
+        self._conversation = conversation
+        return refusal
+
+    def _end_endpoint(self, code: int, reason: str) -> None:
+        """Tell the endpoint that it is over, once."""
+        endpoint, self._endpoint = self._endpoint, None
+        if endpoint is not None:
+            self.outbox.seal()
+            endpoint.closed(*(self._closed_with or (code, reason)))
+
+    def tick(self, now: float) -> None:
+        """Look after the time-outs of this connection; `now` is monotonic, in seconds."""
+        if self._alive or self._heard is None:
+            self._alive = self._pinged = False
+            self._heard = now
+        silent = now - self._heard
+        limits = self._reception.limits
+        if self._ending:
+            if self._deadline is None:
+                self._deadline = now + limits.close_seconds
+            elif now >= self._deadline:
+                self._link.abort()
+        elif self._conversation is not None:
+            self._conversation.tick(now)
+        elif limits.ping_seconds and silent >= limits.ping_seconds:
+            self._ping(silent)
+
+    def _ping(self, silent: float) -> None:
+        limits = self._reception.limits
+        if silent >= limits.ping_seconds + limits.pong_seconds:
+            logger.info("%s answers no ping, counted as gone", self)
+            self._end_endpoint(ABNORMAL, f"no sign of life for {silent:.0f} s")
+            self._link.abort()
+        elif not self._pinged:
+            self._pinged = True
+            ping = self._wire.ping()
+            if ping:
+                self.outbox.push(ping)
+
+    def __repr__(self) -> str:
+        return f"<{self._reception.transport} connection {self._address}:{self._port}>"

@@ -1,0 +1,1 @@
+"""Drivers: they move bytes between the network and connections, and know no protocol."""

@@ -1,0 +1,172 @@
+"""asyncio's own sockets, the fast driver: bytes come by callback, and what a loop turn produced is written
+at once."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from functools import partial
+
+from ..api import Attach, Driven
+from .sockets import bind_tcp
+
+READ_BYTES = 64 * 1024
+"""Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
+BACKLOG = 512
+
+
+class _Turn:
+    """The links that have something to write, flushed together once per loop turn."""
+
+    __slots__ = ("_loop", "_waiting")
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._waiting: list[_Link] = []
+
+    def add(self, link: _Link) -> None:
+        if not self._waiting:
+            self._loop.call_soon(self._flush)
+        self._waiting.append(link)
+
+    def _flush(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        for link in waiting:
+            link.flush()
+
+
+class _Link(asyncio.BufferedProtocol):
+    """One socket; satisfies :class:`rwt_transports.api.Link`."""
+
+    __slots__ = (
+        "_attach",
+        "_buffer",
+        "_direct",
+        "_driven",
+        "_open",
+        "_transport",
+        "_view",
+        "_writable",
+        "wake",
+    )
+
+    def __init__(self, attach: Attach, turn: _Turn, buffer: bytearray) -> None:
+        self._attach = attach
+        self._buffer = buffer
+        self._view = memoryview(buffer)
+        self._direct = False
+        self._open = False
+        self._writable = True
+        self.wake = partial(turn.add, self)
+
+    # -- asyncio's callbacks -------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """A peer has connected."""
+        assert isinstance(transport, asyncio.Transport)
+        transport.set_write_buffer_limits(high=0)
+        self._transport = transport
+        self._open = True
+        name = transport.get_extra_info("peername")
+        address, port = (str(name[0]), int(name[1])) if isinstance(name, tuple) else ("", 0)
+        self._driven: Driven = self._attach(self, address, port)
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Where the next bytes go: into a large message, or into the buffer that all connections share."""
+        space = self._driven.space()
+        if space is None:
+            self._direct = False
+            return self._view
+        self._direct = True
+        return space
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Bytes have arrived there."""
+        if self._direct:
+            self._driven.filled(nbytes)
+        else:
+            self._driven.receive(bytes(self._view[:nbytes]))
+
+    def eof_received(self) -> bool:
+        """The peer will send nothing more; whether to close is the connection's affair."""
+        self._driven.eof()
+        return self._transport.get_extra_info("ssl_object") is None
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The socket is gone."""
+        self._open = False
+        self._driven.lost()
+
+    def pause_writing(self) -> None:
+        """The network takes no more for now."""
+        self._writable = False
+
+    def resume_writing(self) -> None:
+        """The network has taken everything."""
+        self._writable = True
+        self._driven.progress()
+        self.flush()
+
+    # -- Link ----------------------------------------------------------------------------------------------
+
+    def flush(self) -> None:
+        """Write what there is, as far as the network takes it."""
+        take = self._driven.take
+        write = self._transport.write
+        while self._writable and self._open:
+            data = take()
+            if data is None:
+                return
+            write(data)
+
+    def finish(self) -> None:
+        """Half-close."""
+        if self._transport.can_write_eof() and not self._transport.is_closing():
+            self._transport.write_eof()
+        else:
+            self._transport.close()
+
+    def close(self) -> None:
+        """Close after what was written has gone out."""
+        self._transport.close()
+
+    def abort(self) -> None:
+        """Close at once."""
+        self._transport.abort()
+
+    def pause_reading(self) -> None:
+        """Stop reading."""
+        if not self._transport.is_closing():
+            self._transport.pause_reading()
+
+    def resume_reading(self) -> None:
+        """Read again."""
+        if not self._transport.is_closing():
+            self._transport.resume_reading()
+
+
+class AsyncioDriver:
+    """Serves TCP on the running asyncio loop; satisfies :class:`rwt_transports.api.Driver`."""
+
+    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Accept peers within the block; gives the port in use."""
+        return self._serve(host, port, attach)
+
+    @asynccontextmanager
+    async def _serve(self, host: str, port: int, attach: Attach) -> AsyncIterator[int]:
+        loop = asyncio.get_running_loop()
+        sockets = await bind_tcp(host, port)
+        buffer = bytearray(READ_BYTES)
+        make_link = partial(_Link, attach, _Turn(loop), buffer)
+        servers = [await loop.create_server(make_link, sock=each, backlog=BACKLOG) for each in sockets]
+        try:
+            yield _port(sockets[0])
+        finally:
+            for server in servers:
+                server.close()
+
+
+def _port(bound: socket.socket) -> int:
+    return int(bound.getsockname()[1])

@@ -1,0 +1,202 @@
+"""Peers in the same process, for tests and for embedding: no sockets, no tasks, no clock; everything
+happens at once.
+
+:class:`MemoryPeer` meets an endpoint frame by frame, without any wire. :class:`MemoryDriver` moves bytes,
+so that a wire can be driven like over a network, byte by byte where that is wanted, and with a reader that
+stops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+
+from rwt_protocol.frames import Accept, Frame, Lane, PeerInfo
+
+from ..api import Attach, Driven
+
+
+class MemoryPeer:
+    """The other side of an endpoint; frames arrive as the very objects that were sent.
+
+    Args:
+        accept: makes the endpoint, as for a listener.
+        peer: what the endpoint is told about this peer.
+
+    Attributes:
+        received: frames in the order they were sent, with their lane and topic in `lanes`.
+        closed: code and reason once either side has closed, else None.
+    """
+
+    def __init__(self, accept: Accept, peer: PeerInfo | None = None) -> None:
+        self.received: list[Frame] = []
+        self.lanes: list[tuple[Lane, str]] = []
+        self.closed: tuple[int, str] | None = None
+        self._endpoint = accept(_PeerSink(self), peer or PeerInfo("memory"))
+
+    def send(self, message: str | bytes) -> None:
+        """Hand one message to the endpoint; `bytes` are a binary one."""
+        if self.closed is None:
+            binary = isinstance(message, bytes)
+            self._endpoint.receive(message if isinstance(message, bytes) else message.encode(), binary)
+
+    def take(self) -> list[bytes]:
+        """The messages received since the last call."""
+        taken = [frame.data for frame in self.received]
+        self.received.clear()
+        self.lanes.clear()
+        return taken
+
+    def close(self, code: int = 1000, reason: str = "") -> None:
+        """Close the connection, from either side; the endpoint is told once."""
+        if self.closed is None:
+            self.closed = (code, reason)
+            self._endpoint.closed(code, reason)
+
+
+class _PeerSink:
+    """What the endpoint of a :class:`MemoryPeer` writes to."""
+
+    __slots__ = ("_peer",)
+
+    def __init__(self, peer: MemoryPeer) -> None:
+        self._peer = peer
+
+    def send(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
+        if self._peer.closed is None:
+            self._peer.received.append(frame)
+            self._peer.lanes.append((lane, topic))
+
+    def close(self, code: int = 1000, reason: str = "") -> None:
+        self._peer.close(code, reason)
+
+    @property
+    def backlog(self) -> int:
+        return 0
+
+
+class MemoryPipe:
+    """One connection of a :class:`MemoryDriver`, seen from the peer's side.
+
+    Attributes:
+        stalled: True while the peer reads nothing, so that the other side's bytes pile up there.
+        ended: True once the other side has said that nothing more comes, or has closed.
+        closed: True once the connection is gone.
+        paused: True while the other side does not want to read.
+    """
+
+    def __init__(self, attach: Attach, address: str, port: int) -> None:
+        self.stalled = False
+        self.ended = False
+        self.closed = False
+        self.paused = False
+        self._closing = False
+        self._taken = bytearray()
+        self._driven: Driven = attach(_PipeLink(self), address, port)
+
+    def send(self, data: bytes) -> None:
+        """Bytes go to the other side."""
+        view = memoryview(data)
+        while view and not self.closed:
+            space = self._driven.space()
+            if space is None:
+                self._driven.receive(bytes(view))
+                break
+            count = min(len(space), len(view))
+            space[:count] = view[:count]
+            space.release()
+            self._driven.filled(count)
+            view = view[count:]
+        self.pump()
+
+    def receive(self) -> bytes:
+        """Everything that has come since the last call."""
+        self.pump()
+        taken = bytes(self._taken)
+        self._taken.clear()
+        return taken
+
+    def take(self, most: int = 1) -> None:
+        """Read `most` times, as a slow peer does."""
+        for _ in range(most):
+            data = self._driven.take()
+            if data is not None:
+                self._taken += data
+
+    def send_eof(self) -> None:
+        """Say that nothing more will come."""
+        if not self.closed:
+            self._driven.eof()
+            self.pump()
+
+    def cut(self) -> None:
+        """Be gone without a word."""
+        if not self.closed:
+            self.closed = self.ended = True
+            self._driven.lost()
+
+    def pump(self) -> None:
+        """Move what the other side has to send."""
+        while not self.stalled and not self.closed:
+            data = self._driven.take()
+            if data is None:
+                break
+            self._taken += data
+        if self._closing and not self.stalled:
+            self.cut()
+
+    def begin_closing(self) -> None:
+        """The other side closes once its bytes have been taken."""
+        self._closing = True
+
+
+class _PipeLink:
+    """The link of a :class:`MemoryPipe`; satisfies :class:`rwt_transports.api.Link`."""
+
+    __slots__ = ("_pipe",)
+
+    def __init__(self, pipe: MemoryPipe) -> None:
+        self._pipe = pipe
+
+    def wake(self) -> None:
+        """Nothing to do: the peer looks when it wants to."""
+
+    def finish(self) -> None:
+        self._pipe.ended = True
+
+    def close(self) -> None:
+        self._pipe.begin_closing()
+
+    def abort(self) -> None:
+        self._pipe.cut()
+
+    def pause_reading(self) -> None:
+        self._pipe.paused = True
+
+    def resume_reading(self) -> None:
+        self._pipe.paused = False
+
+
+class MemoryDriver:
+    """Serves peers of the same process; satisfies :class:`rwt_transports.api.Driver`."""
+
+    def __init__(self) -> None:
+        self._attach: Attach | None = None
+
+    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Accept :meth:`connect` within the block; gives `port`."""
+        return self._serve(port, attach)
+
+    @asynccontextmanager
+    async def _serve(self, port: int, attach: Attach) -> AsyncIterator[int]:
+        self._attach = attach
+        try:
+            yield port
+        finally:
+            self._attach = None
+
+    def connect(self, address: str = "memory", port: int = 0) -> MemoryPipe:
+        """A new peer. Raises ConnectionRefusedError when nobody serves."""
+        if self._attach is None:
+            raise ConnectionRefusedError("nobody serves this driver")
+        return MemoryPipe(self._attach, address, port)

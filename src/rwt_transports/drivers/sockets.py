@@ -1,0 +1,62 @@
+"""Listening sockets, and what to say when they cannot be had."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+
+import anyio
+
+from ..errors import ListenError
+
+
+async def bind_tcp(host: str, port: int) -> list[socket.socket]:
+    """Sockets bound to every address of `host`, all on one port; port 0 picks a free one.
+
+    Raises:
+        ListenError: the name is unknown, or the address cannot be had.
+    """
+    try:
+        found = await anyio.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except OSError:
+        raise ListenError(
+            f"the host {host!r} is not known; use an address such as 127.0.0.1 or 0.0.0.0"
+        ) from None
+    sockets: list[socket.socket] = []
+    try:
+        for family, address in dict.fromkeys((entry[0], entry[4][:2]) for entry in found):
+            chosen = sockets[0].getsockname()[1] if sockets else port
+            sockets.append(_bind(family, (str(address[0]), int(chosen))))
+    except OSError as error:
+        for each in sockets:
+            each.close()
+        raise ListenError(why_not(error, host, port)) from error
+    return sockets
+
+
+def _bind(family: int, address: tuple[str, int]) -> socket.socket:
+    # asyncio sets TCP_NODELAY on what is accepted only where the protocol is named.
+    bound = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        bound.setblocking(False)
+        if os.name == "posix":
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        bound.bind(address)
+    except OSError:
+        bound.close()
+        raise
+    return bound
+
+
+def why_not(error: OSError, host: str, port: int) -> str:
+    """One line that says why an address could not be opened, and what to do."""
+    if error.errno == errno.EADDRINUSE:
+        return f"port {port} on {host} is in use; stop what holds it, or choose another port (0 picks one)"
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return f"port {port} on {host} is not permitted to this user; choose a port from 1024 up"
+    if error.errno == errno.EADDRNOTAVAIL:
+        return f"{host} is not an address of this machine; use 127.0.0.1, 0.0.0.0 or one of its own"
+    return f"cannot listen on {host} port {port}: {os.strerror(error.errno) if error.errno else error}"

@@ -1,0 +1,35 @@
+"""What a transport can report to the program that uses it.
+
+- :exc:`TransportError`
+    - :exc:`BadUrl`: a URL names no transport, or names it wrongly
+    - :exc:`ListenError`: a listener could not be opened
+    - :exc:`Refused`: raised *by* an accept function, to turn a peer away
+"""
+
+from __future__ import annotations
+
+
+class TransportError(Exception):
+    """Base of every error of this package. The text is one line and says what to do instead."""
+
+
+class BadUrl(TransportError):
+    """A URL that no row of the table of schemes can serve."""
+
+
+class ListenError(TransportError):
+    """The address could not be opened: in use, not ours, or not permitted."""
+
+
+class Refused(TransportError):
+    """Raised by an accept function to turn a peer away before its connection opens.
+
+    Attributes:
+        status: HTTP status of the answer, where the transport has one (4xx or 5xx).
+        reason: what the peer is told, one line.
+    """
+
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(reason)
+        self.status = status
+        self.reason = reason

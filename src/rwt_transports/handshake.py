@@ -1,0 +1,58 @@
+"""The opening handshake of a WebSocket (RFC 6455 section 4), decided from a request already parsed."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from websockets.datastructures import Headers
+from websockets.exceptions import InvalidHeader, InvalidUpgrade
+from websockets.http11 import Request
+from websockets.server import ServerProtocol
+
+_quiet = logging.getLogger("rwt_transports.handshake")
+
+
+@dataclass(frozen=True, slots=True)
+class HandshakeAnswer:
+    """What to answer an upgrade request.
+
+    Attributes:
+        status: 101 when the connection may open, else a 4xx.
+        head: the whole 101 response, empty for a refusal.
+        reason: why it was refused, one line.
+    """
+
+    status: int
+    head: bytes = b""
+    reason: str = ""
+
+
+def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
+    """Whether a request asks to become a WebSocket: its ``Upgrade`` header names it (RFC 6455 section
+    4.1)."""
+    return any(
+        name.lower() == "upgrade" and "websocket" in [token.strip().lower() for token in value.split(",")]
+        for name, value in headers
+    )
+
+
+def answer_handshake(path: str, headers: Iterable[tuple[str, str]]) -> HandshakeAnswer:
+    """Check the upgrade request and make the answer (RFC 6455 section 4.2)."""
+    protocol = ServerProtocol(logger=_quiet)
+    response = protocol.accept(Request(path, Headers(list(headers))))
+    if response.status_code == 101:
+        return HandshakeAnswer(101, response.serialize())
+    failure = protocol.handshake_exc
+    wrong_version = isinstance(failure, InvalidHeader) and failure.name == "Sec-WebSocket-Version"
+    # RFC 6455 section 4.4 asks for 426 with the version that is spoken.
+    return HandshakeAnswer(426 if wrong_version else response.status_code, reason=_reason(failure))
+
+
+def _reason(failure: Exception | None) -> str:
+    if isinstance(failure, InvalidUpgrade):
+        return "a WebSocket needs the headers `Upgrade: websocket` and `Connection: Upgrade`"
+    if isinstance(failure, InvalidHeader):
+        return f"the header {failure.name} of a WebSocket handshake is missing or wrong"
+    return "this is not a valid WebSocket handshake"

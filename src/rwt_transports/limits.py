@@ -1,0 +1,51 @@
+"""Bounds that one listener puts on its peers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+KIB = 1024
+MIB = 1024 * KIB
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Bounds per listener or per connection. The defaults are safe on an open network.
+
+    Attributes:
+        message_bytes: largest incoming message. A larger one is skipped without being kept, and the
+            endpoint is told (:class:`~rwt_transports.api.OversizeAware`); an endpoint that cannot be told
+            is closed with 1009.
+        strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
+            default: the endpoint gets the bytes as they came and answers, so that one bad message does not
+            cost the connection.
+        connections: open connections of one listener; one more is answered with HTTP 503.
+        handshake_seconds: from the first byte expected to the end of the request.
+        idle_http_seconds: how long a kept-alive HTTP connection may wait between two requests.
+        http_header_bytes: size of one request line with its headers.
+        http_body_bytes: size of one plain HTTP request body.
+        close_seconds: how long a closing connection may take before it is cut.
+        ping_seconds: silence after which the peer is pinged; 0 never pings.
+        pong_seconds: further silence after which the peer counts as gone.
+        data_bytes: bytes queued in one connection's data lane. Reached, the oldest frame of the same topic is
+            dropped for each new one; every topic keeps its newest frame.
+        data_frames: the same bound as a number of frames.
+        control_bytes: bytes queued in one connection's control lane. Reached, the connection is closed with
+            1008.
+        control_frames: the same bound as a number of frames.
+    """
+
+    message_bytes: int = 64 * MIB
+    strict_utf8: bool = False
+    connections: int = 1024
+    handshake_seconds: float = 10.0
+    idle_http_seconds: float = 60.0
+    http_header_bytes: int = 16 * KIB
+    http_body_bytes: int = MIB
+    close_seconds: float = 2.0
+    ping_seconds: float = 20.0
+    pong_seconds: float = 40.0
+    data_bytes: int = 8 * MIB
+    data_frames: int = 10_000
+    control_bytes: int = 64 * MIB
+    control_frames: int = 100_000

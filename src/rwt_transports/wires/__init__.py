@@ -1,0 +1,1 @@
+"""Wires: protocols without I/O. Bytes in, messages out; a frame in, bytes out."""

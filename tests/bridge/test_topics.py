@@ -1,0 +1,228 @@
+"""advertise, publish, subscribe: what reaches whom."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from rwt_graph.clock import SimulatedClock
+from rwt_graph.memory import MemoryGraph
+from tests.bridge.recording_client import Client
+
+TWIST = {
+    "linear": {"x": 1.5, "y": 0.0, "z": 0.0},
+    "angular": {"x": 0.0, "y": 0.0, "z": -0.25},
+}
+
+
+def test_a_published_message_reaches_every_subscriber_the_sender_included(
+    client: Client, other: Client
+) -> None:
+    for each in (client, other):
+        each.say("subscribe", topic="/cmd_vel", type="geometry_msgs/Twist")
+    client.say("advertise", topic="/cmd_vel", type="geometry_msgs/msg/Twist")
+    client.say("publish", topic="/cmd_vel", msg=TWIST)
+    expected = [{"op": "publish", "topic": "/cmd_vel", "msg": TWIST}]
+    assert client.heard() == expected
+    assert other.heard() == expected
+
+
+def test_the_payload_goes_through_as_it_came(client: Client) -> None:
+    client.say("subscribe", topic="/chatter", type="std_msgs/String")
+    client.say_raw(
+        '{"op":"publish","topic":"/chatter","msg":{"data":"\\u00e9 \\/ é"},"type":"std_msgs/String"}'
+    )
+    (frame, _, _) = client.frames[0]
+    assert frame.data == '{"op":"publish","topic":"/chatter","msg":{"data":"\\u00e9 \\/ é"}}'.encode()
+
+
+def test_one_frame_object_goes_to_all(client: Client, connect: Callable[[], Client]) -> None:
+    listeners = [connect() for _ in range(5)]
+    for listener in listeners:
+        listener.say("subscribe", topic="/chatter", type="std_msgs/String")
+    client.say("publish", topic="/chatter", type="std_msgs/String", msg={"data": "x"})
+    frames = [listener.frames[0][0] for listener in listeners]
+    assert all(frame is frames[0] for frame in frames)
+
+
+def test_each_client_hears_the_name_it_asked_for(client: Client, other: Client) -> None:
+    client.say("subscribe", topic="chatter", type="std_msgs/String")
+    other.say("subscribe", topic="/chatter", type="std_msgs/String")
+    client.say("publish", topic="chatter", msg={"data": "x"})
+    assert client.heard() == [{"op": "publish", "topic": "chatter", "msg": {"data": "x"}}]
+    assert other.heard() == [{"op": "publish", "topic": "/chatter", "msg": {"data": "x"}}]
+
+
+def test_two_subscriptions_of_one_client_are_one_delivery(client: Client) -> None:
+    client.say("subscribe", id="a", topic="/chatter", type="std_msgs/String")
+    client.say("subscribe", id="b", topic="/chatter")
+    client.say("publish", topic="/chatter", msg={"data": "x"})
+    assert client.heard_of("/chatter") == [{"data": "x"}]
+    client.say("unsubscribe", id="a", topic="/chatter")
+    client.say("publish", topic="/chatter", msg={"data": "y"})
+    assert client.heard_of("/chatter") == [{"data": "y"}]
+    client.say("unsubscribe", topic="/chatter")
+    client.say("publish", topic="/chatter", type="std_msgs/String", msg={"data": "z"})
+    assert client.heard_of("/chatter") == []
+
+
+def test_missing_fields_default_and_the_header_is_stamped(client: Client) -> None:
+    client.say("subscribe", topic="/p", type="geometry_msgs/PoseStamped")
+    client.say("publish", topic="/p", type="geometry_msgs/PoseStamped", msg={"header": {"frame_id": "map"}})
+    (message,) = client.heard_of("/p")
+    assert message["header"] == {"stamp": {"sec": 1_700_000_000, "nanosec": 0}, "frame_id": "map"}
+    assert message["pose"]["orientation"] == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        ({"linear": {"x": "fast"}}, 'publish.msg.linear.x: expected float64, got "fast"'),
+        ([], "publish.msg: "),
+        ({"linear": {"bogus": 1}}, 'publish.msg.linear: geometry_msgs/Vector3 has no field "bogus"'),
+        (None, "publish.msg: "),
+    ],
+)
+def test_a_message_that_does_not_fit_is_refused_whole(
+    client: Client, other: Client, message: object, reason: str
+) -> None:
+    client.say("set_level", level="error")
+    other.say("subscribe", topic="/cmd_vel", type="geometry_msgs/Twist")
+    client.say("publish", id="p1", topic="/cmd_vel", type="geometry_msgs/Twist", msg=message)
+    (status,) = client.heard()
+    assert status["op"] == "status"
+    assert status["level"] == "error"
+    assert status["id"] == "p1"
+    assert reason in status["msg"]
+    assert other.heard() == []
+    client.say("publish", topic="/cmd_vel", msg=TWIST)
+    assert other.heard_of("/cmd_vel") == [TWIST]
+
+
+def test_no_status_before_set_level(client: Client) -> None:
+    client.say("publish", topic="/nowhere", msg={})
+    client.say("nonsense")
+    client.say_raw("hello")
+    assert client.heard() == []
+
+
+def test_publish_to_an_unknown_topic_needs_a_type(client: Client) -> None:
+    client.say("set_level", level="error")
+    client.say("publish", topic="/nowhere", msg={"data": "x"})
+    (status,) = client.heard()
+    assert "cannot infer the type of /nowhere" in status["msg"]
+
+
+def test_subscribe_to_an_unknown_topic_needs_a_type(client: Client) -> None:
+    client.say("set_level", level="error")
+    client.say("subscribe", topic="/nowhere")
+    (status,) = client.heard()
+    assert "cannot infer the type of /nowhere" in status["msg"]
+
+
+@pytest.mark.parametrize("op", ["advertise", "subscribe"])
+def test_another_type_is_refused(client: Client, other: Client, op: str) -> None:
+    other.say("advertise", topic="/t", type="std_msgs/String")
+    client.say("set_level", level="error")
+    client.say(op, topic="/t", type="std_msgs/Int32")
+    (status,) = client.heard()
+    assert "/t" in status["msg"]
+    assert "std_msgs/String" in status["msg"].replace("/msg/", "/")
+
+
+@pytest.mark.parametrize("op", ["advertise", "subscribe"])
+def test_an_unknown_type_is_refused(client: Client, op: str) -> None:
+    client.say("set_level", level="error")
+    client.say(op, topic="/t", type="std_msgs/Sting")
+    (status,) = client.heard()
+    assert "std_msgs/String" in status["msg"]
+
+
+def test_a_latched_message_reaches_who_comes_late(client: Client, connect: Callable[[], Client]) -> None:
+    client.say("advertise", topic="/map_name", type="std_msgs/String", latch=True)
+    for name in ("old", "new"):
+        client.say("publish", topic="/map_name", msg={"data": name})
+    for _ in range(3):
+        late = connect()
+        late.say("subscribe", topic="/map_name")
+        assert late.heard_of("/map_name") == [{"data": "new"}]
+    late.say("subscribe", id="second", topic="/map_name")
+    assert late.heard_of("/map_name") == [{"data": "new"}]
+    client.say("publish", topic="/map_name", msg={"data": "newest"})
+    assert late.heard_of("/map_name") == [{"data": "newest"}]
+
+
+def test_an_unlatched_message_is_not_kept(client: Client, other: Client) -> None:
+    client.say("advertise", topic="/t", type="std_msgs/String")
+    client.say("publish", topic="/t", msg={"data": "x"})
+    other.say("subscribe", topic="/t")
+    assert other.heard() == []
+
+
+def test_a_topic_outlives_its_last_publisher_by_ten_seconds(
+    graph: MemoryGraph, clock: SimulatedClock, client: Client, other: Client
+) -> None:
+    client.say("advertise", topic="/t", type="std_msgs/String", latch=True)
+    client.say("publish", topic="/t", msg={"data": "x"})
+    client.leave()
+    clock.advance(9.9)
+    other.say("subscribe", topic="/t")
+    assert other.heard_of("/t") == [{"data": "x"}]
+    other.say("unsubscribe", topic="/t")
+    clock.advance(0.2)
+    assert graph.topic("/t") is None
+
+
+def test_unadvertise_by_id_leaves_the_others(
+    graph: MemoryGraph, clock: SimulatedClock, client: Client
+) -> None:
+    client.say("advertise", id="a", topic="/t", type="std_msgs/String")
+    client.say("advertise", id="b", topic="/t", type="std_msgs/String")
+    client.say("unadvertise", id="a", topic="/t")
+    client.say("unadvertise", id="never", topic="/t")
+    clock.advance(20)
+    assert graph.topic("/t") is not None
+    client.say("unadvertise", topic="/t")
+    clock.advance(20)
+    assert graph.topic("/t") is None
+
+
+def test_what_was_only_published_stays_until_disconnect(
+    graph: MemoryGraph, clock: SimulatedClock, client: Client
+) -> None:
+    client.say("publish", topic="/t", type="std_msgs/String", msg={})
+    client.say("unadvertise", topic="/t")
+    clock.advance(20)
+    assert graph.topic("/t") is not None
+    client.leave()
+    clock.advance(20)
+    assert graph.topic("/t") is None
+
+
+def test_after_disconnect_nothing_is_left(
+    graph: MemoryGraph, clock: SimulatedClock, client: Client, other: Client
+) -> None:
+    client.say("subscribe", topic="/t", type="std_msgs/String")
+    client.leave()
+    assert graph.topic("/t") is None
+    other.say("publish", topic="/t", type="std_msgs/String", msg={})
+    assert client.heard() == []
+
+
+def test_order_is_kept(client: Client) -> None:
+    client.say("subscribe", topic="/n", type="std_msgs/Int32")
+    for number in range(100):
+        client.say("publish", topic="/n", type="std_msgs/Int32", msg={"data": number})
+    assert [message["data"] for message in client.heard_of("/n")] == list(range(100))
+
+
+def test_a_program_in_the_process_hears_and_is_heard(graph: MemoryGraph, client: Client) -> None:
+    heard: list[float] = []
+    node = graph.node("robot")
+    node.subscribe("/cmd_vel", lambda message: heard.append(message.linear.x), type="geometry_msgs/Twist")
+    client.say("publish", topic="/cmd_vel", msg=TWIST)
+    assert heard == [1.5]
+    client.say("subscribe", topic="/odom_name", type="std_msgs/String")
+    node.advertise("/odom_name", "std_msgs/String").publish({"data": "odom"})
+    assert client.heard_of("/odom_name") == [{"data": "odom"}]

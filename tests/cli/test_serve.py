@@ -1,0 +1,168 @@
+"""`rwt serve` as its users meet it: a process, a line on stdout, a signal."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+
+def _command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "rwt_cli", "serve", *arguments]
+
+
+@contextmanager
+def _server(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    process = subprocess.Popen(
+        _command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        match = re.fullmatch(r"listening on (ws://127\.0\.0\.1:\d+)\n", line)
+        assert match is not None, (line, process.stderr)
+        yield process, match[1]
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_closes_every_client_with_1001_and_exits_0(how: signal.Signals) -> None:
+    with _server("ws://127.0.0.1:0") as (process, url), connect(url) as first, connect(url) as second:
+        process.send_signal(how)
+        for wire in (first, second):
+            with pytest.raises(ConnectionClosed) as closed:
+                wire.recv(timeout=10)
+            assert closed.value.rcvd is not None
+            assert closed.value.rcvd.code == 1001
+        _, errors = process.communicate(timeout=10)
+        assert process.returncode == 0
+        assert "Traceback" not in errors
+
+
+def test_publish_and_call_over_a_real_socket() -> None:
+    with _server("ws://127.0.0.1:0", "--demo") as (_, url), connect(url) as wire:
+        wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/add_two_ints", "args": [20, 22]}))
+        assert json.loads(wire.recv(timeout=10)) == {
+            "op": "service_response",
+            "service": "/add_two_ints",
+            "values": {"sum": 42},
+            "result": True,
+            "id": "1",
+        }
+        wire.send(json.dumps({"op": "call_service", "id": "2", "service": "rosapi/topics"}))
+        topics = json.loads(wire.recv(timeout=10))["values"]["topics"]
+        assert {"/odom", "/scan", "/map", "/tf", "/rosout"} <= set(topics)
+
+
+def test_plain_http_on_the_same_port() -> None:
+    with _server("ws://127.0.0.1:0", "--demo") as (_, url):
+        base = url.replace("ws", "http", 1)
+        with urllib.request.urlopen(f"{base}/healthz", timeout=10) as answer:
+            assert json.load(answer)["status"] == "ok"
+        with urllib.request.urlopen(base, timeout=10) as answer:
+            page = answer.read().decode()
+        assert url in page
+        assert "/cmd_vel" in page
+
+
+def test_the_demo_says_what_to_do_next() -> None:
+    with _server("ws://127.0.0.1:0", "--demo") as (process, url):
+        process.send_signal(signal.SIGTERM)
+        assert process.stdout is not None
+        said = process.stdout.read()  # what `readline` has buffered is lost to `communicate`
+        assert "roslib" in said
+        assert url in said
+
+
+def _fails(*arguments: str) -> tuple[int, str]:
+    done = subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=20, check=False)
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    return done.returncode, done.stderr
+
+
+def test_a_port_in_use_is_one_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        code, error = _fails(f"ws://127.0.0.1:{port}")
+    assert code == 1
+    assert str(port) in error
+    assert "in use" in error
+
+
+@pytest.mark.parametrize("url", ["http://127.0.0.1:9090", "127.0.0.1:9090", "ws://", "ws://127.0.0.1:99999"])
+def test_a_bad_url_is_one_line(url: str) -> None:
+    code, error = _fails(url)
+    assert code == 1
+    assert "ws://" in error
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("distor = 'jazzy'", "did you mean `distro`?"),
+        ("distro = 'kinetic'", "`distro`"),
+        ("listen = 5", "`listen`"),
+        ("listen = [", "not TOML"),
+        ("default_call_service_timeout = -1", "default_call_service_timeout"),
+    ],
+)
+def test_a_bad_config_is_one_line(tmp_path: Path, text: str, expected: str) -> None:
+    config = tmp_path / "rwt.toml"
+    config.write_text(text)
+    code, error = _fails("--config", str(config))
+    assert code == 2
+    assert expected in error
+    assert str(config) in error
+
+
+def test_a_missing_config_is_one_line(tmp_path: Path) -> None:
+    code, error = _fails("--config", str(tmp_path / "none.toml"))
+    assert code == 2
+    assert "none.toml" in error
+
+
+def test_the_config_is_used_and_the_command_line_wins(tmp_path: Path) -> None:
+    config = tmp_path / "rwt.toml"
+    config.write_text('listen = ["ws://127.0.0.1:1"]\ndistro = "noetic"\ndemo = true\n')
+    with _server("--config", str(config), "ws://127.0.0.1:0") as (_, url), connect(url) as wire:
+        wire.send(
+            json.dumps({"op": "call_service", "service": "/rosapi/topic_type", "args": {"topic": "/odom"}})
+        )
+        assert json.loads(wire.recv(timeout=10))["values"] == {"type": "nav_msgs/Odometry"}
+
+
+def test_interfaces_of_ones_own(tmp_path: Path) -> None:
+    folder = tmp_path / "my_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Mood.msg").write_text("string name\nuint8 level 3\n")
+    with _server("ws://127.0.0.1:0", "--interfaces", str(tmp_path)) as (_, url), connect(url) as wire:
+        wire.send(json.dumps({"op": "subscribe", "topic": "/mood", "type": "my_msgs/Mood"}))
+        wire.send(json.dumps({"op": "publish", "topic": "/mood", "msg": {"name": "glad"}}))
+        assert json.loads(wire.recv(timeout=10))["msg"] == {"name": "glad", "level": 3}
+
+
+def test_bad_interfaces_are_one_line(tmp_path: Path) -> None:
+    folder = tmp_path / "my_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Mood.msg").write_text("string name\nuint8[ level\n")
+    code, error = _fails("ws://127.0.0.1:0", "--interfaces", str(tmp_path))
+    assert code == 2
+    assert "Mood.msg:2" in error
+
+
+def test_help_has_an_example() -> None:
+    done = subprocess.run(_command("--help"), capture_output=True, text=True, timeout=20, check=True)
+    assert "rwt serve --demo" in done.stdout

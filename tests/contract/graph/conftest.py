@@ -1,0 +1,98 @@
+"""The backends that sign the contract, each with how to wait until it has nothing left to deliver."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import AsyncIterator, Callable
+
+import anyio
+import pytest
+
+from rwt_graph import MemoryGraph, Message, SimulatedClock
+from rwt_graph.api import GoalEvents, GoalStatus, Graph
+from rwt_graph.errors import CallFailed
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
+
+
+class Harness(ABC):
+    """A running graph of one backend, and the messages that the tests send through it."""
+
+    graph: Graph
+    clock: SimulatedClock
+
+    @abstractmethod
+    async def settle(self) -> None:
+        """Return when everything that was sent has arrived."""
+
+    async def advance(self, seconds: float) -> None:
+        """Let time go by, then settle."""
+        self.clock.advance(seconds)
+        await self.settle()
+
+    def message(self, name: str, value: object) -> Payload:
+        return Payload.from_value(self.graph.registry.message(name), value)
+
+    def text(self, data: str) -> Payload:
+        """A `std_msgs/String`."""
+        return self.message("std_msgs/String", {"data": data})
+
+    def request(self) -> Payload:
+        return Payload.from_value(self.graph.registry.service("std_srvs/Trigger").request, {})
+
+    def response(self, message: str = "", success: bool = True) -> Payload:
+        response = self.graph.registry.service("std_srvs/Trigger").response
+        return Payload.from_value(response, {"success": success, "message": message})
+
+    def goal(self, order: int = 1) -> Payload:
+        return Payload.from_value(
+            self.graph.registry.action("example_interfaces/Fibonacci").goal, {"order": order}
+        )
+
+    def sequence(self, *numbers: int, part: str = "result") -> Payload:
+        interface = self.graph.registry.action("example_interfaces/Fibonacci")
+        kind = interface.result if part == "result" else interface.feedback
+        return Payload.from_value(kind, {"sequence": list(numbers)})
+
+
+class MemoryHarness(Harness):
+    def __init__(self) -> None:
+        self.clock = SimulatedClock(start_ns=1_000_000_000)
+        self.graph = MemoryGraph(Registry(), self.clock)
+
+    async def settle(self) -> None:
+        await anyio.wait_all_tasks_blocked()
+
+
+#: A backend over the network adds itself here.
+BACKENDS: dict[str, Callable[[], Harness]] = {"memory": MemoryHarness}
+
+
+@pytest.fixture(params=sorted(BACKENDS))
+async def harness(request: pytest.FixtureRequest, anyio_backend: object) -> AsyncIterator[Harness]:
+    made = BACKENDS[request.param]()
+    async with made.graph:
+        yield made
+
+
+class GoalDiary:
+    """Writes down what the client of a goal hears."""
+
+    def __init__(self) -> None:
+        self.heard: list[object] = []
+
+    @property
+    def events(self) -> GoalEvents:
+        return GoalEvents(self._result, self._feedback, lambda: self.heard.append("accepted"))
+
+    def _feedback(self, feedback: Payload) -> None:
+        message: Message = feedback.value()
+        self.heard.append(message.sequence)
+
+    def _result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        self.heard.append((status, outcome))
+
+
+@pytest.fixture
+def diary() -> GoalDiary:
+    return GoalDiary()

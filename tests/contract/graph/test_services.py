@@ -1,0 +1,245 @@
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+import pytest
+
+from rwt_graph import (
+    CallFailed,
+    CallTimeout,
+    Message,
+    NotFound,
+    ProviderGone,
+    ProviderNotFound,
+    ServiceFailed,
+)
+from rwt_graph.api import ServiceCall
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import ServiceType
+    from tests.contract.graph.conftest import Harness
+
+pytestmark = pytest.mark.anyio
+
+
+class Replies(list[str]):
+    """Writes down the answers, as text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.raw: list[Payload | CallFailed] = []
+
+    def __call__(self, answer: Payload | CallFailed) -> None:
+        self.raw.append(answer)
+        if isinstance(answer, CallFailed):
+            self.append(f"{type(answer).__name__}: {answer}")
+        else:
+            message: Message = answer.value()
+            self.append(message.message)
+
+
+@pytest.fixture
+def trigger(harness: Harness) -> ServiceType:
+    return harness.graph.registry.service("std_srvs/Trigger")
+
+
+@pytest.fixture
+def replies() -> Replies:
+    return Replies()
+
+
+async def test_a_call_is_answered(harness: Harness, trigger: ServiceType, replies: Replies) -> None:
+    provider, caller = harness.graph.participant("/p"), harness.graph.participant("/c")
+    calls: list[ServiceCall] = []
+
+    def on_call(call: ServiceCall) -> None:
+        calls.append(call)
+        call.reply(harness.response("done"))
+
+    provider.advertise_service("/s", trigger, on_call)
+    await harness.settle()
+    caller.call_service("/s", harness.request(), replies, timeout=1.0)
+    await harness.settle()
+    assert replies == ["done"]
+    (call,) = calls
+    assert call.done
+    assert call.service == "/s"
+    assert call.request.json() == harness.request().json()
+    call.reply(harness.response("again"))
+    call.fail("too late")
+    await harness.advance(2)
+    assert replies == ["done"]
+
+
+async def test_answers_come_in_any_order(harness: Harness, trigger: ServiceType) -> None:
+    calls: list[ServiceCall] = []
+    harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
+    caller = harness.graph.participant("/c")
+    first, second = Replies(), Replies()
+    await harness.settle()
+    caller.call_service("/s", harness.request(), first)
+    caller.call_service("/s", harness.request(), second)
+    await harness.settle()
+    assert first == second == []
+    calls[1].reply(harness.response("second"))
+    calls[0].fail("first failed")
+    await harness.settle()
+    assert second == ["second"]
+    assert first == ["ServiceFailed: first failed"]
+    assert isinstance(first.raw[0], ServiceFailed)
+
+
+async def test_an_unknown_service_is_a_reply(harness: Harness, replies: Replies) -> None:
+    harness.graph.participant("/c").call_service("/nope", harness.request(), replies)
+    await harness.settle()
+    assert replies == ["ProviderNotFound: Service /nope does not exist"]
+    assert type(replies.raw[0]) is ProviderNotFound
+    assert issubclass(ProviderNotFound, NotFound)
+
+
+async def test_a_timeout_is_never_early_and_at_most_20_ms_late(
+    harness: Harness, trigger: ServiceType, replies: Replies
+) -> None:
+    calls: list[ServiceCall] = []
+    harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
+    await harness.advance(0.0137)
+    harness.graph.participant("/c").call_service("/s", harness.request(), replies, timeout=0.5)
+    await harness.advance(0.499)
+    assert replies == []
+    await harness.advance(0.021)
+    assert replies == ["CallTimeout: Timeout exceeded while waiting for service response"]
+    assert isinstance(replies.raw[0], CallTimeout)
+    assert calls[0].done
+    calls[0].reply(harness.response("late"))
+    await harness.settle()
+    assert len(replies) == 1
+
+
+async def test_without_a_timeout_a_call_waits(
+    harness: Harness, trigger: ServiceType, replies: Replies
+) -> None:
+    calls: list[ServiceCall] = []
+    harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
+    harness.graph.participant("/c").call_service("/s", harness.request(), replies)
+    await harness.advance(100_000)
+    assert replies == []
+    calls[0].reply(harness.response("patience"))
+    await harness.settle()
+    assert replies == ["patience"]
+
+
+@pytest.mark.parametrize("how", ["registration", "participant"])
+async def test_calls_in_flight_fail_when_the_provider_goes(
+    harness: Harness, trigger: ServiceType, replies: Replies, how: str
+) -> None:
+    provider = harness.graph.participant("/p")
+    registration = provider.advertise_service("/s", trigger, lambda _: None)
+    await harness.settle()
+    harness.graph.participant("/c").call_service("/s", harness.request(), replies, timeout=5.0)
+    await harness.settle()
+    registration.close() if how == "registration" else provider.close()
+    registration.close()
+    await harness.settle()
+    assert replies == ["ProviderGone: Service /s was unadvertised"]
+    assert isinstance(replies.raw[0], ProviderGone)
+    assert harness.graph.service("/s") is None
+    await harness.advance(10)
+    assert len(replies) == 1
+
+
+async def test_a_second_provider_replaces_the_first(harness: Harness, trigger: ServiceType) -> None:
+    first, second = harness.graph.participant("/1"), harness.graph.participant("/2")
+    old = first.advertise_service("/s", trigger, lambda _: None)
+    await harness.settle()
+    before, after = Replies(), Replies()
+    harness.graph.participant("/c").call_service("/s", harness.request(), before)
+    await harness.settle()
+    second.advertise_service("/s", trigger, lambda call: call.reply(harness.response("new")))
+    await harness.settle()
+    assert before == ["ProviderGone: Service /s was unadvertised"]
+    old.close()
+    harness.graph.participant("/c").call_service("/s", harness.request(), after)
+    await harness.settle()
+    assert after == ["new"]
+    info = harness.graph.service("/s")
+    assert info is not None
+    assert (info.node, info.type) == ("/2", trigger)
+
+
+async def test_a_cancelled_call_hears_nothing(
+    harness: Harness, trigger: ServiceType, replies: Replies
+) -> None:
+    calls: list[ServiceCall] = []
+    harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
+    caller = harness.graph.participant("/c")
+    await harness.settle()
+    pending = caller.call_service("/s", harness.request(), replies, timeout=1.0)
+    await harness.settle()
+    pending.cancel()
+    pending.cancel()
+    await harness.settle()
+    assert calls[0].done
+    calls[0].reply(harness.response("x"))
+    await harness.advance(5)
+    assert replies == []
+
+
+async def test_open_calls_of_a_node_that_leaves_end(
+    harness: Harness, trigger: ServiceType, replies: Replies
+) -> None:
+    calls: list[ServiceCall] = []
+    harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
+    caller = harness.graph.participant("/c")
+    await harness.settle()
+    caller.call_service("/s", harness.request(), replies, timeout=1.0)
+    await harness.settle()
+    caller.close()
+    await harness.settle()
+    assert calls[0].done
+    calls[0].reply(harness.response("y"))
+    await harness.advance(5)
+    assert replies == ["CallFailed: node /c was closed"]
+
+
+async def test_a_provider_that_raises_fails_the_call_without_telling_why(
+    harness: Harness, trigger: ServiceType, replies: Replies, caplog: pytest.LogCaptureFixture
+) -> None:
+    def on_call(_call: ServiceCall) -> None:
+        raise ZeroDivisionError("secret")
+
+    harness.graph.participant("/p").advertise_service("/s", trigger, on_call)
+    await harness.settle()
+    with caplog.at_level(logging.ERROR):
+        harness.graph.participant("/c").call_service("/s", harness.request(), replies)
+        await harness.settle()
+    assert replies == ["ServiceFailed: internal error"]
+    assert "secret" in caplog.text
+
+
+async def test_a_provider_may_withdraw_from_within_its_call(
+    harness: Harness, trigger: ServiceType, replies: Replies
+) -> None:
+    provider = harness.graph.participant("/p")
+    registration = provider.advertise_service("/s", trigger, lambda _: registration.close())
+    await harness.settle()
+    harness.graph.participant("/c").call_service("/s", harness.request(), replies)
+    await harness.settle()
+    assert replies == ["ProviderGone: Service /s was unadvertised"]
+
+
+async def test_a_caller_that_raises_is_logged(
+    harness: Harness, trigger: ServiceType, caplog: pytest.LogCaptureFixture
+) -> None:
+    def on_reply(_answer: object) -> None:
+        raise ZeroDivisionError
+
+    harness.graph.participant("/p").advertise_service(
+        "/s", trigger, lambda call: call.reply(harness.response())
+    )
+    await harness.settle()
+    with caplog.at_level(logging.ERROR):
+        harness.graph.participant("/c").call_service("/s", harness.request(), on_reply)
+        await harness.settle()
+    assert "ZeroDivisionError" in caplog.text

@@ -1,0 +1,64 @@
+"""The reference pages leave nothing out."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import tomllib
+
+import rwt_graph
+from rwt_bridge import Settings
+from rwt_cli.serve import add_serve_command
+from rwt_graph import MemoryGraph, Node
+from rwt_nodes import Rosapi
+from tests.docs.blocks import ROOT, blocks_of
+
+_REFERENCE = ROOT / "docs" / "reference"
+
+
+def _page(name: str) -> str:
+    return (_REFERENCE / name).read_text(encoding="utf-8")
+
+
+def test_every_option_of_rwt_serve_is_listed() -> None:
+    commands = argparse.ArgumentParser().add_subparsers()
+    add_serve_command(commands)
+    actions = commands.choices["serve"]._actions
+    options = [option for action in actions for option in action.option_strings]
+    assert "--demo" in options
+    page = _page("command-line.md")
+    assert [option for option in options if f"`{option}" not in page] == []
+
+
+def test_every_setting_is_listed_with_its_default() -> None:
+    block = next(block for block in blocks_of(_REFERENCE / "command-line.md") if block.language == "toml")
+    listed = tomllib.loads(block.code)
+    assert listed.pop("demo") is True, "the example wants a robot; the comment beside it says the default"
+    defaults = Settings().model_dump(mode="json")
+    assert defaults.pop("demo") is False
+    assert listed == defaults
+
+
+def test_every_public_name_of_the_graph_is_listed() -> None:
+    page = _page("graph.md")
+    assert [name for name in rwt_graph.__all__ if f"`{name}" not in page and f"## {name}" not in page] == []
+
+
+def test_every_method_of_a_node_is_listed() -> None:
+    page = _page("graph.md")
+    members = inspect.getmembers(
+        Node, lambda member: inspect.isfunction(member) or isinstance(member, property)
+    )
+    public = [name for name, _ in members if not name.startswith("_")]
+    assert "advertise" in public
+    assert [name for name in public if f"`{name}" not in page and f" {name}(" not in page] == []
+
+
+def test_every_service_of_rosapi_is_listed() -> None:
+    graph = MemoryGraph()
+    with Rosapi(graph):
+        offered = [service.name for service in graph.services() if service.name.startswith("/rosapi/")]
+    own = [name.removeprefix("/rosapi/") for name in offered if "parameter" not in name]
+    assert len(own) > 20
+    page = _page("protocol.md")
+    assert [name for name in own if f"`{name}`" not in page] == []

@@ -1,0 +1,160 @@
+"""CBOR frames, out by splicing and in as the same ops."""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any
+
+import cbor2
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwt_protocol.codecs import CBOR
+from rwt_protocol.codecs.cbor import publish_frame, publish_prefix
+from rwt_protocol.ops import Direction, Publish, ServiceResponse, Subscribe
+from rwt_protocol.rawjson import RawJson
+from rwt_protocol.session import Refusal, Session
+from tests.protocol.wire_examples import EXAMPLES, CborFrame
+
+
+def one(data: bytes) -> object:
+    (found,) = Session().decode(data, True, 0.0)
+    return found
+
+
+def reason(data: bytes) -> str:
+    found = one(data)
+    assert isinstance(found, Refusal)
+    return found.reason
+
+
+@pytest.mark.parametrize("example", EXAMPLES.cbor, ids=lambda example: str(example.name))
+def test_the_shared_frames_are_built_by_splicing(example: CborFrame) -> None:
+    whole = bytes.fromhex(example.hex)
+    prefix = publish_prefix(example.decoded["topic"])
+    body = whole[len(prefix) :]
+    frame = publish_frame(prefix, body)
+    assert frame.binary
+    assert frame.data == whole
+    assert frame.parts[1] is body
+
+
+_PAYLOADS = {
+    "cbor-string": '{"data":"hi"}',
+    "cbor-uint8-array": '{"data":"AAEC/w=="}',
+    "cbor-float32-array": '{"ranges":[1.0,2.5,null]}',
+    "cbor-int64-array": '{"v":[-1,9007199254740993]}',
+    "cbor-time-ros1": '{"data":{"secs":5,"nsecs":7}}',
+    "cbor-time-ros2": '{"sec":5,"nanosec":7}',
+    "cbor-raw-ros1-string": '{"secs":5,"nsecs":7,"bytes":"AgAAAGhp"}',
+    "cbor-raw-ros2-string": '{"secs":5,"nsecs":7,"bytes":"AAEAAAMAAABoaQA="}',
+}
+
+
+@pytest.mark.parametrize("example", EXAMPLES.cbor, ids=lambda example: str(example.name))
+def test_the_shared_frames_are_read(example: CborFrame) -> None:
+    whole = bytes.fromhex(example.hex)
+    payload = RawJson(_PAYLOADS[example.name].encode())
+    assert one(whole) == Publish(topic=example.decoded["topic"], msg=payload)
+    for end in range(1, len(whole)):
+        assert reason(whole[:end]).startswith("not CBOR: malformed")
+    assert reason(whole + b"\x01") == "not CBOR: more than one value in the frame"
+
+
+@pytest.mark.parametrize("size", [0, 23, 24, 255, 256, 65535, 65536])
+def test_topics_of_any_length(size: int) -> None:
+    topic = "é" * (size // 2) + "x" * (size % 2)
+    frame = publish_frame(publish_prefix(topic), cbor2.dumps({}))
+    assert cbor2.loads(frame.data) == {"op": "publish", "topic": topic, "msg": {}}
+
+
+@pytest.mark.parametrize(
+    ("tag", "code"),
+    [(65, ">H"), (66, ">I"), (67, ">Q"), (69, "<H"), (70, "<I"), (71, "<Q"), (72, "<b"), (73, ">h"),
+     (74, ">i"), (75, ">q"), (77, "<h"), (78, "<i"), (79, "<q"), (80, ">e"), (81, ">f"), (82, ">d"),
+     (84, "<e"), (85, "<f"), (86, "<d")],
+)  # fmt: skip
+def test_typed_arrays_of_both_byte_orders(tag: int, code: str) -> None:
+    data = struct.pack(f"{code[0]}3{code[1]}", 1, 2, 3)
+    message = {"op": "publish", "topic": "/a", "msg": {"v": cbor2.CBORTag(tag, data)}}
+    op = one(cbor2.dumps(message))
+    assert isinstance(op, Publish)
+    assert json.loads(bytes(op.msg.data)) == {"v": [1, 2, 3]}
+    if struct.calcsize(code) > 1:
+        message["msg"] = {"v": cbor2.CBORTag(tag, data[1:])}
+        assert reason(cbor2.dumps(message)).startswith("not CBOR: malformed")
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"op": "subscribe", "topic": "/a", "id": 5},
+        {"op": "subscribe", "topic": "/a", "id": 5, 7: 8, "x": b""},
+    ],
+)
+def test_any_op_is_read(message: dict[Any, Any]) -> None:
+    assert one(cbor2.dumps(message)) == Subscribe(topic="/a", id=5)
+
+
+def test_the_text_of_a_failure() -> None:
+    message = {"op": "service_response", "service": "/s", "values": "why", "result": False, "id": "a"}
+    assert one(cbor2.dumps(message)) == ServiceResponse(service="/s", values="why", result=False, id="a")
+
+
+def test_what_is_wrong_is_addressed() -> None:
+    found = one(cbor2.dumps({"op": "call_service", "service": b"/s", "id": 3}))
+    assert isinstance(found, Refusal)
+    assert (found.op, found.id) == ("call_service", 3)
+    assert found.reason.startswith("call_service.service: expected a string, got ")
+    found = one(cbor2.dumps({"op": "call_service", "service": "/s", "id": 3, "args": {"a": cbor2.undefined}}))
+    assert isinstance(found, Refusal)
+    assert found.reason == "args: holds something that JSON has not"
+    assert isinstance(found.answer, ServiceResponse)
+
+
+@pytest.mark.parametrize("tag", [*range(64), 76, 83, *range(87, 300), 1004, 43000, 55800])
+def test_tags_that_ros_has_not_are_refused(tag: int) -> None:
+    if tag in (2, 3):
+        return
+    values: list[object] = [1, "a", b"a", [1, 2], {}]
+    for value in values:
+        found = one(b"\xa2\x62op\x67publish\x63msg" + _tagged(tag, value))
+        assert isinstance(found, Refusal)
+
+
+def _tagged(tag: int, value: object) -> bytes:
+    if tag < 24:
+        return bytes((0xC0 | tag,)) + cbor2.dumps(value)
+    head = b"\xd8" + bytes((tag,)) if tag < 256 else b"\xd9" + tag.to_bytes(2, "big")
+    return head + cbor2.dumps(value)
+
+
+def test_a_shared_reference_cannot_make_a_cycle() -> None:
+    cycle: list[object] = []
+    cycle.append(cycle)
+    data = cbor2.dumps({"op": "publish", "topic": "/a", "msg": cycle}, value_sharing=True)
+    assert isinstance(one(data), Refusal)
+
+
+@pytest.mark.parametrize("data", [b"\xa1" * 200_000, b"\xa1\x61a" + b"\x81" * 200_000, b"\xbb" + b"\xff" * 8])
+def test_bombs_are_refused(data: bytes) -> None:
+    assert reason(data).startswith("not CBOR: malformed")
+
+
+@given(st.binary(max_size=60), st.sampled_from(EXAMPLES.cbor), st.integers(0, 60))
+def test_any_damaged_frame_is_an_op_or_a_refusal(damage: bytes, example: CborFrame, place: int) -> None:
+    whole = bytes.fromhex(example.hex)
+    assert len(Session().decode(whole[:place] + damage + whole[place + len(damage) :], True, 0.0)) <= 1001
+    assert len(CBOR.split(b"\xa1" + damage, 100)) == 1
+
+
+@given(st.text(), st.dictionaries(st.text(), st.integers(-(2**63), 2**64 - 1) | st.text() | st.booleans()))
+def test_what_is_written_is_read_back(topic: str, members: dict[str, object]) -> None:
+    op = Publish(topic=topic, id="i", msg=RawJson(json.dumps(members, separators=(",", ":")).encode()))
+    frame = CBOR.encode(op)
+    assert frame.binary
+    (found,) = Session(direction=Direction.TO_CLIENT).decode(frame.data, True, 0.0)
+    assert isinstance(found, Publish)
+    assert (found.topic, json.loads(bytes(found.msg.data))) == (topic, members)

@@ -1,0 +1,126 @@
+"""Handlers by type, and the one place where an exception becomes an answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Never
+
+import pytest
+
+from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.errors import IncompleteDispatcher, MalformedPayload, Refused
+from rwt_protocol.ops import (
+    ActionResult,
+    CallService,
+    Direction,
+    Fragment,
+    Op,
+    Publish,
+    SendActionGoal,
+    ServiceResponse,
+    Status,
+    inbound,
+)
+
+Handler = Callable[[list[Op], Never], None]
+
+
+def keep(context: list[Op], op: Op) -> None:
+    context.append(op)
+
+
+def refuse(context: list[Op], op: Op) -> None:
+    raise Refused("not here", "warning")
+
+
+def fail(context: list[Op], op: Op) -> None:
+    raise ZeroDivisionError("secret")
+
+
+def table(handler: Handler = keep, direction: Direction = Direction.TO_SERVER) -> dict[type[Op], Handler]:
+    return dict.fromkeys(inbound(direction), handler)
+
+
+def unexpected(op: Op, error: Exception) -> None:
+    raise AssertionError(op) from error
+
+
+def test_an_op_goes_to_the_handler_of_its_type() -> None:
+    seen: list[Op] = []
+
+    def on_publish(context: list[Op], op: Publish) -> None:
+        context.append(Publish(topic=op.topic + "!"))
+
+    dispatcher: Dispatcher[list[Op]] = Dispatcher(table() | {Publish: on_publish}, unexpected)
+    call = CallService(service="/s")
+    assert dispatcher.dispatch(seen, Publish(topic="/a")) is None
+    assert dispatcher.dispatch(seen, call) is None
+    assert seen == [Publish(topic="/a!"), call]
+
+
+def test_a_missing_or_surplus_handler_is_named() -> None:
+    handlers = table()
+    del handlers[Publish]
+    del handlers[CallService]
+    handlers[Status] = keep
+    with pytest.raises(IncompleteDispatcher) as caught:
+        Dispatcher(handlers, unexpected)
+    assert str(caught.value) == (
+        "client to server: no handler for CallService, Publish; a handler, but no such message, for Status"
+    )
+    with pytest.raises(IncompleteDispatcher, match="Fragment"):
+        Dispatcher(table() | {Fragment: keep}, unexpected)
+
+
+def test_a_client_has_its_own_table() -> None:
+    direction = Direction.TO_CLIENT
+    Dispatcher(table(direction=direction), unexpected, direction=direction)
+    with pytest.raises(IncompleteDispatcher, match=r"^server to client: no handler for Status; "):
+        Dispatcher(table(), unexpected, direction=direction)
+
+
+@pytest.mark.parametrize(
+    ("op", "answer"),
+    [
+        (Publish(topic="/a", id="i"), Status(level="warning", msg="not here", id="i")),
+        (
+            CallService(service="/s", id=3),
+            ServiceResponse(service="/s", values="not here", result=False, id=3),
+        ),
+        (CallService(service="/s"), ServiceResponse(service="/s", values="not here", result=False)),
+        (
+            SendActionGoal(action="/f", action_type="x/F", id="g"),
+            ActionResult(action="/f", values="not here", result=False, status=0, id="g"),
+        ),
+    ],
+)
+def test_a_refusal_is_answered_as_its_op_is_refused(op: Op, answer: Op) -> None:
+    dispatcher: Dispatcher[list[Op]] = Dispatcher(table(refuse), unexpected)
+    assert dispatcher.dispatch([], op) == answer
+
+
+def test_errors_of_this_package_and_named_ones_refuse() -> None:
+    def raise_malformed(context: list[Op], op: Op) -> None:
+        raise MalformedPayload("not JSON")
+
+    def raise_lookup(context: list[Op], op: Op) -> None:
+        raise LookupError("no such thing")
+
+    handlers = table() | {Publish: raise_malformed, CallService: raise_lookup}
+    dispatcher: Dispatcher[list[Op]] = Dispatcher(handlers, unexpected, refusals=(LookupError,))
+    assert dispatcher.dispatch([], Publish(topic="/a")) == Status(level="error", msg="not JSON")
+    assert dispatcher.dispatch([], CallService(service="/s")) == (
+        ServiceResponse(service="/s", values="call_service: no such thing", result=False)
+    )
+
+
+def test_any_other_exception_is_handed_over_and_told_to_nobody() -> None:
+    handed: list[tuple[Op, Exception]] = []
+    dispatcher: Dispatcher[list[Op]] = Dispatcher(table(fail), lambda op, error: handed.append((op, error)))
+    op = CallService(service="/s", id="i")
+    answer = ServiceResponse(service="/s", values="internal error", result=False, id="i")
+    assert dispatcher.dispatch([], op) == answer
+    ((seen, error),) = handed
+    assert seen is op
+    assert isinstance(error, ZeroDivisionError)
+    assert error.__traceback__ is not None

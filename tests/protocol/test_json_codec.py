@@ -1,0 +1,134 @@
+"""What ops look like as JSON text, byte by byte."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwt_protocol.codecs import CODECS, JSON, codec_for
+from rwt_protocol.codecs.json import call_frame, publish_frame, publish_prefix, response_frame
+from rwt_protocol.errors import EncodingUnavailable
+from rwt_protocol.ops import (
+    ActionFeedback,
+    ActionResult,
+    Advertise,
+    CallService,
+    Direction,
+    Fragment,
+    Op,
+    Png,
+    Publish,
+    Qos,
+    SendActionGoal,
+    ServiceResponse,
+    SetLevel,
+    Status,
+    Subscribe,
+    Unsubscribe,
+)
+from rwt_protocol.rawjson import RawJson
+from rwt_protocol.session import Session
+
+P = RawJson(b'{"x": [1.0]}')
+
+
+@pytest.mark.parametrize(
+    ("op", "text"),
+    [
+        (Publish(topic="/a", msg=P), '{"op":"publish","topic":"/a","msg":{"x": [1.0]}}'),
+        (Publish(topic="/a", id="i", msg=P, latch=True, type="x/Y"),
+         '{"op":"publish","id":"i","topic":"/a","type":"x/Y","msg":{"x": [1.0]},"latch":true}'),
+        (Publish(topic='/ä"\n'), '{"op":"publish","topic":"/ä\\"\\n","msg":{}}'),
+        (ServiceResponse(service="/s", values=P, id="i"),
+         '{"op":"service_response","service":"/s","values":{"x": [1.0]},"result":true,"id":"i"}'),
+        (ServiceResponse(service="/s", values="wé", result=False, id=0),
+         '{"op":"service_response","service":"/s","values":"wé","result":false,"id":0}'),
+        (ServiceResponse(service="/s"), '{"op":"service_response","service":"/s","values":{},"result":true}'),
+        (CallService(service="/s", id="r:1", args=P),
+         '{"op":"call_service","id":"r:1","service":"/s","args":{"x": [1.0]}}'),
+        (CallService(service="/s"), '{"op":"call_service","service":"/s","args":{}}'),
+        (CallService(service="/s", timeout=2.5),
+         '{"op":"call_service","service":"/s","args":{},"timeout":2.5}'),
+        (ActionFeedback(action="/f", values=P, id="g"),
+         '{"op":"action_feedback","action":"/f","values":{"x": [1.0]},"id":"g"}'),
+        (ActionResult(action="/f", values=P, result=True, id="g"),
+         '{"op":"action_result","action":"/f","values":{"x": [1.0]},"status":4,"result":true,"id":"g"}'),
+        (ActionResult(action="/f", values="no", result=False, status=0),
+         '{"op":"action_result","action":"/f","values":"no","status":0,"result":false}'),
+        (SendActionGoal(id="g", action="/f", action_type="F", feedback=True),
+         '{"op":"send_action_goal","id":"g","action":"/f","action_type":"F","args":{},"feedback":true}'),
+        (Fragment(id="i", data='{"op', num=0, total=2),
+         '{"op":"fragment","id":"i","data":"{\\"op","num":0,"total":2}'),
+        (Png(data="AAAA"), '{"op":"png","data":"AAAA"}'),
+        (Status(level="error", msg="no", id=3), '{"op":"status","id":3,"level":"error","msg":"no"}'),
+        (SetLevel(level="none"), '{"op":"set_level","level":"none"}'),
+        (Subscribe(topic="/a"), '{"op":"subscribe","topic":"/a"}'),
+        (Subscribe(topic="/a", type=None, throttle_rate=5, qos=Qos(depth=1)),
+         '{"op":"subscribe","topic":"/a","throttle_rate":5,"qos":{"depth":1}}'),
+        (Unsubscribe(topic="/a", id="i"), '{"op":"unsubscribe","id":"i","topic":"/a"}'),
+        (Advertise(topic="/a", type="x/Y", latch=False),
+         '{"op":"advertise","topic":"/a","type":"x/Y","latch":false}'),
+    ],
+    ids=lambda part: part.op if isinstance(part, Op) else "",
+)  # fmt: skip
+def test_bytes_of_each_op(op: Op, text: str) -> None:
+    frame = JSON.encode(op)
+    assert frame.data.decode() == text
+    assert frame.size == len(frame.data)
+    assert not frame.binary
+
+
+def test_a_payload_is_spliced_in_and_not_copied() -> None:
+    payload = memoryview(b"{}")
+    assert any(part is payload for part in JSON.encode(Publish(topic="/a", msg=RawJson(payload))).parts)
+    assert any(part is payload for part in publish_frame(publish_prefix("/a"), payload).parts)
+    assert any(part is payload for part in response_frame("/s", payload).parts)
+
+
+@given(st.text(), st.one_of(st.none(), st.text(), st.integers(-(2**63), 2**64 - 1)))
+def test_the_fast_ways_write_the_same(name: str, mark: str | int | None) -> None:
+    payload = RawJson(b'{"a":1}')
+    quick = publish_frame(publish_prefix(name), payload.data)
+    assert quick.data == JSON.encode(Publish(topic=name, msg=payload)).data
+    response = ServiceResponse(service=name, values=payload, id=mark)
+    assert response_frame(name, payload.data, mark).data == JSON.encode(response).data
+    if mark is not None:
+        call = CallService(service=name, args=payload, id=mark)
+        assert call_frame(name, payload.data, mark).data == JSON.encode(call).data
+
+
+_IDS = st.one_of(st.none(), st.text(), st.integers(-(2**63), 2**64 - 1))
+_JSON = st.recursive(
+    st.one_of(
+        st.none(), st.booleans(), st.integers(), st.floats(allow_nan=False, allow_infinity=False), st.text()
+    ),
+    lambda inner: st.one_of(st.lists(inner), st.dictionaries(st.text(), inner)),
+    max_leaves=10,
+)
+_OBJECTS = st.dictionaries(st.text(), _JSON).map(lambda value: RawJson(json.dumps(value).encode()))
+_OPS: st.SearchStrategy[Op] = st.one_of(
+    st.builds(Publish, topic=st.text(), id=_IDS, msg=_OBJECTS, latch=st.booleans()),
+    st.builds(CallService, service=st.text(), id=_IDS, args=_OBJECTS, timeout=st.none() | st.floats(-9, 9)),
+    st.builds(ServiceResponse, service=st.text(), id=_IDS, values=_OBJECTS | st.text(), result=st.booleans()),
+    st.builds(ActionResult, action=st.text(), id=_IDS, values=_OBJECTS | st.text(), status=st.integers(0, 6)),
+    st.builds(ActionFeedback, action=st.text(), id=_IDS, values=_OBJECTS),
+)
+
+
+@given(_OPS, st.sampled_from([Direction.TO_SERVER, Direction.TO_CLIENT]))
+def test_what_is_written_is_read_back(op: Op, direction: Direction) -> None:
+    frame = JSON.encode(op)
+    assert list(Session(direction=direction).decode(frame.data, False, 0.0)) == [op]
+
+
+def test_the_table_says_which_encodings_there_are() -> None:
+    assert codec_for("none") is JSON
+    assert codec_for("cbor").name == "cbor"
+    for name in ("png", "cbor-raw", "bson"):
+        assert name not in CODECS
+        with pytest.raises(EncodingUnavailable) as caught:
+            codec_for(name)
+        assert caught.value.reason == f'compression "{name}" is not available here; available: "none", "cbor"'

@@ -1,0 +1,26 @@
+"""Each package can be imported alone, and none of them drags in what it may not know."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+PACKAGES = {
+    "rwt_interfaces": {"rwt_protocol", "rwt_graph", "rwt_transports", "anyio", "asyncio", "numpy", "cbor2"},
+    "rwt_protocol": {"rwt_interfaces", "rwt_graph", "anyio", "numpy", "PIL", "cbor2", "websockets", "h11"},
+    "rwt_graph": {"rwt_protocol", "rwt_transports", "rwt_bridge", "numpy", "websockets"},
+    "rwt_transports": {"rwt_interfaces", "rwt_graph", "rwt_bridge", "numpy"},
+    "rwt_bridge": {"rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
+    "rwt_nodes": {"rwt_bridge", "rwt_client", "rwt_cli", "numpy", "PIL"},
+    "rwt_client": {"rwt_bridge", "rwt_graph", "rwt_nodes", "rwt_cli"},
+    "rwt_cli": set(),
+}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_alone(package: str) -> None:
+    program = f"import {package}, sys; print(' '.join(name for name in sys.modules if '.' not in name))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not PACKAGES[package] & set(done.stdout.split())

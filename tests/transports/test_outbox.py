@@ -1,0 +1,313 @@
+"""The two lanes: order, fairness, and what is dropped when the reader is slow. The reader here is `drain`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwt_protocol.frames import Frame, Lane
+from rwt_transports.limits import Limits
+from rwt_transports.outbox import READY_BYTES, SLICE_BYTES, Outbox
+from rwt_transports.wires.websocket import SERVER_FRAMING
+
+FILLER = b"f" * READY_BYTES
+"""One frame of this size fills what waits in front of the lanes."""
+
+
+@dataclass
+class Queue:
+    """An outbox with what it asked of its surroundings."""
+
+    limits: Limits = field(default_factory=Limits)
+    wakes: int = 0
+    overflows: list[str] = field(default_factory=list)
+    hangups: list[tuple[int, str]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.outbox = Outbox(SERVER_FRAMING, self.limits, self.wake, self.overflows.append, self.hang_up)
+
+    def wake(self) -> None:
+        self.wakes += 1
+
+    def hang_up(self, code: int, reason: str) -> None:
+        self.hangups.append((code, reason))
+
+    def control(self, payload: bytes) -> None:
+        self.outbox.send(Frame(payload))
+
+
+def framed(*payloads: bytes) -> bytes:
+    return b"".join(SERVER_FRAMING.whole(Frame(payload)) for payload in payloads)
+
+
+def outbox(limits: Limits | None = None) -> Outbox:
+    return Outbox(
+        SERVER_FRAMING, limits or Limits(), lambda: None, lambda _: None, lambda _code, _reason: None
+    )
+
+
+def data(box: Outbox, topic: str, payload: bytes) -> None:
+    box.send(Frame(payload), Lane.DATA, topic)
+
+
+def drain(box: Outbox) -> bytes:
+    taken = []
+    while (piece := box.take()) is not None:
+        taken.append(bytes(piece))
+    return b"".join(taken)
+
+
+def stalled(limits: Limits | None = None) -> Outbox:
+    """An outbox whose ready bytes are full, so that the next frames wait in their lanes."""
+    box = outbox(limits)
+    box.send(Frame(FILLER))
+    return box
+
+
+# -- while the network keeps up ----------------------------------------------------------------------------
+
+
+def test_small_frames_of_one_turn_are_one_write() -> None:
+    box = outbox()
+    data(box, "/a", b"1")
+    box.send(Frame(b"2"))
+    data(box, "/b", b"3")
+    assert box.take() == framed(b"1", b"2", b"3")
+    assert box.take() is None
+
+
+def test_waking_once_is_enough() -> None:
+    queue = Queue()
+    for _ in range(3):
+        queue.control(b"x")
+    assert queue.wakes == 1
+    drain(queue.outbox)
+    queue.control(b"y")
+    assert queue.wakes == 2
+
+
+def test_a_frame_is_made_into_bytes_once_for_all_connections() -> None:
+    frame = Frame(b'{"op":"publish"}')
+    boxes = [outbox() for _ in range(5)]
+    for box in boxes:
+        box.send(frame, Lane.DATA, "/a")
+    taken = [box.take() for box in boxes]
+    assert all(each is taken[0] for each in taken)
+
+
+def test_a_large_frame_goes_in_slices_without_a_copy() -> None:
+    payload = bytes(range(256)) * 4096
+    box = outbox()
+    box.send(Frame(b"{", payload, b"}"))
+    box.send(Frame(b"after"))
+    pieces = []
+    while (piece := box.take()) is not None:
+        pieces.append(piece)
+    assert b"".join(pieces) == framed(b"{" + payload + b"}", b"after")
+    assert max(map(len, pieces)) <= SLICE_BYTES
+    shared = [piece for piece in pieces if isinstance(piece, memoryview)]
+    assert sum(map(len, shared)) == len(payload) and all(piece.obj is payload for piece in shared)
+
+
+def test_middle_sized_frames_are_not_joined_with_others() -> None:
+    box = outbox()
+    for payload in (b"a", b"B" * 40_000, b"c", b"d"):
+        box.send(Frame(payload))
+    sizes = []
+    while (piece := box.take()) is not None:
+        sizes.append(len(piece))
+    assert sizes == [3, 40_004, 6]
+
+
+# -- order and turns ---------------------------------------------------------------------------------------
+
+
+def test_control_overtakes_waiting_data() -> None:
+    box = stalled()
+    data(box, "/a", b"data")
+    box.send(Frame(b"control"))
+    assert drain(box) == framed(FILLER, b"control", b"data")
+
+
+@given(st.lists(st.tuples(st.sampled_from(["/a", "/b", "/c", ""]), st.integers(1, 60_000)), max_size=60))
+def test_order_within_a_topic_and_within_control(frames: list[tuple[str, int]]) -> None:
+    box = stalled()
+    sent: dict[str, list[bytes]] = {"/a": [], "/b": [], "/c": [], "": []}
+    for at, (topic, size) in enumerate(frames):
+        payload = b"%s:%d:" % (topic.encode(), at) + b"." * size
+        sent[topic].append(payload)
+        box.send(Frame(payload), Lane.DATA if topic else Lane.CONTROL, topic)
+    written = drain(box)
+    positions = {topic: [written.index(each) for each in payloads] for topic, payloads in sent.items()}
+    assert all(each == sorted(each) for each in positions.values())
+    assert len(written) == len(framed(FILLER)) + sum(
+        len(framed(each)) for all_ in sent.values() for each in all_
+    )
+    assert box.backlog == 0 and not box.dropped
+
+
+def test_a_small_topic_does_not_wait_for_the_queue_of_a_fat_one() -> None:
+    box = stalled(Limits(data_bytes=1 << 30))
+    for at in range(5):
+        data(box, "/map", b"M%d" % at + bytes(1_000_000))
+    for at in range(10):
+        data(box, "/odom", b"odom%d" % at)
+    written = drain(box)
+    assert written.index(b"odom9") < written.index(b"M0")
+
+
+def test_topics_of_one_size_take_turns() -> None:
+    box = stalled()
+    for at in range(3):
+        data(box, "/a", b"a%d" % at + b"x" * 60_000)
+    for at in range(3):
+        data(box, "/b", b"b%d" % at + b"x" * 60_000)
+    written = drain(box)
+    order = sorted((written.index(name), name) for name in (b"a0", b"a1", b"a2", b"b0", b"b1", b"b2"))
+    assert [name for _, name in order] == [b"a0", b"b0", b"a1", b"b1", b"a2", b"b2"]
+
+
+def test_a_frame_behind_a_large_one_waits_for_that_one_only() -> None:
+    box = outbox()
+    data(box, "/map", b"M0" + bytes(2_000_000))
+    box.take()
+    data(box, "/map", b"M1" + bytes(2_000_000))
+    data(box, "/odom", b"odom")
+    written = drain(box)
+    assert written.index(b"odom") < written.index(b"M1")
+
+
+# -- slow readers ------------------------------------------------------------------------------------------
+
+
+def test_overflow_drops_the_oldest_of_the_same_topic() -> None:
+    box = stalled(Limits(data_bytes=1000))
+    data(box, "/quiet", b"quiet" + b"q" * 95)
+    for at in range(20):
+        data(box, "/loud", b"loud%02d" % at + b"l" * 94)
+    written = drain(box)
+    assert b"quiet" in written
+    kept = [at for at in range(20) if b"loud%02d" % at in written]
+    assert kept == list(range(11, 20))
+    assert box.dropped == {"/loud": 11}
+
+
+def test_a_new_topic_takes_the_place_of_the_fattest() -> None:
+    box = stalled(Limits(data_bytes=1000))
+    for at in range(10):
+        data(box, "/loud", b"loud%02d" % at + b"l" * 94)
+    data(box, "/new", b"new" + b"n" * 97)
+    written = drain(box)
+    assert b"new" in written and b"loud00" not in written and b"loud01" in written
+    assert box.dropped == {"/loud": 1}
+
+
+def test_every_topic_keeps_its_newest_frame() -> None:
+    box = stalled(Limits(data_bytes=100))
+    for name in ("/a", "/b", "/c"):
+        for at in range(3):
+            data(box, name, b"%s%d" % (name.encode(), at) + b"x" * 200)
+    written = drain(box)
+    for name in (b"/a", b"/b", b"/c"):
+        assert [at for at in range(3) if b"%s%d" % (name, at) in written] == [2]
+
+
+def test_the_number_of_frames_is_bounded_too() -> None:
+    box = stalled(Limits(data_frames=5))
+    for at in range(9):
+        data(box, "/a", b"a%d" % at)
+    assert drain(box).endswith(framed(b"a4", b"a5", b"a6", b"a7", b"a8"))
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 400)), max_size=80))
+def test_the_data_lane_is_bounded(frames: list[tuple[str, int]]) -> None:
+    box = stalled(Limits(data_bytes=1000, data_frames=8))
+    before = box.backlog
+    for topic, size in frames:
+        data(box, topic, b"." * size)
+        # The bound, and the frame that each topic may keep beyond it.
+        assert box.backlog - before <= 1000 + 3 * 400
+
+
+def test_control_overflow_says_why_and_once() -> None:
+    queue = Queue(Limits(control_frames=2))
+    queue.control(FILLER)
+    queue.control(b"1")
+    queue.control(b"2")
+    assert not queue.overflows
+    queue.control(b"3")
+    (reason,) = queue.overflows
+    assert "control_frames" in reason and "2" in reason
+
+
+def test_backlog_counts_everything_not_taken() -> None:
+    box = stalled()
+    data(box, "/a", b"12345")
+    box.send(Frame(b"123"))
+    assert box.backlog == len(framed(FILLER)) + 8
+    drain(box)
+    assert box.backlog == 0
+
+
+# -- the end -----------------------------------------------------------------------------------------------
+
+
+def test_finish_keeps_control_throws_data_away_and_lets_nothing_follow() -> None:
+    box = stalled()
+    data(box, "/a", b"data")
+    box.send(Frame(b"control"))
+    box.finish(b"<close>")
+    box.send(Frame(b"late"))
+    data(box, "/a", b"late")
+    assert drain(box) == framed(FILLER, b"control") + b"<close>"
+    box.send(Frame(b"later"))
+    assert box.take() is None and box.backlog == 0
+
+
+def test_abandon_frees_everything() -> None:
+    box = stalled()
+    data(box, "/a", b"data")
+    box.abandon()
+    assert box.backlog == 0 and box.take() is None
+
+
+def test_when_empty_is_called_once_and_after_the_last_byte() -> None:
+    queue = Queue()
+    queue.control(b"x")
+    calls: list[int] = []
+    queue.outbox.when_empty(lambda: calls.append(queue.outbox.backlog))
+    assert drain(queue.outbox) and calls == [0]
+    queue.control(b"y")
+    drain(queue.outbox)
+    assert calls == [0]
+
+
+def test_close_is_the_connections_affair() -> None:
+    queue = Queue()
+    queue.outbox.close(4000, "bye")
+    assert queue.hangups == [(4000, "bye")]
+
+
+@pytest.mark.parametrize("sent", [[], [b"early"], [b"early", b"x" * 50_000]])
+def test_a_handshake_goes_in_front_of_what_the_endpoint_sends_at_once(sent: list[bytes]) -> None:
+    box = outbox()
+    box.push(b"<response>")
+    mark = box.mark()
+    for payload in sent:
+        box.send(Frame(payload))
+    box.insert(mark, b"<101>")
+    assert drain(box) == b"<response><101>" + framed(*sent)
+
+
+def test_rolling_back_forgets_what_a_refused_endpoint_sent() -> None:
+    box = outbox()
+    box.push(b"<response>")
+    mark = box.mark()
+    for _ in range(3):
+        box.send(Frame(b"x" * 100_000))
+    box.roll_back(mark)
+    box.push(b"<403>")
+    assert drain(box) == b"<response><403>"
