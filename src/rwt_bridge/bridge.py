@@ -17,6 +17,7 @@ from rwt_graph.errors import GraphError
 from rwt_interfaces.errors import InterfaceError
 from rwt_protocol import ops
 from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session, WireLimits
 
@@ -100,8 +101,7 @@ class Bridge:
             Refused: it may not come in.
         """
         role = self.admission.admit(info, loopback=loopback)
-        limits = WireLimits(self._settings.max_message_size, self._settings.limits.max_depth)
-        session = Session(PROFILES[self._settings.profile], limits=limits)
+        session = Session(PROFILES[self._settings.profile], limits=_wire_limits(self._settings))
         if role is not None:
             return self.join(sink, info, session, role)
         rosauth = self.admission.rosauth
@@ -165,6 +165,15 @@ class Bridge:
         """Leave the graph."""
         self.publications.close()
         self.participant.close()
+
+
+def _wire_limits(settings: Settings) -> WireLimits:
+    """The bounds that a session keeps."""
+    wished = settings.limits
+    fragments = FragmentLimits(
+        wished.fragmented_messages, wished.fragment_characters, wished.fragment_seconds
+    )
+    return WireLimits(settings.max_message_size, wished.max_depth, fragments)
 
 
 def _log_error(op: ops.Op, error: Exception) -> None:

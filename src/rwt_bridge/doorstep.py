@@ -6,8 +6,8 @@ import logging
 from typing import TYPE_CHECKING, Final
 
 from rwt_bridge.auth import NotAuthenticated
-from rwt_bridge.peer import POLICY
 from rwt_protocol.ops import Auth
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.auth import Rosauth

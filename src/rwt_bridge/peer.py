@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from rwt_bridge.quotas import message_rate
 from rwt_bridge.topics import release_publishers
 from rwt_protocol.ops import ActionResult, ServiceResponse, Status
 from rwt_protocol.session import Refusal
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import ProvidedAction, SentGoal
@@ -29,9 +30,6 @@ _LOG_LEVELS = {
     "info": logging.DEBUG,
     "none": logging.DEBUG,
 }
-
-#: Close code of RFC 6455 section 7.4.1 for whoever breaks the server's rules.
-POLICY: Final = 1008
 
 #: Characters of one line of the log that a client has a say in.
 _LONGEST_LINE = 500

@@ -56,6 +56,15 @@ class LimitSettings(Table):
         int,
         Field(ge=4, le=500, description="objects and arrays open at once in one message, itself included"),
     ] = 100
+    fragmented_messages: Annotated[
+        Count, Field(description="messages of one client that may be in pieces at the same time")
+    ] = 16
+    fragment_characters: Annotated[
+        Count, Field(description="characters of all pieces of one client together")
+    ] = 10_000_000
+    fragment_seconds: Annotated[
+        Seconds, Field(description="time after the last piece until the others are forgotten")
+    ] = 600.0
     outgoing_message_bytes: Annotated[
         Bytes,
         Field(description="largest message sent to a client; a larger one is dropped, or fails its call"),
