@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from rwt_bridge.quotas import message_rate
+from rwt_bridge.quotas import message_rate, too_large
 from rwt_bridge.topics import release_publishers
 from rwt_protocol.ops import ActionResult, ServiceResponse, Status
 from rwt_protocol.session import Refusal
@@ -103,8 +103,25 @@ class Peer:
         logger.info("client %d left: %d %s", self.number, code, reason)
 
     def send(self, op: Op) -> None:
-        """Send one op in the control lane."""
-        self.sink.send(self.session.encode(op))
+        """Send one op in the control lane; one that is too large is left out, and the client told so."""
+        self.send_if_small(op)
+
+    def send_if_small(self, op: Op) -> bool:
+        """As :meth:`send`; whether it was sent.
+
+        The client is told so: of a result in its place, of anything else by a `status`.
+        """
+        frame = self.session.encode(op)
+        reason = too_large(self, frame)
+        if reason is None:
+            self.sink.send(frame)
+            return True
+        self.log(logging.WARNING, f"{op.op}: {reason}", op.id)
+        if isinstance(op, ActionResult):
+            self._answer(op.model_copy(update={"values": reason, "result": False}))
+        else:
+            self._answer(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
+        return False
 
     def take_role(self, role: Role) -> None:
         """Act as another role from now on; what is open stays open, and publishing is asked anew."""
