@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
