@@ -67,7 +67,7 @@ class LimitSettings(Table):
     ] = 600.0
     outgoing_message_bytes: Annotated[
         Bytes,
-        Field(description="largest message sent to a client; a larger one is dropped, or fails its call"),
+        Field(description="largest reply or request sent to a client; a larger one fails its call or goal"),
     ] = 256 * MIB
     handshake_seconds: Annotated[
         Seconds, Field(description="from connecting to the end of the HTTP request")
