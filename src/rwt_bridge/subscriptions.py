@@ -35,7 +35,7 @@ class ClientSubscription:
         """Whether nothing is subscribed any more."""
         return not self._wishes
 
-    def check_type(self, type: MessageType) -> None:  # noqa: A002
+    def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless the topic is of that type (SUB-03)."""
         self._fanout.check_type(type)
 
