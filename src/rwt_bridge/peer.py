@@ -5,13 +5,16 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
+from rwt_bridge.quotas import message_rate, too_large
 from rwt_bridge.topics import release_publishers
 from rwt_protocol.ops import ActionResult, ServiceResponse, Status
 from rwt_protocol.session import Refusal
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import ProvidedAction, SentGoal
     from rwt_bridge.bridge import Bridge
+    from rwt_bridge.policy import Role
     from rwt_bridge.services import ClientCall, ProvidedService
     from rwt_bridge.subscriptions import ClientSubscription
     from rwt_graph.api import Publisher
@@ -35,12 +38,16 @@ _LONGEST_LINE = 500
 class Peer:
     """One client. A new connection is a new, empty peer (DIS-06)."""
 
-    def __init__(self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session) -> None:
+    def __init__(
+        self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session, role: Role
+    ) -> None:
         self.bridge = bridge
         self.number = number
         self.sink = sink
         self.info = info
         self.session = session
+        self.role = role
+        self._rate = message_rate(bridge.limits)
         self.advertised: dict[str, set[str | int | None]] = {}
         self.implicit: set[str] = set()
         self.publishers: dict[str, Publisher] = {}
@@ -52,7 +59,11 @@ class Peer:
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one message from the wire, run what it holds, and answer what is refused."""
-        for item in self.session.decode(data, binary, self.bridge.graph.clock.monotonic()):
+        now = self.bridge.graph.clock.monotonic()
+        if self._rate is not None and not self._rate.take(now):
+            self._flooded()
+            return
+        for item in self.session.decode(data, binary, now):
             if isinstance(item, Refusal):
                 self.log(logging.WARNING, item.reason, item.id)
                 answer = item.answer
@@ -68,6 +79,13 @@ class Peer:
         reason = f"a message of {size} bytes was skipped: max_message_size is {limit}"
         self.log(logging.WARNING, reason)
         self._answer(Status(level="error", msg=reason))
+
+    def _flooded(self) -> None:
+        """Too many messages: the client has to go, since reading on would serve it before all others."""
+        rate = self.bridge.limits.messages_per_second
+        reason = f"more than {rate} messages a second (limits.messages_per_second)"
+        self.log(logging.WARNING, reason)
+        self.sink.close(POLICY, reason)
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
@@ -85,8 +103,30 @@ class Peer:
         logger.info("client %d left: %d %s", self.number, code, reason)
 
     def send(self, op: Op) -> None:
-        """Send one op in the control lane."""
-        self.sink.send(self.session.encode(op))
+        """Send one op in the control lane; one that is too large is left out, and the client told so."""
+        self.send_if_small(op)
+
+    def send_if_small(self, op: Op) -> bool:
+        """As :meth:`send`; whether it was sent.
+
+        The client is told so: of a result in its place, of anything else by a `status`.
+        """
+        frame = self.session.encode(op)
+        reason = too_large(self, frame)
+        if reason is None:
+            self.sink.send(frame)
+            return True
+        self.log(logging.WARNING, f"{op.op}: {reason}", op.id)
+        if isinstance(op, ActionResult):
+            self._answer(op.model_copy(update={"values": reason, "result": False}))
+        else:
+            self._answer(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
+        return False
+
+    def take_role(self, role: Role) -> None:
+        """Act as another role from now on; what is open stays open, and publishing is asked anew."""
+        self.role = role
+        self.publishers.clear()
 
     def forget_publisher(self, topic: str) -> None:
         """Look the topic's publisher up again at the next publish."""

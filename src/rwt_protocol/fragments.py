@@ -89,6 +89,7 @@ class Reassembly:
         if len(self._open) >= self._limits.max_lists:
             raise Refused(
                 f"fragment: {self._limits.max_lists} messages are in pieces already; complete one first"
+                " (fragmented_messages)"
             )
         pieces = self._open[fragment.id] = _Pieces(fragment.total, now)
         return pieces
@@ -98,7 +99,10 @@ class Reassembly:
         most = self._limits.max_size
         if self._size + size > most or fragment.total * _OVERHEAD > most:
             self.forget(fragment.id)
-            raise Refused(f"fragment: the pieces take more than {most} characters; the message was dropped")
+            raise Refused(
+                f"fragment: the pieces take more than {most} characters; the message was dropped"
+                " (fragment_characters)"
+            )
         pieces.texts[fragment.num] = fragment.data
         pieces.size += size
         self._size += size
