@@ -84,7 +84,11 @@ class SentGoal:
 
 
 def on_send_action_goal(peer: Peer, op: SendActionGoal) -> None:
-    """Send a goal to an action of the graph (ACT-01 … ACT-05)."""
+    """Send a goal to an action of the graph (ACT-01 … ACT-05).
+
+    Its type must exist (ACT-04), and may be another than the server's: one action goes by several packages'
+    names, and whether the goal fits is told by its fields.
+    """
     name, suffix = split_suffix(op.action)
     if suffix is not None and op.id is None:
         op = op.model_copy(update={"id": suffix})
@@ -92,6 +96,7 @@ def on_send_action_goal(peer: Peer, op: SendActionGoal) -> None:
     info = peer.bridge.graph.action(action)
     if info is None:
         raise Refused(f"Action {action} does not exist")
+    peer.bridge.graph.registry.action(op.action_type)
     SentGoal(peer, op, arguments_of(info.type.goal, op.args, "send_action_goal.args", peer.bridge.now))
 
 

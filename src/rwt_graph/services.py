@@ -47,7 +47,7 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
         self._caller = caller
         self._due = due
         provider.open.add(self)
-        caller.add(self, self.cancel)
+        caller.add(self, self.caller_closed)
 
     def _end(self) -> OnReply | None:
         on_reply, self._on_reply = self._on_reply, None
@@ -77,6 +77,10 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
     def expire(self) -> None:
         """The timeout has passed."""
         self.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
+
+    def caller_closed(self) -> None:
+        """The caller's node leaves: whoever waits for the answer must not wait for ever."""
+        self.end_with(CallFailed(f"node {self._caller.name} was closed"))
 
     def cancel(self) -> None:
         """Forget the call: no reply callback comes after this."""
