@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Never
 
 from rwt_bridge import actions, control, services, topics
+from rwt_bridge.admission import Admission
+from rwt_bridge.doorstep import Doorstep
 from rwt_bridge.fanout import Fanout
 from rwt_bridge.peer import Peer
 from rwt_bridge.publications import Publications
@@ -19,10 +22,11 @@ from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import SentGoal
+    from rwt_bridge.policy import Role
     from rwt_bridge.settings import Settings
     from rwt_graph.api import Graph
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.frames import PeerInfo, Sink
+    from rwt_protocol.frames import Endpoint, PeerInfo, Sink
 
 logger = logging.getLogger("rwt.bridge")
 
@@ -57,6 +61,10 @@ class Bridge:
         participant: the node under which all clients act, `/rosbridge_websocket`.
         publications: the publishers that clients share.
         dispatcher: which handler does which op.
+        admission: who comes in, and as what.
+
+    Raises:
+        SettingsError: a file that the settings name cannot be used.
     """
 
     def __init__(self, graph: Graph, settings: Settings) -> None:
@@ -65,6 +73,8 @@ class Bridge:
         self.publications = Publications(self.participant, graph.clock, settings.unregister_timeout)
         self.now = graph.clock.time_ns
         self._settings = settings
+        self.limits = settings.limits
+        self.admission = Admission(settings, time.time)
         self._fanouts: dict[str, Fanout] = {}
         self._peers: set[Peer] = set()
         self._count = 0
@@ -78,12 +88,30 @@ class Bridge:
         """How many clients are connected."""
         return len(self._peers)
 
-    def accept(self, sink: Sink, info: PeerInfo) -> Peer:
-        """Take in a new client."""
-        limits = WireLimits(max_message_size=self._settings.max_message_size)
+    def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool = True) -> Endpoint:
+        """Take in a new client.
+
+        Args:
+            sink: where to write to it.
+            info: what the transport knows of it.
+            loopback: whether it came over a listener that is only reached from this machine.
+
+        Raises:
+            Refused: it may not come in.
+        """
+        role = self.admission.admit(info, loopback=loopback)
+        limits = WireLimits(self._settings.max_message_size, self._settings.limits.max_depth)
         session = Session(PROFILES[self._settings.profile], limits=limits)
+        if role is not None:
+            return self.join(sink, info, session, role)
+        rosauth = self.admission.rosauth
+        assert rosauth is not None, "admit lets nobody in without a role unless `auth` can give one"
+        return Doorstep(self, sink, info, session, rosauth, self._settings.auth.seconds)
+
+    def join(self, sink: Sink, info: PeerInfo, session: Session, role: Role) -> Peer:
+        """Make a client of a connection whose role is known."""
         self._count += 1
-        peer = Peer(self, self._count, sink, info, session)
+        peer = Peer(self, self._count, sink, info, session, role)
         self._peers.add(peer)
         logger.info("client %d joined from %s over %s", peer.number, info.address or "?", info.transport)
         return peer
@@ -91,6 +119,7 @@ class Bridge:
     def left(self, peer: Peer) -> None:
         """Forget a client; its goals run on, and can still be cancelled from the same address."""
         self._peers.discard(peer)
+        self.admission.left(peer.info)
         for goal in peer.goals:
             goal.orphan()
             self._orphans[goal] = peer.info.address

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_bridge.quotas import require_advertisement, require_call
+from rwt_bridge.rosapi_view import narrowed
 from rwt_bridge.typecheck import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.errors import CallFailed
 from rwt_graph.names import resolve
@@ -13,6 +15,7 @@ from rwt_protocol.ops import ServiceResponse
 
 if TYPE_CHECKING:
     from rwt_bridge.peer import Peer
+    from rwt_bridge.rosapi_view import Narrow
     from rwt_graph.api import PendingCall, Registration, ServiceCall
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
@@ -25,12 +28,13 @@ _SWEEP_AT = 256
 class ClientCall:
     """One `call_service` of a client, on its way; called with the outcome."""
 
-    __slots__ = ("_id", "_peer", "_service", "pending")
+    __slots__ = ("_id", "_narrow", "_peer", "_service", "pending")
 
-    def __init__(self, peer: Peer, op: ops.CallService) -> None:
+    def __init__(self, peer: Peer, op: ops.CallService, narrow: Narrow | None) -> None:
         self._peer = peer
         self._service = op.service
         self._id = op.id
+        self._narrow = narrow
         self.pending: PendingCall | None = None
 
     def __call__(self, outcome: Payload | CallFailed) -> None:
@@ -40,6 +44,8 @@ class ClientCall:
         if isinstance(outcome, CallFailed):
             peer.send(ServiceResponse(service=self._service, values=str(outcome), result=False, id=self._id))
         else:
+            if self._narrow is not None:
+                outcome = self._narrow(outcome)
             peer.sink.send(response_frame(self._service, outcome.json(), self._id))
 
 
@@ -49,11 +55,13 @@ def on_call_service(peer: Peer, op: ops.CallService) -> None:
     if suffix is not None and op.id is None:
         op = op.model_copy(update={"id": suffix})
     name = resolve(service)
+    peer.role.require("call", name)
     info = peer.bridge.graph.service(name)
     if info is None:
         raise Refused(f"Service {name} does not exist")
+    require_call(peer, op.op)
     request = arguments_of(info.type.request, op.args, "call_service.args", peer.bridge.now)
-    call = ClientCall(peer, op)
+    call = ClientCall(peer, op, narrowed(peer.role, peer.bridge.graph, name, info.type, request))
     peer.calls.add(call)
     call.pending = peer.bridge.participant.call_service(
         name, request, call, peer.bridge.call_timeout(op.timeout)
@@ -116,8 +124,11 @@ class ProvidedService:
 
 def on_advertise_service(peer: Peer, op: ops.AdvertiseService) -> None:
     """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
-    service_type = peer.bridge.graph.registry.service(op.type)
     name = resolve(op.service)
+    peer.role.require("provide", name)
+    service_type = peer.bridge.graph.registry.service(op.type)
+    if name not in peer.services:
+        require_advertisement(peer, op.op)
     provided = ProvidedService(peer, op.service, service_type)
     previous = peer.services.pop(name, None)
     if previous is not None:

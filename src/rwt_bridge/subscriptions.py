@@ -31,9 +31,18 @@ class ClientSubscription:
         self._channel: Channel | None = None
 
     @property
+    def count(self) -> int:
+        """How many subscriptions are held."""
+        return len(self._wishes)
+
+    @property
     def is_empty(self) -> bool:
         """Whether nothing is subscribed any more."""
         return not self._wishes
+
+    def has(self, id_: str | int | None) -> bool:
+        """Whether there is a subscription of that id."""
+        return id_ in self._wishes
 
     def check_type(self, type: MessageType) -> None:  # noqa: A002
         """Raise `TypeConflict` unless the topic is of that type (SUB-03)."""
