@@ -50,17 +50,21 @@ class Sample(Struct, frozen=True, eq=False, gc=False):
         payload: the message; shared by all receivers, never changed.
         stamp_ns: the graph clock's time of publishing, nanoseconds since the epoch.
         node: absolute name of the publishing node.
+        expires_ns: the clock's time after which it is not delivered any more (lifespan); 0 for never.
     """
 
     topic: str
     payload: Payload
     stamp_ns: int
     node: str
+    expires_ns: int = 0
 
     def detach(self) -> Sample:
         """The same sample without a view of the buffer that the payload was received in, for keeping."""
         payload = self.payload.detach()
-        return self if payload is self.payload else Sample(self.topic, payload, self.stamp_ns, self.node)
+        if payload is self.payload:
+            return self
+        return Sample(self.topic, payload, self.stamp_ns, self.node, self.expires_ns)
 
 
 class Publisher(ABC):
