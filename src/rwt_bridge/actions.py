@@ -124,7 +124,7 @@ def on_cancel_action_goal(peer: Peer, op: ops.CancelActionGoal) -> None:
 class ProvidedAction:
     """One action that a client offers, and the goals it works on."""
 
-    def __init__(self, peer: Peer, name: str, type: ActionType) -> None:  # noqa: A002
+    def __init__(self, peer: Peer, name: str, type: ActionType) -> None:
         self._peer = peer
         self._name = name
         self._type = type

@@ -126,7 +126,7 @@ class Bridge:
         while len(self._orphans) > _MOST_ORPHANS:
             del self._orphans[next(iter(self._orphans))]
 
-    def fanout(self, topic: str, type: MessageType) -> Fanout:  # noqa: A002
+    def fanout(self, topic: str, type: MessageType) -> Fanout:
         """The fan-out of a topic, made if nobody listens yet.
 
         Raises:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rwt_bridge.gate import Gate
 from rwt_graph.errors import TypeConflict
-from rwt_protocol.frames import Frame, Lane
+from rwt_protocol.frames import Frame
 
 if TYPE_CHECKING:
     from rwt_bridge.encodings import Encoder, Encoding
+    from rwt_bridge.gate import Gate
     from rwt_graph.api import Participant, Sample, Subscription
-    from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.frames import Sink
 
 
 class _Encoded:
@@ -86,7 +84,7 @@ class Channel:
 class Fanout:
     """All clients of one topic, behind one subscription in the graph."""
 
-    def __init__(self, participant: Participant, topic: str, type: MessageType) -> None:  # noqa: A002
+    def __init__(self, participant: Participant, topic: str, type: MessageType) -> None:
         self.topic = topic
         self.type = type
         self._channels: dict[tuple[str, str], Channel] = {}
@@ -98,7 +96,7 @@ class Fanout:
         """Whether nobody listens any more."""
         return not self._channels
 
-    def check_type(self, type: MessageType) -> None:  # noqa: A002
+    def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
         if type.name != self.type.name:
             raise TypeConflict(
@@ -132,14 +130,3 @@ class Fanout:
     def _deliver(self, sample: Sample) -> None:
         for channel in self._active:
             channel.deliver(sample)
-
-
-def open_gate(clock: Clock, sink: Sink, topic: str) -> Gate:
-    """A gate whose frames go to `sink` in the data lane, in the flow of `topic`."""
-    send = sink.send
-    lane = Lane.DATA
-
-    def send_data(frame: Frame) -> None:
-        send(frame, lane, topic)
-
-    return Gate(clock, send_data)

@@ -82,7 +82,7 @@ def split_suffix(name: str) -> tuple[str, str | None]:
 class ProvidedService:
     """One service that a client offers, and the calls that wait for its answers."""
 
-    def __init__(self, peer: Peer, name: str, type: ServiceType) -> None:  # noqa: A002
+    def __init__(self, peer: Peer, name: str, type: ServiceType) -> None:
         self._peer = peer
         self._name = name
         self._type = type

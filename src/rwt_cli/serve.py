@@ -142,4 +142,4 @@ or send a goal to /navigate_to_pose. Ctrl-C ends it."""
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)  # noqa: T201 - what a command has to say goes to stdout
+    print(text, flush=True)

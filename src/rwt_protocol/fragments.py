@@ -73,7 +73,7 @@ class Reassembly:
             return None
         return "".join(pieces.texts[num] for num in range(pieces.total))
 
-    def forget(self, id: str | int) -> None:  # noqa: A002  # as on the wire
+    def forget(self, id: str | int) -> None:  # as on the wire
         """Drop what has arrived of one message."""
         pieces = self._open.pop(id, None)
         if pieces is not None:
@@ -108,7 +108,7 @@ class Reassembly:
         self._size += size
 
 
-def cut(frame: Frame, size: int, id: str) -> Sequence[Frame]:  # noqa: A002  # as on the wire
+def cut(frame: Frame, size: int, id: str) -> Sequence[Frame]:  # as on the wire
     """A frame as fragments of at most `size` characters of its text, if it is longer (FRG-21).
 
     A binary frame is never cut (FRG-27), and a size below one asks for no cutting.
