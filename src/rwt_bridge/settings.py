@@ -48,7 +48,7 @@ class LimitSettings(Table):
     messages_per_second: Annotated[
         CountOrNone,
         Field(description="messages that one client may send each second in the long run; 0 for any number"),
-    ] = 10_000
+    ] = 0
     messages_burst: Annotated[
         Count, Field(description="messages that one client may send at once before their rate counts")
     ] = 20_000
