@@ -11,8 +11,6 @@ from rwt_bridge.serve import serve
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes.rosapi import Rosapi
 
-#: One client is the whole load of some cases: what it may send a second is what is measured.
-
 
 def add_two_ints(request: Any) -> dict[str, object]:
     """`request` is a Struct of a type that is known at run time only."""
