@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from rwt_bridge.metrics import metrics
 from rwt_transports.http import HttpRequest, HttpResponse, Routes
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def routes(bridge: Bridge) -> Routes:
     routes = Routes()
     routes.get("/", lambda request: _index(bridge, request))
     routes.get("/healthz", lambda request: _health(bridge))
+    routes.get("/metrics", lambda request: metrics(bridge))
     return routes
 
 
