@@ -30,6 +30,7 @@ from rwt_graph.deadlines import Deadlines
 from rwt_graph.errors import NotRunning
 from rwt_graph.introspection import Introspection
 from rwt_graph.names import validate
+from rwt_graph.node import Node
 from rwt_graph.ownership import Owner
 from rwt_graph.param_tree import ParameterTree
 from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
@@ -37,11 +38,10 @@ from rwt_graph.runtime import Runtime
 from rwt_graph.services import Services
 from rwt_graph.system import SystemTopics
 from rwt_graph.topics import Topics
+from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
-    from rwt_graph.node import Node
     from rwt_interfaces.payload import Payload
-    from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 
@@ -61,7 +61,7 @@ class MemoryParticipant(Participant):
     def advertise(
         self,
         topic: str,
-        type: MessageType,  # noqa: A002 - the contract's word
+        type: MessageType,
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
         """Become a publisher of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
@@ -72,7 +72,7 @@ class MemoryParticipant(Participant):
         self,
         topic: str,
         on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,  # noqa: A002 - the contract's word
+        type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         """Become a subscriber of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
@@ -82,7 +82,7 @@ class MemoryParticipant(Participant):
     def advertise_service(
         self,
         service: str,
-        type: ServiceType,  # noqa: A002 - the contract's word
+        type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
         """Offer a service. Raises :exc:`NotRunning` after `close`."""
@@ -99,7 +99,7 @@ class MemoryParticipant(Participant):
     def advertise_action(
         self,
         action: str,
-        type: ActionType,  # noqa: A002 - the contract's word
+        type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         """Offer an action. Raises :exc:`NotRunning` after `close`."""
@@ -140,11 +140,7 @@ class MemoryGraph(Graph):
     """
 
     def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
-        if registry is None:
-            from rwt_interfaces.registry import Registry
-
-            registry = Registry()
-        self.registry = registry
+        self.registry = registry = registry or Registry()
         self.distro = registry.distro
         self.clock = clock or WallClock()
         self.parameters = ParameterTree()
@@ -171,8 +167,6 @@ class MemoryGraph(Graph):
 
     def node(self, name: str, namespace: str = "/") -> Node:
         """A :class:`~rwt_graph.node.Node` of this graph."""
-        from rwt_graph.node import Node
-
         return Node(self, name, namespace)
 
     def topics(self) -> tuple[TopicInfo, ...]:
