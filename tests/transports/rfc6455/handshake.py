@@ -58,6 +58,7 @@ HANDSHAKES = (
       for version in (0, 7, 8, 12, 14, 130)),
     _changed("a version that is no number", b"Version: 13", b"Version: x", 426),
     Handshake("not HTTP", b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", 400),
+    _with("a control character in a header", b"X-Robot: \x01", 400),
     _with("a header line without a colon", b"nonsense", 400),
     _with("16 KiB of headers and more", b"X-Long: " + b"x" * 20_000, 431),
 )  # fmt: skip
