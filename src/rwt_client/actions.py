@@ -75,7 +75,7 @@ class Goal:
         status: what is known of it so far.
     """
 
-    def __init__(self, action: str, id: str, on_feedback: Callable[[Any], object] | None) -> None:  # noqa: A002
+    def __init__(self, action: str, id: str, on_feedback: Callable[[Any], object] | None) -> None:
         self.action = action
         self.id = id
         self.status = GoalStatus.ACCEPTED
@@ -241,7 +241,7 @@ class SentGoals:
         self._sent[goal.id] = sent
         return goal
 
-    def forget(self, id: str) -> None:  # noqa: A002  # as on the wire
+    def forget(self, id: str) -> None:  # as on the wire
         """A goal has ended."""
         self._sent.pop(id, None)
         self.line.remove(id)

@@ -1,10 +1,9 @@
-"""Numeric arrays of messages as numpy arrays, and typed arrays of CBOR as either kind."""
+"""Numeric arrays of messages as numpy arrays, and which messages have big ones."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
@@ -15,39 +14,6 @@ if TYPE_CHECKING:
 
 ArrayKind = Literal["list", "numpy"]
 """What numeric arrays of a message become: lists (and `bytes` for octets), or numpy arrays."""
-
-FORMATS: Final = {
-    64: "<B", 65: ">H", 66: ">I", 67: ">Q", 68: "<B", 69: "<H", 70: "<I", 71: "<Q",
-    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
-    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
-}  # fmt: skip
-"""Byte order and element of the typed arrays of RFC 8746 section 2.1, by tag."""
-
-
-class TypedArray(NamedTuple):
-    """A typed array as it came.
-
-    Attributes:
-        format: byte order and letter of :mod:`struct`.
-        data: its elements.
-    """
-
-    format: str
-    data: bytes
-
-    def plain(self) -> bytes | list[Any]:
-        """As Python's own: octets as bytes, anything else as a list."""
-        if self.format == "<B":
-            return self.data
-        order, letter = self.format[0], self.format[1]
-        return list(struct.unpack(f"{order}{len(self.data) // struct.calcsize(letter)}{letter}", self.data))
-
-    def numpy(self) -> object:
-        """As a numpy array on the same memory, which cannot be written to."""
-        import numpy  # heavy, and only for those who ask for it
-
-        return numpy.frombuffer(self.data, dtype=self.format)
-
 
 Convert = Callable[[Any], Any]
 

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Final, Literal, Protocol
 import anyio
 import msgspec
 
+from rwt_client.cbor import Unreadable, read_cbor
 from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
-from rwt_client.reading import Arrived, read_cbor
+from rwt_client.reading import Arrived
 from rwt_protocol.errors import Level
-from rwt_protocol.frames import Frame, Lane, PeerInfo, Sink
+from rwt_protocol.frames import DropReason, Flow, PeerInfo, Sink
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
 from rwt_protocol.profiles import COMPAT
 from rwt_protocol.session import Refusal, Session, WireLimits
@@ -49,7 +50,7 @@ class Part(Protocol):
         """The server complains of what this part has sent under its id. Never raises."""
 
 
-class Flow(Protocol):
+class Destination(Protocol):
     """Where the messages of one topic go."""
 
     def deliver(self, arrived: Arrived, size: int) -> None:
@@ -77,13 +78,13 @@ class Line:
 
     Attributes:
         events: what happens to the connection.
-        flows: by the topic's name as it was subscribed to.
+        destinations: by the topic's name as it was subscribed to.
         dispatcher: what to do with everything but published messages.
     """
 
     __slots__ = (
         "_closed", "_count", "_ended", "_level", "_limits", "_parts", "_session", "_sink", "_ups",
-        "dispatcher", "events", "flows",
+        "destinations", "dispatcher", "events",
     )  # fmt: skip
 
     def __init__(self, level: Level | None, limits: WireLimits) -> None:
@@ -97,7 +98,7 @@ class Line:
         self._count = 0
         self._ups = 0
         self.events = Events()
-        self.flows: dict[str, Flow] = {}
+        self.destinations: dict[str, Destination] = {}
         self.dispatcher: Dispatcher[None] | None = None
 
     # -- for the parts -------------------------------------------------------------------------------------
@@ -117,7 +118,7 @@ class Line:
         self._count += 1
         return f"{kind}:{name}:{self._count}"
 
-    def add(self, id: str, part: Part) -> None:  # noqa: A002  # as on the wire
+    def add(self, id: str, part: Part) -> None:  # as on the wire
         """Restore `part` with every new connection, and tell it what is said of `id`.
 
         Raises:
@@ -128,7 +129,7 @@ class Line:
             raise self._closed
         self._parts[id] = part
 
-    def remove(self, id: str) -> None:  # noqa: A002  # as on the wire
+    def remove(self, id: str) -> None:  # as on the wire
         """Forget the part of that id."""
         self._parts.pop(id, None)
 
@@ -138,25 +139,29 @@ class Line:
         Raises:
             NotConnected: there is no connection now.
         """
-        self.send_frame(self._session.encode(op))
+        self._known_sink().send(self._session.encode(op))
+
+    def flow(self, topic: str, on_drop: Callable[[DropReason], None]) -> Flow:
+        """A way for messages that are published, on the connection that there is now.
+
+        Raises:
+            NotConnected: there is no connection now.
+        """
+        return self._known_sink().flow(topic, on_drop=on_drop)
+
+    def not_connected(self) -> ConnectionLost:
+        """Why nothing can be sent."""
+        return self._closed or NotConnected("there is no connection to the server now; it is being retried")
+
+    def _known_sink(self) -> Sink:
+        if self._sink is None:
+            raise self.not_connected()
+        return self._sink
 
     def send_if_connected(self, op: Op) -> None:
         """Send one op whose end of the connection is as good as its arrival: an unsubscription."""
         if self._sink is not None:
             self._sink.send(self._session.encode(op))
-
-    def send_frame(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
-        """Send one frame.
-
-        Raises:
-            NotConnected: there is no connection now.
-        """
-        sink = self._sink
-        if sink is None:
-            raise self._closed or NotConnected(
-                "there is no connection to the server now; it is being retried"
-            )
-        sink.send(frame, lane, topic)
 
     # -- for what keeps the connection ---------------------------------------------------------------------
 
@@ -220,22 +225,25 @@ class Line:
                 # Not valid, or another op with a member of that name: the session tells.
                 found = None
             if found is not None and found.op == "publish" and found.msg:
-                flow = self.flows.get(found.topic)
-                if flow is not None:
-                    flow.deliver(bytes(found.msg), len(data))
+                destination = self.destinations.get(found.topic)
+                if destination is not None:
+                    destination.deliver(bytes(found.msg), len(data))
                 return
         for op in self._session.decode(data, binary, time.monotonic()):
             self._take(op)
 
     def _receive_cbor(self, data: bytes) -> bool:
         """Take a published message in CBOR; False if it is anything else."""
-        found = read_cbor(data)
-        if found is None or found.get("op") != "publish":
+        try:
+            found = read_cbor(data)
+        except Unreadable:
+            return False
+        if not isinstance(found, dict) or found.get("op") != "publish":
             return False
         message, topic = found.get("msg"), found.get("topic")
-        flow = self.flows.get(topic) if isinstance(topic, str) else None
-        if flow is not None and isinstance(message, dict):
-            flow.deliver(message, len(data))
+        destination = self.destinations.get(topic) if isinstance(topic, str) else None
+        if destination is not None and isinstance(message, dict):
+            destination.deliver(message, len(data))
         return True
 
     def _take(self, op: Op | Refusal) -> None:
@@ -255,9 +263,9 @@ class Line:
                 self.send_if_connected(answer)
 
     def _take_publish(self, op: Publish) -> None:
-        flow = self.flows.get(op.topic)
-        if flow is not None:
-            flow.deliver(op.msg.data, len(op.msg.data))
+        destination = self.destinations.get(op.topic)
+        if destination is not None:
+            destination.deliver(op.msg.data, len(op.msg.data))
 
     def _take_status(self, op: Status) -> None:
         """A complaint goes to the part it is about, and else to whoever listens to events (STA-03)."""

@@ -50,7 +50,7 @@ class ReceivedGoal:
         canceled: set once somebody wants it to end early; wait for it with ``await goal.canceled.wait()``.
     """
 
-    def __init__(self, offered: OfferedAction, id: str | int | None, request: Message) -> None:  # noqa: A002
+    def __init__(self, offered: OfferedAction, id: str | int | None, request: Message) -> None:
         self.request = request
         self.id = id
         self.canceled = anyio.Event()
@@ -152,7 +152,7 @@ class OfferedAction:
         if goal is not None:
             goal.canceled.set()
 
-    def send_feedback(self, id: str | int | None, message: MessageLike) -> None:  # noqa: A002
+    def send_feedback(self, id: str | int | None, message: MessageLike) -> None:
         """Tell of a goal that still runs; of any other there is nothing to tell."""
         values = RawJson(payload_of(self.type.feedback, message).json())
         if id in self._goals:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rwt_client.errors import ConnectionClosed, ConnectionLost, MisfitMessage, ServerRefused
 from rwt_interfaces import Payload, PayloadError
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
-from rwt_protocol.frames import Lane
+from rwt_protocol.frames import DropReason, Flow
 from rwt_protocol.ops import Advertise, Qos, Unadvertise
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ class Publisher:
         name: the topic.
         type: its type.
         sent: messages published so far.
+        dropped: those of them that were dropped because the network was too slow.
     """
 
     def __init__(
@@ -68,12 +69,14 @@ class Publisher:
         self.name = name
         self.type = message_type
         self.sent = 0
+        self.dropped = 0
         self._line = line
         self._wire_type = wire_type
         self._options = options
         self._drained = drained
         self._id = line.next_id("advertise", name)
         self._prefix = publish_prefix(name)
+        self._flow: Flow | None = None
         self._error: Exception | None = None
         line.add(self._id, self)
         if line.connected:
@@ -94,8 +97,9 @@ class Publisher:
         """
         if self._error is not None:
             raise self._error
-        frame = publish_frame(self._prefix, payload_of(self.type, message).json())
-        self._line.send_frame(frame, Lane.DATA, self.name)
+        if self._flow is None:
+            raise self._line.not_connected()
+        self._flow.send(publish_frame(self._prefix, payload_of(self.type, message).json()))
         self.sent += 1
 
     async def drain(self) -> None:
@@ -131,12 +135,17 @@ class Publisher:
         if options.qos is not None:
             given["qos"] = options.qos if isinstance(options.qos, Qos) else Qos.model_validate(options.qos)
         self._line.send(Advertise(topic=self.name, type=self._wire_type, id=self._id, **given))
+        self._flow = self._line.flow(self.name, self._on_drop)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """A gap, of which :meth:`publish` tells, or the end."""
+        self._flow = None
         if final:
             self._error = error
 
     def refused(self, text: str) -> None:
         """The server does not take it."""
         self._error = ServerRefused(text)
+
+    def _on_drop(self, reason: DropReason) -> None:
+        self.dropped += 1

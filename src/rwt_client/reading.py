@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from rwt_client.arrays import FORMATS, ArrayKind, TypedArray, to_numpy
+from rwt_client.arrays import ArrayKind, to_numpy
+from rwt_client.cbor import TypedArray
 from rwt_client.errors import MisfitMessage
 from rwt_interfaces import Payload, PayloadError
 
 if TYPE_CHECKING:
-    import cbor2
-
     from rwt_interfaces.structs import MessageType
 
 Message = Any
@@ -90,26 +89,3 @@ def _with_arrays(value: Any, numpy: bool) -> Any:
     if isinstance(value, list) and value and isinstance(value[0], (dict, TypedArray)):
         return [_with_arrays(item, numpy) for item in value]
     return value
-
-
-def read_cbor(frame: bytes) -> dict[str, object] | None:
-    """The map in one CBOR frame, its typed arrays as :class:`TypedArray`; None if it is none.
-
-    Bytes of an array are copied once, by the decoder.
-    """
-    import cbor2  # only for those whom a server sends it
-
-    try:
-        found = cbor2.loads(frame, tag_hook=_typed_array)
-    except cbor2.CBORError:
-        return None
-    return found if isinstance(found, dict) else None
-
-
-def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> TypedArray:
-    import cbor2  # loaded by whoever decodes
-
-    form = FORMATS.get(tag.tag)
-    if form is None or not isinstance(tag.value, bytes):
-        raise cbor2.CBORDecodeError("not a typed array")
-    return TypedArray(form, tag.value)

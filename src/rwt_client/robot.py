@@ -402,7 +402,7 @@ def _nothing(_: None, op: Op) -> None:
     """The line has taken it already."""
 
 
-def _log_failure(op: Op, error: Exception) -> None:
+def _log_failure(_: None, op: Op, error: Exception) -> None:
     logger.error("a %s of the server could not be handled", op.op, exc_info=error)
 
 

@@ -60,8 +60,8 @@ class SubscribeOptions:
     qos: Qos | Mapping[str, object] | None = None
 
 
-class TopicFlow:
-    """The subscriptions to one topic; satisfies :class:`rwt_client.line.Flow`."""
+class TopicSubscriptions:
+    """The subscriptions to one topic; satisfies :class:`rwt_client.line.Destination`."""
 
     __slots__ = ("subscriptions",)
 
@@ -155,10 +155,10 @@ class Subscription:
         self._reader = types.reader(message_type, self._options.arrays)
         line = self._hub.line
         line.add(self._id, self)
-        flow = line.flows.get(self.name)
-        if not isinstance(flow, TopicFlow):
-            flow = line.flows[self.name] = TopicFlow()
-        flow.subscriptions = (*flow.subscriptions, self)
+        destination = line.destinations.get(self.name)
+        if not isinstance(destination, TopicSubscriptions):
+            destination = line.destinations[self.name] = TopicSubscriptions()
+        destination.subscriptions = (*destination.subscriptions, self)
         if self._callback is not None and not self._direct:
             self._hub.tasks.start_soon(self._call_back)
         if line.connected:
@@ -175,11 +175,11 @@ class Subscription:
             return
         line = self._hub.line
         line.remove(self._id)
-        flow = line.flows.get(self.name)
-        if isinstance(flow, TopicFlow):
-            flow.subscriptions = tuple(each for each in flow.subscriptions if each is not self)
-            if not flow.subscriptions:
-                del line.flows[self.name]
+        destination = line.destinations.get(self.name)
+        if isinstance(destination, TopicSubscriptions):
+            destination.subscriptions = tuple(each for each in destination.subscriptions if each is not self)
+            if not destination.subscriptions:
+                del line.destinations[self.name]
         line.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
 
     async def get(self, timeout: float | None = None) -> Message:  # noqa: ASYNC109 - raises our own error

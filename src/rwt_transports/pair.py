@@ -4,13 +4,24 @@ later."""
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from time import time_ns
 
 import anyio
 import anyio.lowlevel
 
-from rwt_protocol.frames import Accept, Endpoint, Frame, Lane, PeerInfo
+from rwt_protocol.frames import (
+    AS_MANY_AS_FIT,
+    Accept,
+    DropReason,
+    Endpoint,
+    Flow,
+    FlowRules,
+    Frame,
+    PeerInfo,
+    Traffic,
+)
 
 
 class _End:
@@ -25,7 +36,7 @@ class _End:
         self._closing: tuple[int, str] | None = None
         self.other: Endpoint | None = None
 
-    def send(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
+    def send(self, frame: Frame) -> None:
         if self._closing is None:
             self._frames.append(frame)
             self._size += frame.size
@@ -36,9 +47,23 @@ class _End:
             self._closing = (code, reason)
             self._awake.set()
 
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time_ns,
+    ) -> Flow:
+        return _EndFlow(self)
+
     @property
     def backlog(self) -> int:
         return self._size
+
+    @property
+    def traffic(self) -> Traffic:
+        return Traffic(queued_messages=len(self._frames), queued_bytes=self._size)
 
     def watch(self, awake: anyio.Event) -> None:
         """Set this event from now on."""
@@ -52,6 +77,29 @@ class _End:
             if self.other is not None:
                 self.other.receive(frame.data, frame.binary)
         return None if self._frames else self._closing
+
+
+class _EndFlow:
+    """One topic's way to the other side, which is never slow; satisfies
+    :class:`rwt_protocol.frames.Flow`."""
+
+    __slots__ = ("_end",)
+
+    def __init__(self, end: _End) -> None:
+        self._end = end
+
+    def send(self, frame: Frame) -> None:
+        self._end.send(frame)
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        for frame in pieces:
+            self._end.send(frame)
+
+    def configure(self, rules: FlowRules) -> None:
+        """Rules are for slow readers."""
+
+    def close(self) -> None:
+        """There are no drops to report."""
 
 
 @asynccontextmanager
