@@ -29,7 +29,7 @@ class Opening:
         request: what to send first.
     """
 
-    __slots__ = ("_head", "_protocol", "_where", "request")
+    __slots__ = ("_head", "_protocol", "_silent", "_where", "request")
 
     def __init__(self, target: WebSocketURI, headers: Mapping[str, str]) -> None:
         self._where = f"{target.host}:{target.port}"
@@ -40,6 +40,7 @@ class Opening:
         self._protocol.send_request(request)
         self.request = b"".join(self._protocol.data_to_send())
         self._head = b""
+        self._silent = True
 
     def feed(self, data: bytes) -> bytes | None:
         """Take what arrived.
@@ -50,6 +51,7 @@ class Opening:
         Raises:
             ConnectError: the server does not open a WebSocket here, with the reason that it gave.
         """
+        self._silent = False
         self._head += data
         head, found, rest = self._head.partition(_END_OF_HEAD)
         if not found:
@@ -73,8 +75,9 @@ class Opening:
         Raises:
             ConnectError: always; with the server's reason if there was one.
         """
-        self._protocol.receive_eof()
-        self._refused()
+        if not self._silent:
+            self._protocol.receive_eof()
+            self._refused()
         raise ConnectError(f"{self._where} hung up during the WebSocket handshake")
 
     def _refused(self) -> None:
