@@ -17,9 +17,11 @@ from rwt_bridge.bridge import Bridge
 from rwt_bridge.exposition import Exposition
 from rwt_bridge.ledger import MOST_TOPICS, Ledger
 from rwt_bridge.metrics import metrics
+from rwt_bridge.pages import routes
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory import MemoryGraph
 from rwt_protocol.frames import DropReason, Traffic
+from rwt_transports.http import HttpRequest, HttpResponse
 from tests.bridge.recording_client import Client
 
 INT = "std_msgs/Int32"
@@ -212,3 +214,20 @@ async def test_over_http_with_a_client_on_the_same_port(anyio_backend: Any) -> N
 @pytest.fixture
 def anyio_backend() -> str:
     return "asyncio"
+
+
+@pytest.mark.anyio
+async def test_health_follows_the_graph(anyio_backend: str) -> None:
+    graph = MemoryGraph()
+    bridge = Bridge(graph, Settings())
+    handler = routes(bridge).find("GET", "/healthz")
+    assert callable(handler)
+
+    def ask() -> tuple[int, object]:
+        response = handler(HttpRequest("GET", "/healthz"))
+        assert isinstance(response, HttpResponse) and isinstance(response.body, bytes)
+        return response.status, json.loads(response.body)["status"]
+
+    async with graph:
+        assert ask() == (200, "ok")
+    assert ask() == (503, "stopped")
