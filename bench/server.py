@@ -8,12 +8,8 @@ from typing import Any
 import anyio
 
 from rwt_bridge.serve import serve
-from rwt_bridge.settings import LimitSettings, Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes.rosapi import Rosapi
-
-#: One client is the whole load of some cases: what it may send a second is what is measured.
-_UNLIMITED = Settings(limits=LimitSettings(messages_per_second=0))
 
 
 def add_two_ints(request: Any) -> dict[str, object]:
@@ -27,7 +23,7 @@ async def main() -> None:
         async with graph:
             with Rosapi(graph), Node(graph, "calculator") as node:
                 node.advertise_service("/add_two_ints", "example_interfaces/AddTwoInts", add_two_ints)
-                async with serve(graph, "ws://127.0.0.1:0", settings=_UNLIMITED) as server:
+                async with serve(graph, "ws://127.0.0.1:0") as server:
                     print(f"listening on {server.urls[0]}", flush=True)
                     async for _ in signals:
                         break

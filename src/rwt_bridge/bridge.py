@@ -21,6 +21,7 @@ from rwt_graph.errors import GraphError
 from rwt_interfaces.errors import InterfaceError
 from rwt_protocol import ops
 from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session, WireLimits
 
@@ -120,8 +121,7 @@ class Bridge:
             Refused: it may not come in.
         """
         role = self.admission.admit(info, loopback=loopback)
-        limits = WireLimits(self._settings.max_message_size, self._settings.limits.max_depth)
-        session = Session(PROFILES[self._settings.profile], limits=limits)
+        session = Session(PROFILES[self._settings.profile], limits=_wire_limits(self._settings))
         if role is not None:
             return self.join(sink, info, session, role)
         rosauth = self.admission.rosauth
@@ -154,7 +154,7 @@ class Bridge:
         while len(self._orphans) > _MOST_ORPHANS:
             del self._orphans[next(iter(self._orphans))]
 
-    def fanout(self, topic: str, type: MessageType) -> Fanout:  # noqa: A002
+    def fanout(self, topic: str, type: MessageType) -> Fanout:
         """The fan-out of a topic, made if nobody listens yet.
 
         Raises:
@@ -197,6 +197,15 @@ class Bridge:
         self.loop_lag.close()
         self.publications.close()
         self.participant.close()
+
+
+def _wire_limits(settings: Settings) -> WireLimits:
+    """The bounds that a session keeps."""
+    wished = settings.limits
+    fragments = FragmentLimits(
+        wished.fragmented_messages, wished.fragment_characters, wished.fragment_seconds
+    )
+    return WireLimits(settings.max_message_size, wished.max_depth, fragments)
 
 
 def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 from rwt_bridge.auth import NotAuthenticated
 from rwt_bridge.logs import write
-from rwt_bridge.peer import POLICY
 from rwt_protocol.ops import Auth
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.auth import Rosauth

@@ -111,7 +111,7 @@ class Fanout:
         self,
         participant: Participant,
         topic: str,
-        type: MessageType,  # noqa: A002
+        type: MessageType,
         counts: TopicCounts,
     ) -> None:
         self.topic = topic
@@ -131,7 +131,7 @@ class Fanout:
         """Whether nobody listens any more."""
         return not self._channels
 
-    def check_type(self, type: MessageType) -> None:  # noqa: A002
+    def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
         if type.name != self.type.name:
             raise TypeConflict(

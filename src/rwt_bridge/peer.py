@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from rwt_bridge.ledger import UNKNOWN
 from rwt_bridge.logs import one_line, write
-from rwt_bridge.quotas import message_rate
+from rwt_bridge.quotas import message_rate, too_large
 from rwt_bridge.topics import release_publishers
 from rwt_protocol.ops import OPS, ActionResult, ServiceResponse, Status
 from rwt_protocol.session import Refusal
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import ProvidedAction, SentGoal
@@ -29,9 +30,6 @@ _LOG_LEVELS = {
     "info": logging.DEBUG,
     "none": logging.DEBUG,
 }
-
-#: Close code of RFC 6455 section 7.4.1 for whoever breaks the server's rules.
-POLICY: Final = 1008
 
 
 class Peer:
@@ -113,8 +111,25 @@ class Peer:
         write(logging.INFO, "client %d left: %d %s", self.number, code, reason, client=self.number)
 
     def send(self, op: Op) -> None:
-        """Send one op in the control lane."""
-        self.sink.send(self.session.encode(op))
+        """Send one op in the control lane; one that is too large is left out, and the client told so."""
+        self.send_if_small(op)
+
+    def send_if_small(self, op: Op) -> bool:
+        """As :meth:`send`; whether it was sent.
+
+        The client is told so: of a result in its place, of anything else by a `status`.
+        """
+        frame = self.session.encode(op)
+        reason = too_large(self, frame)
+        if reason is None:
+            self.sink.send(frame)
+            return True
+        self.log(logging.WARNING, f"{op.op}: {reason}", op.id)
+        if isinstance(op, ActionResult):
+            self._answer(op.model_copy(update={"values": reason, "result": False}))
+        else:
+            self._answer(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
+        return False
 
     def warning(self, text: str) -> Frame | None:
         """A `status` about something that no op caused; None if this client does not want to hear it."""

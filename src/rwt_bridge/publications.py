@@ -107,7 +107,7 @@ class Publications:
     def acquire(
         self,
         topic: str,
-        type: MessageType,  # noqa: A002
+        type: MessageType,
         qos: QoS | None,
         user: Hashable,
         wish: Qos | None = None,

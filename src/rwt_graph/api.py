@@ -267,7 +267,7 @@ class Participant(ABC):
     def advertise(
         self,
         topic: str,
-        type: MessageType,  # noqa: A002 - ROS's word
+        type: MessageType,
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
         """Become a publisher of `topic`.
@@ -281,7 +281,7 @@ class Participant(ABC):
         self,
         topic: str,
         on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,  # noqa: A002 - ROS's word
+        type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         """Become a subscriber of `topic`; kept samples of transient-local publishers come first.
@@ -296,7 +296,7 @@ class Participant(ABC):
     def advertise_service(
         self,
         service: str,
-        type: ServiceType,  # noqa: A002 - ROS's word
+        type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
         """Offer a service. A provider of the same name is replaced; its calls in flight fail (SVP-07)."""
@@ -316,7 +316,7 @@ class Participant(ABC):
     def advertise_action(
         self,
         action: str,
-        type: ActionType,  # noqa: A002 - ROS's word
+        type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         """Offer an action. A server of the same name is replaced (ACT-18)."""

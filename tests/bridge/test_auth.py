@@ -13,8 +13,10 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed
 
-from rwt_bridge import Bridge, Settings, SettingsError
+from rwt_bridge import Bridge, Settings, SettingsError, serve
 from rwt_bridge.auth import NotAuthenticated, Rosauth, mac_of, presented_token
 from rwt_bridge.policy import Role
 from rwt_bridge.settings import RoleSettings
@@ -365,3 +367,27 @@ def test_with_tokens_and_a_secret_a_client_may_use_either(graph: MemoryGraph) ->
     by_mac.say("auth", **signed(rand="either"))
     by_token = Client(bridge, **HOW["header"](OTHER_TOKEN))
     assert (by_mac.peer.role.name, by_token.peer.role.name) == ("admin", "viewer")
+
+
+# -- over a real socket ------------------------------------------------------------------------------------
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("anyio_backend", ["asyncio"])
+async def test_a_replayed_auth_over_a_socket_closes_with_1008() -> None:
+    graph = MemoryGraph()
+    async with graph, serve(graph, "ws://127.0.0.1:0", settings=_settings()) as server:
+        url = server.urls[0]
+        captured = json.dumps({"op": "auth", **signed(rand="on the wire")})
+        async with connect(url, compression=None) as victim, connect(url, compression=None) as thief:
+            await victim.send(captured)
+            await victim.send('{"op":"subscribe","topic":"/x","type":"std_msgs/String"}')
+            await victim.send('{"op":"publish","topic":"/x","msg":{"data":"y"}}')
+            assert json.loads(await victim.recv())["msg"] == {"data": "y"}
+            await thief.send(captured)
+            with pytest.raises(ConnectionClosed) as closed:
+                await thief.recv()
+            assert closed.value.rcvd is not None
+            assert (closed.value.rcvd.code, "used before" in closed.value.rcvd.reason) == (1008, True)
+            await victim.send('{"op":"publish","topic":"/x","msg":{"data":"still here"}}')
+            assert json.loads(await victim.recv())["msg"] == {"data": "still here"}

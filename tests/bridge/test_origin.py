@@ -6,6 +6,7 @@ import json
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 
+import anyio
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -203,3 +204,81 @@ async def test_other_subprotocols_get_none() -> None:
     async with _served() as url:
         assert await _works(url, subprotocols=[Subprotocol("other")]) is None
         assert await _works(url, subprotocols=[Subprotocol("other"), Subprotocol("rwt")]) == "rwt"
+
+
+# -- what a page can do without a WebSocket ----------------------------------------------------------------
+
+PUBLISH = b'{"op":"publish","topic":"/x","type":"std_msgs/String","msg":{"data":"from a web page"}}'
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        b"POST /?{ HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n} ",
+        b"POST /{} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        b"PUT /" + b"a" * 5000 + b" HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        b"OPTIONS * HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+    ],
+)
+async def test_an_http_request_to_a_port_of_plain_json_runs_nothing(head: bytes) -> None:
+    """A page may send one to any port, and is not asked for its origin there."""
+    graph = MemoryGraph()
+    async with graph, serve(graph, "tcp://127.0.0.1:0") as server:
+        heard: list[object] = []
+        graph.node("listener").subscribe("/x", heard.append, type="std_msgs/String")
+        port = int(server.urls[0].rpartition(":")[2])
+        async with await anyio.connect_tcp("127.0.0.1", port) as stream:
+            await stream.send(head + PUBLISH)
+            with pytest.raises(anyio.EndOfStream):
+                await stream.receive()
+        assert heard == []
+
+
+@pytest.mark.anyio
+async def test_the_page_of_the_port_shows_what_its_reader_may_see() -> None:
+    tables: dict[str, object] = {
+        "auth": {"tokens": {"mine": {"token": TOKEN, "role": "guest"}}},
+        "roles": {"guest": {"subscribe": ["/open"]}},
+    }
+    async with _served(**tables) as url:
+        host = url.removeprefix("ws://")
+        anonymous = await _get(host, "/")
+        assert anonymous.startswith("HTTP/1.1 401 ")
+        assert "/rosout" not in anonymous
+        assert (await _get(host, "/?token=wrong")).startswith("HTTP/1.1 401 ")
+        page = await _get(host, f"/?token={TOKEN}")
+        assert page.startswith("HTTP/1.1 200 ")
+        assert "A robot is here" in page
+        assert (await _get(host, "/healthz")).startswith("HTTP/1.1 200 ")
+
+
+@pytest.mark.anyio
+async def test_the_counters_are_for_those_who_may_see_every_topic() -> None:
+    tables: dict[str, object] = {
+        "auth": {
+            "tokens": {
+                "mine": {"token": TOKEN, "role": "guest"},
+                "theirs": {"token": f"{TOKEN}-2", "role": "viewer"},
+            }
+        },
+        "roles": {"guest": {"subscribe": ["/open/*"]}},
+    }
+    async with _served(**tables) as url:
+        host = url.removeprefix("ws://")
+        assert (await _get(host, "/metrics")).startswith("HTTP/1.1 401 ")
+        refused = await _get(host, f"/metrics?token={TOKEN}")
+        assert refused.startswith("HTTP/1.1 403 ")
+        assert "roles.guest.subscribe" in refused
+        assert (await _get(host, f"/metrics?token={TOKEN}-2")).startswith("HTTP/1.1 200 ")
+
+
+async def _get(host: str, target: str) -> str:
+    name, _, port = host.rpartition(":")
+    answer = b""
+    async with await anyio.connect_tcp(name, int(port)) as stream:
+        await stream.send(f"GET {target} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+        async for part in stream:
+            answer += part
+    return answer.decode()

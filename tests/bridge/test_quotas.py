@@ -145,3 +145,51 @@ def test_this_machine_is_not_counted(graph: MemoryGraph, address: str) -> None:
     bridge = _bridge(graph, connections_per_address=1)
     for _ in range(3):
         Client(bridge, address)
+
+
+# -- messages that are too large to send -------------------------------------------------------------------
+
+LONG = "x" * 5000
+
+
+def _three(graph: MemoryGraph) -> tuple[Client, Client]:
+    bridge = _bridge(graph, outgoing_message_bytes=2048)
+    provider, caller = Client(bridge), Client(bridge)
+    provider.say("advertise_service", service="/s", type="rcl_interfaces/DescribeParameters")
+    provider.say("advertise_action", action="/a", type="tf2_msgs/LookupTransform")
+    return provider, caller
+
+
+def test_a_response_that_is_too_large_fails_its_call(graph: MemoryGraph) -> None:
+    provider, caller = _three(graph)
+    caller.say("call_service", service="/s", id="c")
+    (request,) = provider.heard()
+    values = {"descriptors": [{"name": LONG}]}
+    provider.say("service_response", service="/s", id=request["id"], result=True, values=values)
+    (reply,) = caller.heard()
+    assert (reply["id"], reply["result"]) == ("c", False)
+    assert "2048 is the limit (limits.outgoing_message_bytes)" in reply["values"]
+
+
+def test_a_request_that_is_too_large_for_its_provider_fails(graph: MemoryGraph) -> None:
+    provider, caller = _three(graph)
+    caller.say("call_service", service="/s", id="c", args={"names": [LONG]})
+    assert provider.heard() == []
+    (reply,) = caller.heard()
+    assert (reply["id"], reply["result"]) == ("c", False)
+    assert "(limits.outgoing_message_bytes)" in reply["values"]
+
+
+def test_a_goal_and_a_result_that_are_too_large_end_the_goal(graph: MemoryGraph) -> None:
+    provider, caller = _three(graph)
+    goal = {"action": "/a", "action_type": "tf2_msgs/LookupTransform"}
+    caller.say("send_action_goal", id="1", args={"target_frame": LONG}, **goal)
+    caller.say("send_action_goal", id="2", args={"target_frame": "map"}, **goal)
+    (asked,) = provider.heard()
+    (aborted,) = caller.heard()
+    assert (aborted["id"], aborted["status"]) == ("1", 6)
+    values = {"error": {"error_string": LONG}}
+    provider.say("action_result", action="/a", id=asked["id"], status=4, result=True, values=values)
+    (result,) = caller.heard()
+    assert (result["id"], result["result"]) == ("2", False)
+    assert "(limits.outgoing_message_bytes)" in result["values"]
