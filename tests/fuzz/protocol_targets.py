@@ -119,5 +119,5 @@ def _play(clients: list[Client], clock: SimulatedClock, data: bytes) -> None:
             clients[turn % 2].say_raw(each, binary=bool(each) and each[0] >= 0xA0)
             clock.advance(0.01)
     for client in clients:
-        for frame, _, _ in client.frames:
+        for frame, _ in client.frames:
             assert frame.binary or isinstance(json.loads(frame.data), dict)
