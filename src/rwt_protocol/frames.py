@@ -67,10 +67,12 @@ class FlowRules:
     Attributes:
         depth: messages that may wait, the newest stay; None: as many as the data lane has room for.
         keep_all: never give way to another topic's messages while one without this has some to give.
+        notes: these are a few small messages of the server itself, which take no other topic's place.
     """
 
     depth: int | None = None
     keep_all: bool = False
+    notes: bool = False
 
 
 AS_MANY_AS_FIT = FlowRules()
@@ -130,6 +132,7 @@ class Traffic:
         queued_messages: messages that wait in the lanes.
         queued_bytes: bytes that wait, in the lanes and in front of them.
         dropped: messages of the data lane that were dropped, by reason.
+        received_bytes: bytes that came the other way, the wire's own included.
     """
 
     messages: int = 0
@@ -137,6 +140,7 @@ class Traffic:
     queued_messages: int = 0
     queued_bytes: int = 0
     dropped: Mapping[DropReason, int] = field(default_factory=dict)
+    received_bytes: int = 0
 
 
 class Sink(Protocol):
