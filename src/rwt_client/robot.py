@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import msgspec
@@ -398,9 +397,16 @@ class Robot:
         return msgspec.json.decode(answer.proven().data)
 
     def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
-        plain = {name: value for name, value in given.items() if name not in ("arrays", "qos")}
-        options = SubscribeOptions(given.get("arrays", self._arrays), qos=qos_of(given.get("qos")))
-        return replace(options, **plain)
+        usual = SubscribeOptions()
+        return SubscribeOptions(
+            arrays=given.get("arrays", self._arrays),
+            compression=given.get("compression", usual.compression),
+            throttle=given.get("throttle", usual.throttle),
+            queue=given.get("queue", usual.queue),
+            queue_bytes=given.get("queue_bytes", usual.queue_bytes),
+            fragment_size=given.get("fragment_size"),
+            qos=qos_of(given.get("qos")),
+        )
 
     def _patience(self, timeout: float | None) -> float | None:
         return self._timeout if timeout is _DEFAULT else timeout
