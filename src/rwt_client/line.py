@@ -11,7 +11,6 @@ import logging
 import re
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
 import anyio
@@ -21,7 +20,7 @@ from rwt_client.cbor import Unreadable, read_cbor
 from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.reading import Arrived
-from rwt_protocol.errors import Level, MalformedPayload
+from rwt_protocol.errors import Level
 from rwt_protocol.frames import DropReason, Flow, PeerInfo, Sink
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
 from rwt_protocol.profiles import COMPAT
@@ -76,21 +75,9 @@ class _Envelope(msgspec.Struct, gc=False):
 _read_envelope = msgspec.json.Decoder(_Envelope).decode
 _NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
-_HEAD: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?')
+_match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match
 """How servers begin a published message. What follows up to the last brace is the message, if it is one JSON
-value; whoever decodes it finds out, and otherwise asks for the proof."""
-
-
-def _prove(frame: bytes) -> bytes:
-    """The message that a parse of the whole frame finds.
-
-    Raises:
-        MalformedPayload: there is none.
-    """
-    try:
-        return bytes(_read_envelope(frame).msg)
-    except _NOT_AN_ENVELOPE:
-        raise MalformedPayload("the frame is not one JSON object") from None
+value: see :data:`rwt_client.reading.Cut`."""
 
 
 class Line:
@@ -247,21 +234,23 @@ class Line:
 
     def receive(self, data: bytes, binary: bool) -> None:
         """One message has arrived."""
+        size = len(data)
+        if SMALL < size <= LARGE:
+            head = _match_head(data)
+            if head is not None and data[-1] == _CLOSING_BRACE:
+                destination = self._destinations.get(head[1])
+                if destination is not None:
+                    destination.deliver((data[head.end() : -1], data), size)
+                    return
         if binary and data[:1] and data[0] in _MAPS and self._receive_cbor(data):
             return
-        if len(data) <= LARGE and self._receive_small(data):
+        if size <= LARGE and self._receive_small(data):
             return
         for op in self._session.decode(data, binary, time.monotonic()):
             self._take(op)
 
     def _receive_small(self, data: bytes) -> bool:
         """Take a published message in a small frame; False if it is anything else, or not valid."""
-        head = _HEAD.match(data) if len(data) > SMALL else None
-        if head is not None and data[-1] == _CLOSING_BRACE:
-            destination = self._destinations.get(head[1])
-            if destination is not None:
-                destination.deliver(RawJson(data[head.end() : -1], partial(_prove, data)), len(data))
-                return True
         try:
             found = _read_envelope(data)
         except _NOT_AN_ENVELOPE:

@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 Message = Any
 """A message: an instance of its type's class, whose fields are those of its definition."""
 
-Arrived = RawJson | dict[str, object]
+Cut = tuple[bytes, bytes]
+"""What looks like a message's JSON text in a frame, and the frame: whoever decodes the one finds out whether
+it is, and otherwise reads the other. A tuple, because nearly every message comes so."""
+
+Arrived = Cut | RawJson | dict[str, object]
 """A message as it came: JSON text, or what a CBOR map held."""
 
 _REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, PayloadError)
@@ -55,16 +59,24 @@ class MessageReader:
         Raises:
             MisfitMessage: it does not fit the type.
         """
-        if isinstance(arrived, dict):
-            message = self._from_plain(arrived)
-        elif self._trusted:
+        if isinstance(arrived, tuple):
             try:
-                message = self._decode(arrived.data)
+                message = self._decode(arrived[0]) if self._trusted else self._leniently(_proven(arrived))
             except _REJECTIONS:
-                message = self._leniently(arrived)
+                message = self._leniently(_proven(arrived))
+        elif isinstance(arrived, dict):
+            message = self._from_plain(arrived)
         else:
-            message = self._leniently(arrived)
+            message = self._from_text(arrived)
         return message if self._finish is None else self._finish(message)
+
+    def _from_text(self, arrived: RawJson) -> msgspec.Struct:
+        if self._trusted:
+            try:
+                return self._decode(arrived.data)
+            except _REJECTIONS:
+                return self._leniently(arrived)
+        return self._leniently(arrived)
 
     def _leniently(self, arrived: RawJson) -> msgspec.Struct:
         try:
@@ -91,6 +103,23 @@ class MessageReader:
 
     def _misfit(self, error: PayloadError) -> MisfitMessage:
         return MisfitMessage(f"not {self.type.name}: {error}")
+
+
+class _Envelope(msgspec.Struct, gc=False):
+    """The one member that is looked for."""
+
+    msg: msgspec.Raw = msgspec.Raw(b"{}")
+
+
+_read_envelope = msgspec.json.Decoder(_Envelope).decode
+
+
+def _proven(cut: Cut) -> RawJson:
+    """The message that a parse of the whole frame finds; what it cannot find is read as it was cut."""
+    try:
+        return RawJson(bytes(_read_envelope(cut[1]).msg))
+    except _REJECTIONS:
+        return RawJson(cut[0])
 
 
 def _with_arrays(value: Any, numpy: bool) -> Any:

@@ -235,7 +235,9 @@ class Subscription:
         """One message has arrived."""
         self.received += 1
         if self._direct:
-            self._deliver(arrived)
+            message = self._read(arrived)
+            if message is not None:
+                self._call_at_once(message)
             return
         queue = self._queue
         queue.append((arrived, size))
@@ -246,13 +248,12 @@ class Subscription:
             self.dropped += 1
         self._awake.set()
 
-    def _deliver(self, arrived: Arrived) -> None:
-        message = self._read(arrived)
-        if message is not None and self._callback is not None:
-            try:
-                self._callback(message)
-            except Exception:
-                logger.exception("the callback for %s failed", self.name)
+    def _call_at_once(self, message: Message) -> None:
+        assert self._callback is not None  # Only those with a callback are direct.
+        try:
+            self._callback(message)
+        except Exception:
+            logger.exception("the callback for %s failed", self.name)
 
     def _read(self, arrived: Arrived) -> Message | None:
         assert self._reader is not None  # Nothing arrives before it has started.

@@ -44,6 +44,31 @@ async def test_members_in_any_order_and_with_spaces() -> None:
     assert await _received(b' { "msg" : { "data" : "a" } , "topic":"/text", "op" : "publish" } ') == "a"
 
 
+PADDING = b'"data":"' + b"x" * 400 + b'"'
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        b'{"op":"publish","topic":"/text","msg":{' + PADDING + b"}}",
+        b'{"op": "publish", "topic": "/text", "msg": {' + PADDING + b"}}",
+        b'{"op":"publish","topic":"/text","msg":{' + PADDING + b'},"latch":false}',
+        b'{"op":"publish","topic":"/text","msg":{' + PADDING + b'},"more":{"a":{}}}',
+        b'{"op":"publish","topic":"/text","msg":{"data":"wrong"},"msg":{' + PADDING + b"}}",
+        b'{"topic":"/text","op":"publish","msg":{' + PADDING + b"}}\n",
+    ],
+)
+async def test_the_message_is_found_wherever_it_stands(frame: bytes) -> None:
+    assert await _received(frame) == "x" * 400
+
+
+async def test_what_only_looks_like_a_message_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    broken = b'{"op":"publish","topic":"/text","msg":{' + PADDING + b"}"
+    good = b'{"op":"publish","topic":"/text","msg":{"data":"good"}}'
+    assert await _received(broken, broken + b"}}", good) == "good"
+    assert "a message on /text is left out" in caplog.text
+
+
 async def test_two_messages_in_one_frame() -> None:
     first = b'{"op":"publish","topic":"/other","msg":{"data":"a"}}'
     second = b'{"op":"publish","topic":"/text","msg":{"data":"b"}}'
