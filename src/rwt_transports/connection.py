@@ -8,6 +8,7 @@ from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 
 import anyio
+from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
 
@@ -16,16 +17,13 @@ from .errors import Refused
 from .http import HttpConversation, HttpRequest, HttpResponse, Routes
 from .limits import Limits
 from .outbox import Outbox
-from .wires.websocket import Spare
+from .wires.spare import Spare
 
 logger = logging.getLogger("rwt_transports")
 
 ABNORMAL = 1006
 INTERNAL = 1011
 POLICY = 1008
-
-Spawn = Callable[[Callable[[], Coroutine[object, object, None]]], None]
-"""Runs a coroutine function in a task of the listener."""
 
 MakeWire = Callable[[WireEvents, Limits, Spare], Wire]
 """Makes the wire of one new connection."""
@@ -39,8 +37,8 @@ class Reception:
         accept: makes the endpoint of a new peer.
         make_wire: makes its wire.
         routes: plain HTTP on the same port; None for transports that begin with messages at once.
-        spawn: runs an HTTP handler that waits or streams.
         transport: the URL scheme, for :class:`~rwt_protocol.frames.PeerInfo`.
+        tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
         connections: those that are open.
     """
 
@@ -48,8 +46,8 @@ class Reception:
     make_wire: MakeWire
     limits: Limits
     routes: Routes | None
-    spawn: Spawn
     transport: str
+    tasks: TaskGroup | None = None
     spare: Spare = field(default_factory=Spare)
     connections: set[Connection] = field(default_factory=set)
     closing: bool = False
@@ -134,13 +132,24 @@ class Connection:
     def begin(self) -> None:
         """Start with HTTP, or open at once where the transport has no handshake."""
         reception = self._reception
-        if reception.routes is not None:
+        if reception.closing or len(reception.connections) > 2 * reception.limits.connections:
+            self._link.abort()
+        elif reception.routes is not None:
             self._conversation = HttpConversation(reception.routes, reception.limits, self, self._address)
-            return
+        elif len(reception.connections) > reception.limits.connections:
+            logger.warning("no room for %s: %d connections", self, reception.limits.connections)
+            self._link.abort()
+        else:
+            self._open_at_once()
+
+    def _open_at_once(self) -> None:
         try:
-            self._open(PeerInfo(reception.transport, self._address, self._port))
+            self._open(PeerInfo(self._reception.transport, self._address, self._port))
         except Refused as refused:
             self.close(POLICY, refused.reason)
+        except Exception:
+            logger.exception("the accept function failed for %s", self)
+            self.close(INTERNAL, "internal error")
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
@@ -261,7 +270,10 @@ class Connection:
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
         """Run an HTTP handler in a task that ends with the connection."""
-        self._reception.spawn(lambda: self._in_scope(work))
+        tasks = self._reception.tasks
+        if tasks is None:
+            raise RuntimeError("the listener is not open")
+        tasks.start_soon(self._in_scope, work)
 
     async def drained(self) -> None:
         """Wait until everything sent so far has been taken."""
@@ -279,7 +291,11 @@ class Connection:
         if self._ending:
             return
         with anyio.CancelScope() as self._scope:
-            await work()
+            try:
+                await work()
+            except Exception:
+                logger.exception("an HTTP answer failed; cutting %s", self)
+                self._link.abort()
         self._scope = None
 
     # -- life ----------------------------------------------------------------------------------------------

@@ -181,6 +181,8 @@ class HttpConversation:
             if isinstance(event, h11.Request):
                 self._request = event
                 self._body = bytearray()
+                if _size(event) > self._limits.http_header_bytes:
+                    self._fail(431)
             elif isinstance(event, h11.Data):
                 self._body += event.data
                 if len(self._body) > self._limits.http_body_bytes:
@@ -328,6 +330,11 @@ _BROKEN = {
     413: b"the request body is too large (http_body_bytes)\n",
     431: b"the request's headers are too large (http_header_bytes)\n",
 }
+
+
+def _size(request: h11.Request) -> int:
+    """Bytes of the request line and the headers; h11 bounds only what arrives in pieces."""
+    return len(request.target) + sum(len(name) + len(value) + 4 for name, value in request.headers)
 
 
 async def _awaited(response: Awaitable[HttpResponse]) -> HttpResponse:

@@ -211,8 +211,8 @@ def test_every_topic_keeps_its_newest_frame() -> None:
         for at in range(3):
             data(box, name, b"%s%d" % (name.encode(), at) + b"x" * 200)
     written = drain(box)
-    for name in (b"/a", b"/b", b"/c"):
-        assert [at for at in range(3) if b"%s%d" % (name, at) in written] == [2]
+    for topic in (b"/a", b"/b", b"/c"):
+        assert [at for at in range(3) if b"%s%d" % (topic, at) in written] == [2]
 
 
 def test_the_number_of_frames_is_bounded_too() -> None:

@@ -74,7 +74,8 @@ def byte_by_byte(wire: WebSocketWire, data: bytes) -> None:
 
 
 def into_space(wire: WebSocketWire, data: bytes) -> None:
-    """As the asyncio driver does: large payloads are received where they belong, 50,000 bytes at most at once."""
+    """As the asyncio driver does: large payloads are received where they belong, 50,000 bytes at most at
+    once."""
     at = 0
     while at < len(data):
         space = wire.space()

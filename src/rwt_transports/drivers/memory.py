@@ -8,12 +8,12 @@ stops.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 from rwt_protocol.frames import Accept, Frame, Lane, PeerInfo
 
-from ..api import Attach, Driven
+from ..api import Attach, Driven, Place
 
 
 class MemoryPeer:
@@ -82,17 +82,20 @@ class MemoryPipe:
         stalled: True while the peer reads nothing, so that the other side's bytes pile up there.
         ended: True once the other side has said that nothing more comes, or has closed.
         closed: True once the connection is gone.
-        paused: True while the other side does not want to read.
     """
 
     def __init__(self, attach: Attach, address: str, port: int) -> None:
         self.stalled = False
         self.ended = False
         self.closed = False
-        self.paused = False
         self._closing = False
         self._taken = bytearray()
+        self._lose: Callable[[], None] = _nothing
         self._driven: Driven = attach(_PipeLink(self), address, port)
+        self._lose = self._driven.lost
+        if self.closed:
+            # Turned away while it was being attached.
+            self._lose()
 
     def send(self, data: bytes) -> None:
         """Bytes go to the other side."""
@@ -133,7 +136,7 @@ class MemoryPipe:
         """Be gone without a word."""
         if not self.closed:
             self.closed = self.ended = True
-            self._driven.lost()
+            self._lose()
 
     def pump(self) -> None:
         """Move what the other side has to send."""
@@ -148,6 +151,10 @@ class MemoryPipe:
     def begin_closing(self) -> None:
         """The other side closes once its bytes have been taken."""
         self._closing = True
+
+
+def _nothing() -> None:
+    """Who is not attached yet cannot be told that it is lost."""
 
 
 class _PipeLink:
@@ -170,12 +177,6 @@ class _PipeLink:
     def abort(self) -> None:
         self._pipe.cut()
 
-    def pause_reading(self) -> None:
-        self._pipe.paused = True
-
-    def resume_reading(self) -> None:
-        self._pipe.paused = False
-
 
 class MemoryDriver:
     """Serves peers of the same process; satisfies :class:`rwt_transports.api.Driver`."""
@@ -183,9 +184,9 @@ class MemoryDriver:
     def __init__(self) -> None:
         self._attach: Attach | None = None
 
-    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept :meth:`connect` within the block; gives `port`."""
-        return self._serve(port, attach)
+    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Accept :meth:`connect` within the block; gives the port asked for."""
+        return self._serve(place.port, attach)
 
     @asynccontextmanager
     async def _serve(self, port: int, attach: Attach) -> AsyncIterator[int]:

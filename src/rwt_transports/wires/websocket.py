@@ -25,6 +25,7 @@ from rwt_protocol.frames import Buffer, Frame
 
 from ..api import Framing, WireEvents
 from ..limits import Limits
+from .spare import Spare
 
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
 
@@ -38,10 +39,6 @@ TOO_BIG = 1009
 KNOWN_CODES = frozenset({1000, 1001, 1002, 1003, 1007, 1008, 1009, 1010, 1011, 1012, 1013, 1014})
 """Codes below 3000 that may travel in a close frame (RFC 6455 section 7.4.1 and the IANA registry)."""
 
-STAGING_BYTES = 256 * 1024
-"""First size of the place where a large message is received; it grows only as bytes really come."""
-SPARE_BYTES = 4 * 1024 * 1024
-"""A place of up to this size is kept for the next large message."""
 DIRECT_BYTES = 32 * 1024
 """With less than this to come, receiving elsewhere and copying is cheaper than one more read."""
 
@@ -114,28 +111,6 @@ def _pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
         return b"".join((header, payload))
     key = secrets.token_bytes(4)
     return b"".join((header, key, apply_mask(payload, key)))
-
-
-class Spare:
-    """One used receiving place, kept for the next large message of any connection of a listener."""
-
-    __slots__ = ("_kept",)
-
-    def __init__(self) -> None:
-        self._kept: bytearray | None = None
-
-    def take(self, size: int) -> bytearray:
-        """A place for a message of `size` bytes; smaller than that when nothing large enough is at hand."""
-        kept = self._kept
-        if kept is not None and len(kept) >= min(size, STAGING_BYTES):
-            self._kept = None
-            return kept
-        return bytearray(min(size, STAGING_BYTES))
-
-    def give(self, place: bytearray) -> None:
-        """Keep `place` if it is larger than what is kept, and not too large."""
-        if len(place) <= SPARE_BYTES and (self._kept is None or len(self._kept) < len(place)):
-            self._kept = place
 
 
 class _Broken(Exception):
