@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rwt_bridge.gate import Gate
 from rwt_graph.errors import TypeConflict
-from rwt_protocol.frames import Frame, Lane
+from rwt_protocol.frames import Frame
 
 if TYPE_CHECKING:
     from rwt_bridge.encodings import Encoder, Encoding
+    from rwt_bridge.gate import Gate
     from rwt_graph.api import Participant, Sample, Subscription
-    from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.frames import Sink
 
 
 class _Encoded:
@@ -132,14 +130,3 @@ class Fanout:
     def _deliver(self, sample: Sample) -> None:
         for channel in self._active:
             channel.deliver(sample)
-
-
-def open_gate(clock: Clock, sink: Sink, topic: str) -> Gate:
-    """A gate whose frames go to `sink` in the data lane, in the flow of `topic`."""
-    send = sink.send
-    lane = Lane.DATA
-
-    def send_data(frame: Frame) -> None:
-        send(frame, lane, topic)
-
-    return Gate(clock, send_data)

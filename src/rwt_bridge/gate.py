@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock, Timer
-    from rwt_protocol.frames import Frame
+    from rwt_protocol.frames import Flow, Frame
 
 #: Two clock readings this close, in seconds, are the same moment: sums of floats round.
 _SAME_MOMENT = 1e-6
@@ -34,9 +34,9 @@ class Gate:
 
     __slots__ = ("_clock", "_last", "_queue", "_send", "_throttle", "_timer")
 
-    def __init__(self, clock: Clock, send: Callable[[Frame], None]) -> None:
+    def __init__(self, clock: Clock, flow: Flow) -> None:
         self._clock = clock
-        self._send = send
+        self._send = flow.send
         self._throttle = 0.0
         self._queue: deque[Encoded] = deque(maxlen=0)
         self._last = float("-inf")

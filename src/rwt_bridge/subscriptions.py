@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_bridge.fanout import open_gate
+from rwt_bridge.gate import Gate
 
 if TYPE_CHECKING:
     from rwt_bridge.encodings import Encoding
@@ -26,7 +26,7 @@ class ClientSubscription:
         self._fanout = fanout
         self._bridge = peer.bridge
         self._wishes: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
-        self._gate = open_gate(peer.bridge.graph.clock, peer.sink, name)
+        self._gate = Gate(peer.bridge.graph.clock, peer.sink.flow(name))
         self._encoding: Encoding | None = None
         self._channel: Channel | None = None
 

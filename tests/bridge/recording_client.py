@@ -3,24 +3,67 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
+from time import time_ns
 from typing import Any
 
 from rwt_bridge.bridge import Bridge
-from rwt_protocol.frames import Frame, Lane, PeerInfo
+from rwt_protocol.frames import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
 
 Message = dict[str, Any]
+
+
+class RecordingFlow:
+    """One topic's way to a client: what the bridge asked of it."""
+
+    def __init__(
+        self, client: Client, topic: str, rules: FlowRules, on_drop: Callable[[DropReason], None] | None
+    ) -> None:
+        self._client = client
+        self.topic = topic
+        self.rules = rules
+        self.drop = on_drop
+        self.expiries: list[int] = []
+        self.closed = False
+
+    def send(self, frame: Frame) -> None:
+        self._client.frames.append((frame, self.topic))
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        self.expiries.append(expires_ns)
+        for frame in pieces:
+            self.send(frame)
+
+    def configure(self, rules: FlowRules) -> None:
+        self.rules = rules
+
+    def close(self) -> None:
+        self.closed = True
 
 
 class Client:
     """One rosbridge client whose wire is two lists."""
 
     def __init__(self, bridge: Bridge, address: str = "127.0.0.1") -> None:
-        self.frames: list[tuple[Frame, Lane, str]] = []
+        self.frames: list[tuple[Frame, str | None]] = []
+        self.flows: dict[str, RecordingFlow] = {}
         self.close_code: int | None = None
+        self.traffic = Traffic()
         self.peer = bridge.accept(self, PeerInfo("memory", address=address))
 
-    def send(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
-        self.frames.append((frame, lane, topic))
+    def send(self, frame: Frame) -> None:
+        self.frames.append((frame, None))
+
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time_ns,
+    ) -> RecordingFlow:
+        self.flows[topic] = RecordingFlow(self, topic, rules, on_drop)
+        return self.flows[topic]
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self.close_code = code
@@ -39,7 +82,7 @@ class Client:
     def heard(self) -> list[Message]:
         """Everything that has come since the last time."""
         frames, self.frames = self.frames, []
-        return [json.loads(frame.data) for frame, _, _ in frames]
+        return [json.loads(frame.data) for frame, _ in frames]
 
     def heard_of(self, topic: str) -> list[Any]:
         """The messages of one topic that have come."""

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rwt_protocol.frames import Accept, Endpoint, Frame, Lane, PeerInfo, Sink
+from rwt_protocol.frames import Accept, Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, Refused, Routes
 from rwt_transports.connection import Reception
 from rwt_transports.drivers.memory import MemoryPipe
@@ -312,8 +312,9 @@ def test_a_stopped_reader_of_data_only_loses_data() -> None:
     pipe = Host(accept, Limits(data_bytes=50_000)).open()
     pipe.stalled = True
     (sink,) = accept.sinks
+    scans = sink.flow("/scan")
     for at in range(1000):
-        sink.send(Frame(b"%04d" % at + b"d" * 996), Lane.DATA, "/scan")
+        scans.send(Frame(b"%04d" % at + b"d" * 996))
     assert sink.backlog < 250_000
     pipe.stalled = False
     got = pipe.receive()

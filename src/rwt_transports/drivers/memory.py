@@ -8,10 +8,11 @@ stops.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from time import time_ns
 
-from rwt_protocol.frames import Accept, Frame, Lane, PeerInfo
+from rwt_protocol.frames import AS_MANY_AS_FIT, Accept, DropReason, Flow, FlowRules, Frame, PeerInfo, Traffic
 
 from ..api import Attach, Driven, Place
 
@@ -24,13 +25,14 @@ class MemoryPeer:
         peer: what the endpoint is told about this peer.
 
     Attributes:
-        received: frames in the order they were sent, with their lane and topic in `lanes`.
+        received: frames in the order they were sent, with the flow of each in `topics`; None is the
+            control lane.
         closed: code and reason once either side has closed, else None.
     """
 
     def __init__(self, accept: Accept, peer: PeerInfo | None = None) -> None:
         self.received: list[Frame] = []
-        self.lanes: list[tuple[Lane, str]] = []
+        self.topics: list[str | None] = []
         self.closed: tuple[int, str] | None = None
         self._endpoint = accept(_PeerSink(self), peer or PeerInfo("memory"))
 
@@ -44,7 +46,7 @@ class MemoryPeer:
         """The messages received since the last call."""
         taken = [frame.data for frame in self.received]
         self.received.clear()
-        self.lanes.clear()
+        self.topics.clear()
         return taken
 
     def close(self, code: int = 1000, reason: str = "") -> None:
@@ -62,10 +64,20 @@ class _PeerSink:
     def __init__(self, peer: MemoryPeer) -> None:
         self._peer = peer
 
-    def send(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
+    def send(self, frame: Frame, topic: str | None = None) -> None:
         if self._peer.closed is None:
             self._peer.received.append(frame)
-            self._peer.lanes.append((lane, topic))
+            self._peer.topics.append(topic)
+
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time_ns,
+    ) -> Flow:
+        return _PeerFlow(self, topic)
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self._peer.close(code, reason)
@@ -73,6 +85,33 @@ class _PeerSink:
     @property
     def backlog(self) -> int:
         return 0
+
+    @property
+    def traffic(self) -> Traffic:
+        return Traffic()
+
+
+class _PeerFlow:
+    """One topic's way to a :class:`MemoryPeer`, which is never slow."""
+
+    __slots__ = ("_sink", "_topic")
+
+    def __init__(self, sink: _PeerSink, topic: str) -> None:
+        self._sink = sink
+        self._topic = topic
+
+    def send(self, frame: Frame) -> None:
+        self._sink.send(frame, self._topic)
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        for frame in pieces:
+            self._sink.send(frame, self._topic)
+
+    def configure(self, rules: FlowRules) -> None:
+        """Rules are for slow readers."""
+
+    def close(self) -> None:
+        """There are no drops to report."""
 
 
 class MemoryPipe:
