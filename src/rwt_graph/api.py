@@ -14,6 +14,8 @@ Rules that hold for every backend:
   process, and then it is a plain function call: `on_sample` from within `publish`, and from within
   `subscribe` for kept samples; `on_reply` from within `call_service`; goal events from within `send_goal`),
   or any time later.
+* A payload that a callback is given may be a view of a receive buffer that is used again: whoever keeps it
+  after the callback has returned keeps `detach()` of it, or its `value()`.
 * A callback that raises is logged and disturbs nobody else.
 * Every `close` and `cancel` may be called twice.
 """
@@ -54,6 +56,11 @@ class Sample(Struct, frozen=True, eq=False, gc=False):
     payload: Payload
     stamp_ns: int
     node: str
+
+    def detach(self) -> Sample:
+        """The same sample without a view of the buffer that the payload was received in, for keeping."""
+        payload = self.payload.detach()
+        return self if payload is self.payload else Sample(self.topic, payload, self.stamp_ns, self.node)
 
 
 class Publisher(ABC):

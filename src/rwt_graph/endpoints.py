@@ -14,6 +14,7 @@ import msgspec
 
 from rwt_graph.api import Graph, Participant, Publisher, Sample, Subscription
 from rwt_graph.qos import QoS
+from rwt_interfaces.errors import PayloadError
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -36,9 +37,11 @@ def to_payload(interface: MessageType, message: MessageLike, now: Callable[[], i
     """A payload of that type.
 
     Raises:
-        PayloadError: the message does not fit the type.
+        PayloadError: the message does not fit the type, or is a payload of another one.
     """
     if isinstance(message, Payload):
+        if message.type is not interface and message.type.name != interface.name:
+            raise PayloadError("", f"expected a {interface.name}, got a {message.type.name}")
         return message
     return Payload.from_value(interface, message, now)
 
@@ -100,7 +103,7 @@ class SampleQueue:
         """Add a sample; the oldest makes room."""
         if len(self._samples) == self._samples.maxlen:
             self.dropped += 1
-        self._samples.append(sample)
+        self._samples.append(sample.detach())
         self._wake()
 
     def _wake(self) -> None:

@@ -30,6 +30,7 @@ from rwt_graph.deadlines import Deadlines
 from rwt_graph.errors import NotRunning
 from rwt_graph.introspection import Introspection
 from rwt_graph.names import validate
+from rwt_graph.node import Node
 from rwt_graph.ownership import Owner
 from rwt_graph.param_tree import ParameterTree
 from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
@@ -37,11 +38,10 @@ from rwt_graph.runtime import Runtime
 from rwt_graph.services import Services
 from rwt_graph.system import SystemTopics
 from rwt_graph.topics import Topics
+from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
-    from rwt_graph.node import Node
     from rwt_interfaces.payload import Payload
-    from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 
@@ -140,11 +140,7 @@ class MemoryGraph(Graph):
     """
 
     def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
-        if registry is None:
-            from rwt_interfaces.registry import Registry
-
-            registry = Registry()
-        self.registry = registry
+        self.registry = registry = registry or Registry()
         self.distro = registry.distro
         self.clock = clock or WallClock()
         self.parameters = ParameterTree()
@@ -171,8 +167,6 @@ class MemoryGraph(Graph):
 
     def node(self, name: str, namespace: str = "/") -> Node:
         """A :class:`~rwt_graph.node.Node` of this graph."""
-        from rwt_graph.node import Node
-
         return Node(self, name, namespace)
 
     def topics(self) -> tuple[TopicInfo, ...]:

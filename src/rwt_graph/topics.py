@@ -84,11 +84,8 @@ class Kept:
 
     def add(self, sample: Sample) -> None:
         """Keep a sample, apart from the receive buffer that it came in."""
-        payload = sample.payload.detach()
-        if payload is not sample.payload:
-            sample = Sample(sample.topic, payload, sample.stamp_ns, sample.node)
         self._forget_expired()
-        self._samples.append(sample)
+        self._samples.append(sample.detach())
 
     def samples(self) -> tuple[Sample, ...]:
         """What is kept and not older than the lifespan, oldest first."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import struct
 import sys
-from array import array
 from functools import lru_cache
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Annotated, Any
@@ -149,7 +148,4 @@ def little_endian(items: Any, code: str) -> bytes:
     if is_numpy_array(items):
         packed: bytes = items.astype(f"<{code}", copy=False).tobytes()
         return packed
-    elements = array(code, items)
-    if sys.byteorder == "big":
-        elements.byteswap()
-    return elements.tobytes()
+    return struct.pack(f"<{len(items)}{code}", *items)

@@ -57,7 +57,10 @@ class WireEvents(Protocol):
         on."""
 
     def answer(self, data: bytes) -> None:
-        """The protocol itself owes the peer these bytes (a pong, the reply to a close)."""
+        """The protocol itself owes the peer these bytes: the reply to a close."""
+
+    def pong(self, data: bytes) -> None:
+        """The reply to a ping; may be left out while the peer does not read (RFC 6455 section 5.5.3)."""
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         """No message follows. `agreed`: both sides have said so; otherwise the peer broke the protocol."""

@@ -13,6 +13,7 @@ from anyio.abc import TaskGroup
 from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
 
 from .api import Link, OversizeAware, Wire, WireEvents
+from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from .errors import Refused
 from .http import HttpConversation, HttpRequest, HttpResponse, Routes
 from .limits import Limits
@@ -20,10 +21,6 @@ from .outbox import Outbox
 from .wires.spare import Spare
 
 logger = logging.getLogger("rwt_transports")
-
-ABNORMAL = 1006
-INTERNAL = 1011
-POLICY = 1008
 
 MakeWire = Callable[[WireEvents, Limits, Spare], Wire]
 """Makes the wire of one new connection."""
@@ -109,7 +106,7 @@ class Connection:
         "_wire",
         "outbox",
         "take",
-    )  # fmt: skip
+    )
 
     def __init__(self, reception: Reception, link: Link, address: str, port: int) -> None:
         self._reception = reception
@@ -149,7 +146,7 @@ class Connection:
             self.close(POLICY, refused.reason)
         except Exception:
             logger.exception("the accept function failed for %s", self)
-            self.close(INTERNAL, "internal error")
+            self.close(INTERNAL_ERROR, "internal error")
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
@@ -221,12 +218,18 @@ class Connection:
 
     def _overflow(self, reason: str) -> None:
         logger.warning("closing %s: %s", self, reason)
+        if self._conversation is not None:
+            self._link.abort()
+            return
         self.outbox.seal()
         self.close(POLICY, reason)
 
     def _broken_inside(self) -> None:
-        logger.exception("an endpoint or a wire failed; closing %s", self)
-        self.close(INTERNAL, "internal error")
+        logger.exception("an endpoint, a route or a wire failed; closing %s", self)
+        if self._conversation is not None:
+            self._link.abort()
+            return
+        self.close(INTERNAL_ERROR, "internal error")
 
     # -- what the wire reports (WireEvents) ----------------------------------------------------------------
 
@@ -241,6 +244,10 @@ class Connection:
     def answer(self, data: bytes) -> None:
         """Bytes of the protocol itself."""
         self.outbox.push(data)
+
+    def pong(self, data: bytes) -> None:
+        """The reply to a ping."""
+        self.outbox.push_if_read(data)
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         """The wire is done: close, or wait for a peer that broke the protocol to take notice."""
@@ -282,15 +289,19 @@ class Connection:
             self.outbox.when_empty(empty.set)
         await empty.wait()
 
+    def overrun(self) -> None:
+        """The peer sends requests and does not wait for their answers."""
+        self._overflow("too many requests before the answer to the first (http_body_bytes)")
+
     def hang_up(self) -> None:
         """Close once everything is sent."""
         self._ending = True
         self.outbox.when_empty(self._link.close)
 
     async def _in_scope(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
-        if self._ending:
-            return
         with anyio.CancelScope() as self._scope:
+            if self._ending:
+                self._scope.cancel()
             try:
                 await work()
             except Exception:

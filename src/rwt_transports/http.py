@@ -115,6 +115,9 @@ class HttpEvents(Protocol):
     async def drained(self) -> None:
         """Wait until everything sent so far has been taken by the network."""
 
+    def overrun(self) -> None:
+        """The peer sends more while an answer is being made than may wait: cut it."""
+
     def hang_up(self) -> None:
         """Close once everything is sent."""
 
@@ -131,6 +134,7 @@ class HttpConversation:
         self._request: h11.Request | None = None
         self._body = bytearray()
         self._busy = False
+        self._ahead = 0  # bytes that came while an answer was being made
         self._over = False
         self._served = False
         self._deadline: float | None = None
@@ -144,6 +148,12 @@ class HttpConversation:
         """Take bytes from the peer."""
         if self._over:
             return
+        if self._busy:
+            self._ahead += len(data)
+            if self._ahead > self._limits.http_header_bytes + self._limits.http_body_bytes:
+                self._over = True
+                self._events.overrun()
+                return
         try:
             self._h11.receive_data(data)
             self._next_events()
@@ -250,6 +260,7 @@ class HttpConversation:
         else:
             await self._stream(response, response.body)
         self._busy = False
+        self._ahead = 0
         self._responded()
         try:
             self._next_events()

@@ -14,6 +14,7 @@ import anyio.lowlevel
 from rwt_protocol.frames import Accept
 
 from .api import Driver
+from .close_codes import GOING_AWAY
 from .connection import Reception
 from .drivers.anyio_stream import AnyioDriver
 from .drivers.asyncio_protocol import AsyncioDriver
@@ -22,7 +23,6 @@ from .limits import Limits
 from .urls import parse_listen_url
 
 TICK_SECONDS = 0.5
-GOING_AWAY = 1001
 
 
 class OpenListener:

@@ -219,12 +219,20 @@ class Outbox:
     # -- the connection's side -----------------------------------------------------------------------------
 
     def push(self, data: bytes) -> None:
-        """Queue bytes of the protocol itself, in front of the lanes: a handshake, a pong."""
+        """Queue bytes of the protocol itself, in front of the lanes: a handshake, a page."""
+        if self.room < -self._limits.control_bytes:
+            self._overflow(f"answers wait unread; the limit is {self._limits.control_bytes} (control_bytes)")
+            return
         if not self.ready:
             self.wake()
         self.ready.append(data)
         self._large += len(data) >= ALONE_BYTES
         self.room -= len(data)
+
+    def push_if_read(self, data: bytes) -> None:
+        """The same for what may be left out while the peer does not read."""
+        if self.room > -READY_BYTES and not self._closed:
+            self.push(data)
 
     def mark(self) -> int:
         """A place in front of what will be sent next; valid until the driver takes."""

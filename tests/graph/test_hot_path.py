@@ -8,12 +8,13 @@ from collections.abc import Callable, Coroutine
 import anyio
 import pytest
 
-from rwt_graph import MemoryGraph, Message, Node, SimulatedClock, topics
-from rwt_graph.api import Sample, ServiceCall
+from rwt_graph import ActionGoal, MemoryGraph, Message, Node, SimulatedClock, topics
+from rwt_graph.api import GoalEvents, Sample, ServiceCall
 from rwt_graph.clock import Timer
 from rwt_graph.deadlines import Deadlines, Expiring
 from rwt_graph.memory import MemoryParticipant
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.structs import MessageType
 
 
 class CountingClock(SimulatedClock):
@@ -90,6 +91,41 @@ def test_a_kept_sample_does_not_hold_the_receive_buffer(graph: MemoryGraph) -> N
     received: list[Message] = []
     node.subscribe("/t", received.append)
     assert received[0].data == "x"
+
+
+@pytest.mark.anyio
+async def test_nothing_that_waits_reads_the_receive_buffer(graph: MemoryGraph) -> None:
+    buffer = bytearray(64)
+
+    def received(kind: MessageType, text: bytes) -> Payload:
+        buffer[: len(text)] = text
+        return Payload.from_json(kind, memoryview(buffer)[: len(text)])
+
+    async with graph:
+        node, peer = Node(graph, "n"), graph.participant("/peer")
+        seen: list[int] = []
+
+        async def on_message(message: Message) -> None:
+            seen.append(message.data)
+
+        async def on_call(request: Message) -> None:
+            seen.append(request.a)
+
+        async def execute(goal: ActionGoal) -> None:
+            seen.append(goal.request.order)
+
+        publisher = node.advertise("/t", "std_msgs/Int32")
+        node.subscribe("/t", on_message)
+        node.advertise_service("/s", "example_interfaces/AddTwoInts", on_call)
+        node.advertise_action("/a", "example_interfaces/Fibonacci", execute)
+        publisher.publish(received(publisher.type, b'{"data":1}'))
+        add = graph.registry.service("example_interfaces/AddTwoInts")
+        peer.call_service("/s", received(add.request, b'{"a":2,"b":0}'), lambda _: None)
+        fibonacci = graph.registry.action("example_interfaces/Fibonacci")
+        peer.send_goal("/a", received(fibonacci.goal, b'{"order":3}'), GoalEvents(lambda *_: None))
+        buffer[:] = b"?" * len(buffer)
+        await anyio.wait_all_tasks_blocked()
+        assert sorted(seen) == [1, 2, 3]
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from rwt_graph import (
     NotRunning,
     ProviderGone,
     ServiceFailed,
+    WallClock,
 )
 from rwt_interfaces.errors import PayloadError
 
@@ -227,3 +229,30 @@ async def test_a_cancelled_body_leaves_the_graph(graph: MemoryGraph) -> None:
             await anyio.sleep_forever()
     assert scope.cancelled_caught
     assert graph.nodes() == ()
+
+
+@pytest.mark.parametrize("anyio_backend", ["asyncio"])
+async def test_a_body_that_asyncio_cancels_leaves_the_graph(graph: MemoryGraph) -> None:
+    entered = asyncio.Event()
+
+    async def program() -> None:
+        async with graph:
+            Node(graph, "n")
+            entered.set()
+            await asyncio.sleep(60)
+
+    before = asyncio.all_tasks()
+    task = asyncio.create_task(program())
+    await entered.wait()
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert graph.nodes() == ()
+    assert not graph.running
+    assert asyncio.all_tasks() == before
+
+
+def test_a_graph_needs_no_arguments() -> None:
+    graph = MemoryGraph()
+    assert graph.distro.name == "jazzy"
+    assert isinstance(graph.clock, WallClock)

@@ -38,6 +38,8 @@ async def test_messages_may_be_mappings_structs_or_payloads(graph: MemoryGraph) 
         publisher.publish({"data": 5})
     with pytest.raises(PayloadError):
         publisher.publish({"dat": "x"})
+    with pytest.raises(PayloadError, match="expected a std_msgs/String, got a std_msgs/Int32"):
+        publisher.publish(Payload.from_value(graph.registry.message("std_msgs/Int32"), {"data": 1}))
     assert publisher.subscriber_count == 1
 
 

@@ -16,6 +16,7 @@ from rwt_interfaces.errors import PayloadError
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.serialise import json as json_form
+from rwt_interfaces.serialise import long_strings
 
 REGISTRIES = {1: Registry(NOETIC), 2: Registry(JAZZY)}
 REGISTRIES[2].add_text("string<=3 s\nuint8[<=2] u\nint8[] i\nbyte[] b\nchar c\nwstring w", "t_msgs/Odd")
@@ -399,9 +400,9 @@ def test_the_quick_check_of_large_texts_accepts_what_the_plain_one_does(
     with patch.context() as small:
         small.setattr(json_form, "LARGE", 1 << 30)
         plain = accepts(codec, raw)
-        small.setattr(json_form, "_PIECE", 16)
+        small.setattr(long_strings, "PIECE", 16)
         for margin in (12, 24, 60):
-            small.setattr(json_form, "_MARGIN", margin)
+            small.setattr(long_strings, "MARGIN", margin)
             small.setattr(json_form, "LARGE", 4 * margin)
             assert accepts(codec, raw) == plain
 

@@ -321,6 +321,29 @@ def test_a_stopped_reader_of_data_only_loses_data() -> None:
     assert b"0999" in got and b"0500" not in got and not accept.closings
 
 
+def test_a_ping_flood_from_a_stopped_reader_costs_bounded_memory() -> None:
+    accept = Endpoints()
+    pipe = Host(accept).open()
+    pipe.stalled = True
+    for _ in range(500):
+        pipe.send((b"\x89\xfd" + bytes(4) + b"p" * 125) * 100)
+    assert accept.sinks[0].backlog < 300_000
+    pipe.stalled = False
+    assert pipe.receive().startswith(b"\x8a\x7d")
+    pipe.send(b"\x89\x80\0\0\0\0")
+    assert pipe.receive() == b"\x8a\x00"
+
+
+def test_a_page_flood_from_a_stopped_reader_costs_its_connection(caplog: pytest.LogCaptureFixture) -> None:
+    routes = Routes()
+    routes.get("/page", lambda request: HttpResponse(b"p" * 10_000))
+    pipe = Host(Endpoints(), Limits(control_bytes=500_000), routes).pipe()
+    pipe.stalled = True
+    for _ in range(100):
+        pipe.send(b"GET /page HTTP/1.1\r\nHost: r2\r\n\r\n")
+    assert gone(pipe) and "control_bytes" in caplog.text
+
+
 # -- time --------------------------------------------------------------------------------------------------
 
 

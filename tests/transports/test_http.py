@@ -32,6 +32,9 @@ class Browser:
     async def drained(self) -> None:
         """The network is endlessly fast."""
 
+    def overrun(self) -> None:
+        self.hung_up = True
+
     def hang_up(self) -> None:
         self.hung_up = True
 
@@ -174,6 +177,24 @@ async def test_a_handler_that_waits_delays_only_what_follows_it() -> None:
     (work,) = browser.work
     await work()
     assert browser.sent.index(b"slow\n") < browser.sent.index(b"home\n")
+
+
+@pytest.mark.anyio
+async def test_requests_behind_a_slow_one_are_bounded() -> None:
+    async def slow(request: HttpRequest) -> HttpResponse:
+        return HttpResponse(b"slow\n")
+
+    routes = Routes()
+    routes.get("/slow", slow)
+    browser = Browser(routes, Limits(http_header_bytes=1000, http_body_bytes=1000))
+    browser.http.feed(request("GET /slow"))
+    for _ in range(20):
+        assert not browser.hung_up
+        browser.http.feed(b"x" * 100)
+    browser.http.feed(b"x")
+    assert browser.hung_up
+    await browser.work[0]()
+    assert browser.sent == b""
 
 
 @pytest.mark.anyio

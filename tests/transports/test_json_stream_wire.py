@@ -31,6 +31,9 @@ class Heard:
         self.sizes.append(size)
         return self.skip
 
+    def pong(self, data: bytes) -> None:
+        self.answer(data)
+
     def answer(self, data: bytes) -> None:
         raise AssertionError("this protocol answers nothing")
 

@@ -37,6 +37,9 @@ class Heard:
         self.sizes.append(size)
         return self.skip
 
+    def pong(self, data: bytes) -> None:
+        self.answer(data)
+
     def answer(self, data: bytes) -> None:
         self.answers.append(data)
 

@@ -4,12 +4,15 @@ at once."""
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 
 from ..api import Attach, Driven, Place
 from .sockets import bind_tcp, bind_unix, remove_unix
+
+logger = logging.getLogger("rwt_transports")
 
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
@@ -34,7 +37,12 @@ class _Turn:
     def _flush(self) -> None:
         waiting, self._waiting = self._waiting, []
         for link in waiting:
-            link.flush()
+            try:
+                link.flush()
+            except Exception:
+                # The others of this turn must not wait for ever because of one.
+                logger.exception("writing to a connection failed; cutting it")
+                link.abort()
 
 
 class _Link(asyncio.BufferedProtocol):

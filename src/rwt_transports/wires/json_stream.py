@@ -17,6 +17,7 @@ from collections.abc import Callable
 from rwt_protocol.frames import Buffer, Frame
 
 from ..api import Framing, WireEvents
+from ..close_codes import TOO_BIG
 from ..limits import Limits
 from .spare import Spare
 
@@ -152,7 +153,7 @@ class JsonStreamWire:
         if not self._events.oversized(size):
             self._over = True
             reason = f"a message of {size} bytes or more; the limit is {self._max_size} (message_bytes)"
-            self._events.ended(1009, reason, agreed=False)
+            self._events.ended(TOO_BIG, reason, agreed=False)
 
 
 def _ignore(_data: bytes, _binary: bool) -> None:

@@ -333,6 +333,29 @@ async def test_one_frame_to_many(site: Site) -> None:
 
 
 @every_stack
+@over_tcp
+async def test_a_frame_that_cannot_be_written_costs_its_own_connection_only(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Impossible(Frame):
+        def framed(self, framing: Callable[[Frame], bytes]) -> bytes:
+            raise RuntimeError("no bytes")
+
+    async with site.listen() as listener, site.client(listener) as victim, site.client(listener) as bystander:
+        for client in (victim, bystander):
+            await site.endpoint(client)
+        first, second = site.hub.endpoints
+        first.sink.send(Frame(b"{" + b" " * 200_000 + b"}"))
+        first.sink.send(Impossible(b"x"))
+        second.sink.send(Frame(b'{"good":1}'))
+        with anyio.fail_after(5):
+            await first.over.wait()
+            assert await bystander.receive() == {"good": 1}
+    assert "failed" in caplog.text
+    caplog.clear()
+
+
+@every_stack
 @every_scheme
 async def test_what_the_endpoint_knows_of_its_peer(site: Site) -> None:
     async with site.listen() as listener, site.client(listener) as client:
