@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_bridge.quotas import require_advertisement, require_call
 from rwt_bridge.services import split_suffix
 from rwt_bridge.typecheck import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.api import GoalEvents, GoalStatus
@@ -12,7 +13,6 @@ from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
-from rwt_protocol.rawjson import RawJson
 
 if TYPE_CHECKING:
     from rwt_bridge.peer import Peer
@@ -51,9 +51,12 @@ class SentGoal:
     def _on_feedback(self, feedback: Payload) -> None:
         if not self._listening:
             return
-        self._peer.send(
-            ActionFeedback(action=self._op.action, values=RawJson(feedback.json()), id=self._op.id)
-        )
+        peer, op = self._peer, self._op
+        self._answer(ActionFeedback(action=op.action, values=peer.raw(feedback), id=op.id))
+
+    def _answer(self, answer: ActionFeedback | ActionResult) -> None:
+        frame = self._peer.session.encode(answer)
+        self._peer.send_cut(frame, self._op.fragment_size, answer.id)
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
         peer, op = self._peer, self._op
@@ -72,10 +75,10 @@ class SentGoal:
                 )
             )
         else:
-            peer.send(
+            self._answer(
                 ActionResult(
                     action=op.action,
-                    values=RawJson(outcome.json()),
+                    values=peer.raw(outcome),
                     status=int(status),
                     result=True,
                     id=op.id,
@@ -93,10 +96,12 @@ def on_send_action_goal(peer: Peer, op: SendActionGoal) -> None:
     if suffix is not None and op.id is None:
         op = op.model_copy(update={"id": suffix})
     action = resolve(name)
+    peer.role.require("goals", action)
     info = peer.bridge.graph.action(action)
     if info is None:
         raise Refused(f"Action {action} does not exist")
     peer.bridge.graph.registry.action(op.action_type)
+    require_call(peer, op.op)
     SentGoal(peer, op, arguments_of(info.type.goal, op.args, "send_action_goal.args", peer.bridge.now))
 
 
@@ -111,6 +116,7 @@ def on_cancel_action_goal(peer: Peer, op: ops.CancelActionGoal) -> None:
         if goal.id == op.id and goal.action == action:
             goal.cancel()
             return
+    peer.role.require("goals", action)
     orphan = peer.bridge.orphaned_goal(peer.info.address, action, op.id)
     if orphan is None:
         raise Refused(f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning")
@@ -142,7 +148,7 @@ class ProvidedAction:
             SendActionGoal(
                 action=self._name,
                 action_type=self._peer.bridge.graph.registry.type_name(self._type),
-                args=RawJson(goal.goal.json()),
+                args=self._peer.raw(goal.goal),
                 feedback=True,
                 id=id_,
             )
@@ -196,8 +202,11 @@ class ProvidedAction:
 
 def on_advertise_action(peer: Peer, op: ops.AdvertiseAction) -> None:
     """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
-    action_type = peer.bridge.graph.registry.action(op.type)
     name = resolve(op.action)
+    peer.role.require("provide", name)
+    action_type = peer.bridge.graph.registry.action(op.type)
+    if name not in peer.actions:
+        require_advertisement(peer, op.op)
     provided = ProvidedAction(peer, op.action, action_type)
     previous = peer.actions.pop(name, None)
     if previous is not None:

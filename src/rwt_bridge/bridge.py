@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Never
 
 from rwt_bridge import actions, control, services, topics
+from rwt_bridge.admission import Admission
+from rwt_bridge.doorstep import Doorstep
+from rwt_bridge.encodings import BSON, ENCODINGS, Encoding
 from rwt_bridge.fanout import Fanout
 from rwt_bridge.peer import Peer
 from rwt_bridge.publications import Publications
+from rwt_bridge.settings import SettingsError
 from rwt_graph.errors import GraphError
 from rwt_interfaces.errors import InterfaceError
 from rwt_protocol import ops
 from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.errors import EncodingUnavailable
+from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import SentGoal
+    from rwt_bridge.policy import Role
     from rwt_bridge.settings import Settings
     from rwt_graph.api import Graph
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.frames import PeerInfo, Sink
+    from rwt_protocol.codecs import Codec
+    from rwt_protocol.frames import Endpoint, PeerInfo, Sink
 
 logger = logging.getLogger("rwt.bridge")
 
@@ -57,6 +66,10 @@ class Bridge:
         participant: the node under which all clients act, `/rosbridge_websocket`.
         publications: the publishers that clients share.
         dispatcher: which handler does which op.
+        admission: who comes in, and as what.
+
+    Raises:
+        SettingsError: a file that the settings name cannot be used.
     """
 
     def __init__(self, graph: Graph, settings: Settings) -> None:
@@ -65,6 +78,9 @@ class Bridge:
         self.publications = Publications(self.participant, graph.clock, settings.unregister_timeout)
         self.now = graph.clock.time_ns
         self._settings = settings
+        self.limits = settings.limits
+        self.admission = Admission(settings, time.time)
+        self._codec = _one_codec(settings)
         self._fanouts: dict[str, Fanout] = {}
         self._peers: set[Peer] = set()
         self._count = 0
@@ -78,12 +94,32 @@ class Bridge:
         """How many clients are connected."""
         return len(self._peers)
 
-    def accept(self, sink: Sink, info: PeerInfo) -> Peer:
-        """Take in a new client."""
-        limits = WireLimits(max_message_size=self._settings.max_message_size)
-        session = Session(PROFILES[self._settings.profile], limits=limits)
+    def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool = True) -> Endpoint:
+        """Take in a new client.
+
+        Args:
+            sink: where to write to it.
+            info: what the transport knows of it.
+            loopback: whether it came over a listener that is only reached from this machine.
+
+        Raises:
+            Refused: it may not come in.
+        """
+        role = self.admission.admit(info, loopback=loopback)
+        wished = self._settings.limits
+        pieces = FragmentLimits(wished.fragmented_messages, wished.fragmented_bytes, wished.fragment_seconds)
+        limits = WireLimits(self._settings.max_message_size, wished.max_depth, pieces)
+        session = Session(PROFILES[self._settings.profile], limits=limits, codec=self._codec)
+        if role is not None:
+            return self.join(sink, info, session, role)
+        rosauth = self.admission.rosauth
+        assert rosauth is not None, "admit lets nobody in without a role unless `auth` can give one"
+        return Doorstep(self, sink, info, session, rosauth, self._settings.auth.seconds)
+
+    def join(self, sink: Sink, info: PeerInfo, session: Session, role: Role) -> Peer:
+        """Make a client of a connection whose role is known."""
         self._count += 1
-        peer = Peer(self, self._count, sink, info, session)
+        peer = Peer(self, self._count, sink, info, session, role)
         self._peers.add(peer)
         logger.info("client %d joined from %s over %s", peer.number, info.address or "?", info.transport)
         return peer
@@ -91,6 +127,7 @@ class Bridge:
     def left(self, peer: Peer) -> None:
         """Forget a client; its goals run on, and can still be cancelled from the same address."""
         self._peers.discard(peer)
+        self.admission.left(peer.info)
         for goal in peer.goals:
             goal.orphan()
             self._orphans[goal] = peer.info.address
@@ -116,6 +153,15 @@ class Bridge:
             del self._fanouts[fanout.topic]
             fanout.close()
 
+    def encoding_of(self, compression: str) -> Encoding:
+        """How a client that asks for `compression` gets its samples."""
+        return BSON if self.speaks_bson else ENCODINGS[compression]
+
+    @property
+    def speaks_bson(self) -> bool:
+        """Whether every message of every client is BSON (BSN-01)."""
+        return self._codec is not None
+
     def call_timeout(self, wished: float | None) -> float | None:
         """Seconds a service call may take: zero or less waits for ever, absent is the default (SRV-10)."""
         seconds = self._settings.default_call_service_timeout if wished is None else wished
@@ -136,6 +182,21 @@ class Bridge:
         """Leave the graph."""
         self.publications.close()
         self.participant.close()
+
+
+def _one_codec(settings: Settings) -> Codec | None:
+    """The encoding of every message, where the settings ask for one.
+
+    Raises:
+        SettingsError: it needs a package that is not installed.
+    """
+    if not settings.bson_only_mode:
+        return None
+    try:
+        from rwt_protocol.codecs.bson import BsonCodec  # an optional package
+    except EncodingUnavailable as missing:
+        raise SettingsError(f"`bson_only_mode`: {missing.reason}") from None
+    return BsonCodec()
 
 
 def _log_error(op: ops.Op, error: Exception) -> None:

@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
+from rwt_protocol.fragments import cut
+
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock, Timer
     from rwt_protocol.frames import Flow, Frame
@@ -32,10 +34,11 @@ class Gate:
     Times count from the last sample sent, on the clock's steady time.
     """
 
-    __slots__ = ("_clock", "_last", "_queue", "_send", "_throttle", "_timer")
+    __slots__ = ("_clock", "_flow", "_last", "_queue", "_send", "_throttle", "_timer")
 
     def __init__(self, clock: Clock, flow: Flow) -> None:
         self._clock = clock
+        self._flow = flow
         self._send = flow.send
         self._throttle = 0.0
         self._queue: deque[Encoded] = deque(maxlen=0)
@@ -51,6 +54,15 @@ class Gate:
     def send(self) -> Callable[[Frame], None]:
         """Where the frames of an open gate go."""
         return self._send
+
+    def cut_to(self, size: int) -> None:
+        """Send what is longer than `size` characters in pieces; 0 sends everything whole (FRG-20)."""
+        flow = self._flow
+
+        def send_pieces(frame: Frame) -> None:
+            flow.send_message(frame.pieces(size, cut))
+
+        self._send = send_pieces if size else flow.send
 
     def configure(self, throttle: float, queue: int) -> None:
         """Set the throttle in seconds and the queue's length in samples.

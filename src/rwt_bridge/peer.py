@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from rwt_bridge.encodings import plain_message
+from rwt_bridge.quotas import message_rate
 from rwt_bridge.topics import release_publishers
+from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.ops import ActionResult, ServiceResponse, Status
+from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import ProvidedAction, SentGoal
     from rwt_bridge.bridge import Bridge
+    from rwt_bridge.policy import Role
     from rwt_bridge.services import ClientCall, ProvidedService
     from rwt_bridge.subscriptions import ClientSubscription
     from rwt_graph.api import Publisher
-    from rwt_protocol.frames import PeerInfo, Sink
+    from rwt_interfaces.payload import Payload
+    from rwt_protocol.frames import Frame, PeerInfo, Sink
     from rwt_protocol.ops import Op
     from rwt_protocol.session import Session
 
@@ -28,6 +34,9 @@ _LOG_LEVELS = {
     "none": logging.DEBUG,
 }
 
+#: Close code of RFC 6455 section 7.4.1 for whoever breaks the server's rules.
+POLICY: Final = 1008
+
 #: Characters of one line of the log that a client has a say in.
 _LONGEST_LINE = 500
 
@@ -35,12 +44,16 @@ _LONGEST_LINE = 500
 class Peer:
     """One client. A new connection is a new, empty peer (DIS-06)."""
 
-    def __init__(self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session) -> None:
+    def __init__(
+        self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session, role: Role
+    ) -> None:
         self.bridge = bridge
         self.number = number
         self.sink = sink
         self.info = info
         self.session = session
+        self.role = role
+        self._rate = message_rate(bridge.limits)
         self.advertised: dict[str, set[str | int | None]] = {}
         self.implicit: set[str] = set()
         self.publishers: dict[str, Publisher] = {}
@@ -52,7 +65,11 @@ class Peer:
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one message from the wire, run what it holds, and answer what is refused."""
-        for item in self.session.decode(data, binary, self.bridge.graph.clock.monotonic()):
+        now = self.bridge.graph.clock.monotonic()
+        if self._rate is not None and not self._rate.take(now):
+            self._flooded()
+            return
+        for item in self.session.decode(data, binary, now):
             if isinstance(item, Refusal):
                 self.log(logging.WARNING, item.reason, item.id)
                 answer = item.answer
@@ -68,6 +85,13 @@ class Peer:
         reason = f"a message of {size} bytes was skipped: max_message_size is {limit}"
         self.log(logging.WARNING, reason)
         self._answer(Status(level="error", msg=reason))
+
+    def _flooded(self) -> None:
+        """Too many messages: the client has to go, since reading on would serve it before all others."""
+        rate = self.bridge.limits.messages_per_second
+        reason = f"more than {rate} messages a second (limits.messages_per_second)"
+        self.log(logging.WARNING, reason)
+        self.sink.close(POLICY, reason)
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
@@ -87,6 +111,22 @@ class Peer:
     def send(self, op: Op) -> None:
         """Send one op in the control lane."""
         self.sink.send(self.session.encode(op))
+
+    def send_cut(self, frame: Frame, size: int | None, id_: str | int | None) -> None:
+        """Send a reply in the control lane, in pieces of `size` characters if that was asked for (FRG-20)."""
+        for piece in self.session.cut(frame, size, id_):
+            self.sink.send(piece)
+
+    def raw(self, payload: Payload) -> RawPayload:
+        """A message of the graph as the payload of an op for this client."""
+        if self.bridge.speaks_bson:
+            return Decoded(plain_message(payload))
+        return RawJson(payload.json())
+
+    def take_role(self, role: Role) -> None:
+        """Act as another role from now on; what is open stays open, and publishing is asked anew."""
+        self.role = role
+        self.publishers.clear()
 
     def forget_publisher(self, topic: str) -> None:
         """Look the topic's publisher up again at the next publish."""

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_bridge.quotas import require_advertisement, require_call
+from rwt_bridge.rosapi_view import narrowed
 from rwt_bridge.typecheck import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.errors import CallFailed
 from rwt_graph.names import resolve
 from rwt_protocol.codecs.json import call_frame, response_frame
 from rwt_protocol.errors import Refused
-from rwt_protocol.ops import ServiceResponse
+from rwt_protocol.ops import CallService, ServiceResponse
 
 if TYPE_CHECKING:
     from rwt_bridge.peer import Peer
+    from rwt_bridge.rosapi_view import Narrow
     from rwt_graph.api import PendingCall, Registration, ServiceCall
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
     from rwt_protocol import ops
+    from rwt_protocol.frames import Frame
 
 #: Answered, abandoned calls are swept out of a provider's table when it has grown to this size.
 _SWEEP_AT = 256
@@ -25,12 +29,14 @@ _SWEEP_AT = 256
 class ClientCall:
     """One `call_service` of a client, on its way; called with the outcome."""
 
-    __slots__ = ("_id", "_peer", "_service", "pending")
+    __slots__ = ("_fragment_size", "_id", "_narrow", "_peer", "_service", "pending")
 
-    def __init__(self, peer: Peer, op: ops.CallService) -> None:
+    def __init__(self, peer: Peer, op: ops.CallService, narrow: Narrow | None) -> None:
         self._peer = peer
         self._service = op.service
         self._id = op.id
+        self._fragment_size = op.fragment_size
+        self._narrow = narrow
         self.pending: PendingCall | None = None
 
     def __call__(self, outcome: Payload | CallFailed) -> None:
@@ -40,7 +46,17 @@ class ClientCall:
         if isinstance(outcome, CallFailed):
             peer.send(ServiceResponse(service=self._service, values=str(outcome), result=False, id=self._id))
         else:
-            peer.sink.send(response_frame(self._service, outcome.json(), self._id))
+            if self._narrow is not None:
+                outcome = self._narrow(outcome)
+            peer.send_cut(self._answer(outcome), self._fragment_size, self._id)
+
+    def _answer(self, outcome: Payload) -> Frame:
+        peer = self._peer
+        if not peer.bridge.speaks_bson:
+            return response_frame(self._service, outcome.json(), self._id)
+        return peer.session.encode(
+            ServiceResponse(service=self._service, values=peer.raw(outcome), result=True, id=self._id)
+        )
 
 
 def on_call_service(peer: Peer, op: ops.CallService) -> None:
@@ -49,11 +65,13 @@ def on_call_service(peer: Peer, op: ops.CallService) -> None:
     if suffix is not None and op.id is None:
         op = op.model_copy(update={"id": suffix})
     name = resolve(service)
+    peer.role.require("call", name)
     info = peer.bridge.graph.service(name)
     if info is None:
         raise Refused(f"Service {name} does not exist")
+    require_call(peer, op.op)
     request = arguments_of(info.type.request, op.args, "call_service.args", peer.bridge.now)
-    call = ClientCall(peer, op)
+    call = ClientCall(peer, op, narrowed(peer.role, peer.bridge.graph, name, info.type, request))
     peer.calls.add(call)
     call.pending = peer.bridge.participant.call_service(
         name, request, call, peer.bridge.call_timeout(op.timeout)
@@ -86,7 +104,11 @@ class ProvidedService:
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
         self._waiting[id_] = call
-        self._peer.sink.send(call_frame(self._name, call.request.json(), id_))
+        peer = self._peer
+        if peer.bridge.speaks_bson:
+            peer.send(CallService(service=self._name, args=peer.raw(call.request), id=id_))
+        else:
+            peer.sink.send(call_frame(self._name, call.request.json(), id_))
 
     def answer(self, op: ops.ServiceResponse) -> None:
         """Hand the client's answer to the caller (SVP-03 … SVP-06)."""
@@ -116,8 +138,11 @@ class ProvidedService:
 
 def on_advertise_service(peer: Peer, op: ops.AdvertiseService) -> None:
     """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
-    service_type = peer.bridge.graph.registry.service(op.type)
     name = resolve(op.service)
+    peer.role.require("provide", name)
+    service_type = peer.bridge.graph.registry.service(op.type)
+    if name not in peer.services:
+        require_advertisement(peer, op.op)
     provided = ProvidedService(peer, op.service, service_type)
     previous = peer.services.pop(name, None)
     if previous is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_bridge.encodings import encoding_of
+from rwt_bridge.quotas import require_advertisement, require_subscription
 from rwt_bridge.subscriptions import ClientSubscription
 from rwt_bridge.typecheck import payload_of
 from rwt_graph.names import resolve
@@ -24,7 +24,10 @@ _IMPLICIT = object()
 def on_advertise(peer: Peer, op: ops.Advertise) -> None:
     """Make the client a publisher (ADV-01 … ADV-07)."""
     topic = resolve(op.topic)
+    peer.role.require("publish", topic)
     message_type = peer.bridge.graph.registry.message(op.type)
+    if op.id not in peer.advertised.get(topic, ()):
+        require_advertisement(peer, op.op)
     peer.bridge.publications.acquire(topic, message_type, _publisher_qos(op), (peer, op.id))
     peer.advertised.setdefault(topic, set()).add(op.id)
 
@@ -55,6 +58,7 @@ def on_publish(peer: Peer, op: ops.Publish) -> None:
 def _publisher(peer: Peer, op: ops.Publish) -> Publisher:
     """The shared publisher for a topic that this client has not published on yet."""
     topic = resolve(op.topic)
+    peer.role.require("publish", topic)
     publications = peer.bridge.publications
     ids = peer.advertised.get(topic)
     user = (peer, next(iter(ids))) if ids else (peer, _IMPLICIT)
@@ -64,6 +68,8 @@ def _publisher(peer: Peer, op: ops.Publish) -> Publisher:
             f"publish: cannot infer the type of {topic}, which nobody has advertised: "
             "send `advertise` first, or `type` with the message"
         )
+    if not ids and topic not in peer.implicit:
+        require_advertisement(peer, op.op)
     publisher = publications.acquire(topic, message_type, LATCHED if op.latch else None, user)
     if not ids:
         peer.implicit.add(topic)
@@ -82,8 +88,11 @@ def release_publishers(peer: Peer) -> None:
 def on_subscribe(peer: Peer, op: ops.Subscribe) -> None:
     """Let samples of a topic flow to the client (SUB-01 … SUB-14)."""
     topic = resolve(op.topic)
-    encoding = encoding_of(op.compression)
+    peer.role.require("subscribe", topic)
+    encoding = peer.bridge.encoding_of(op.compression)
     subscription = peer.subscriptions.get(op.topic)
+    if subscription is None or not subscription.has(op.id):
+        require_subscription(peer)
     if subscription is None:
         message_type = _known_type(peer, topic, op.type)
         if message_type is None:

@@ -324,7 +324,7 @@ class Connection:
         try:
             self._open(peer)
         except Refused as refused:
-            refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status)
+            refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
         except Exception:
             logger.exception("the accept function failed for %s", self)
             refusal = HttpResponse(b"internal error\n", 500)

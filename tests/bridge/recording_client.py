@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from time import time_ns
 from typing import Any
 
 from rwt_bridge.bridge import Bridge
+from rwt_bridge.peer import Peer
 from rwt_protocol.frames import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
 
 Message = dict[str, Any]
@@ -44,12 +45,22 @@ class RecordingFlow:
 class Client:
     """One rosbridge client whose wire is two lists."""
 
-    def __init__(self, bridge: Bridge, address: str = "127.0.0.1") -> None:
+    def __init__(
+        self,
+        bridge: Bridge,
+        address: str = "127.0.0.1",
+        *,
+        path: str = "/",
+        headers: Mapping[str, str] | None = None,
+        loopback: bool = True,
+    ) -> None:
         self.frames: list[tuple[Frame, str | None]] = []
         self.flows: dict[str, RecordingFlow] = {}
         self.close_code: int | None = None
+        self.close_reason = ""
         self.traffic = Traffic()
-        self.peer = bridge.accept(self, PeerInfo("memory", address=address))
+        info = PeerInfo("memory", address=address, path=path, headers=headers or {})
+        self.endpoint = bridge.accept(self, info, loopback=loopback)
 
     def send(self, frame: Frame) -> None:
         self.frames.append((frame, None))
@@ -67,6 +78,13 @@ class Client:
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self.close_code = code
+        self.close_reason = reason
+
+    @property
+    def peer(self) -> Peer:
+        """What the bridge holds of this client."""
+        assert isinstance(self.endpoint, Peer)
+        return self.endpoint
 
     @property
     def backlog(self) -> int:
@@ -77,7 +95,7 @@ class Client:
         self.say_raw(json.dumps({"op": op, **fields}))
 
     def say_raw(self, text: str | bytes, binary: bool = False) -> None:
-        self.peer.receive(text.encode() if isinstance(text, str) else text, binary)
+        self.endpoint.receive(text.encode() if isinstance(text, str) else text, binary)
 
     def heard(self) -> list[Message]:
         """Everything that has come since the last time."""
@@ -89,4 +107,4 @@ class Client:
         return [message["msg"] for message in self.heard() if message.get("topic") == topic]
 
     def leave(self) -> None:
-        self.peer.closed(1001, "gone")
+        self.endpoint.closed(1001, "gone")

@@ -86,19 +86,32 @@ def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
     return Frame(prefix, payload, binary=True)
 
 
+def raw_publish_frame(prefix: bytes, data: Buffer, stamp_ns: int) -> Frame:
+    """One message of the topic of `prefix` as its robot serialises it (CBR-10).
+
+    Args:
+        prefix: what :func:`publish_prefix` made.
+        data: the serialised message; spliced in.
+        stamp_ns: ROS time, nanoseconds since the epoch. The keys are secs and nsecs in both ROS versions.
+    """
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    stamp = b"\xa3\x64secs" + _head(0, seconds) + b"\x65nsecs" + _head(0, nanoseconds)
+    return Frame(prefix + stamp + b"\x65bytes" + _head(2, len(data)), data, binary=True)
+
+
 def _text(text: str) -> bytes:
     """A CBOR text string of definite length (RFC 8949 section 3.1)."""
     data = text.encode()
-    size = len(data)
-    if size < 24:
-        return bytes((0x60 | size,)) + data
-    if size < 0x100:
-        return bytes((0x78, size)) + data
-    return (
-        b"\x79" + size.to_bytes(2, "big") + data
-        if size < 0x10000
-        else b"\x7a" + size.to_bytes(4, "big") + data
-    )
+    return _head(3, len(data)) + data
+
+
+def _head(major: int, argument: int) -> bytes:
+    """The head of a data item, as short as it can be (RFC 8949 section 3)."""
+    if argument < 24:
+        return bytes((major << 5 | argument,))
+    size = (argument.bit_length() + 7) // 8
+    exponent = (size - 1).bit_length()
+    return bytes((major << 5 | 24 + exponent,)) + argument.to_bytes(1 << exponent, "big")
 
 
 def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:

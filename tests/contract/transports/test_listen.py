@@ -28,7 +28,7 @@ from websockets.frames import Frame as WebSocketFrame
 from websockets.frames import Opcode
 from websockets.uri import parse_uri
 
-from rwt_protocol.frames import Endpoint, Frame, Lane, PeerInfo, Sink
+from rwt_protocol.frames import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, ListenError, Refused, Routes, listen
 from rwt_transports.api import Driver
 from rwt_transports.drivers.anyio_stream import AnyioDriver
@@ -328,7 +328,7 @@ async def test_one_frame_to_many(site: Site) -> None:
             await site.endpoint(client)
         frame = Frame(b'{"to":', b'"all"}')
         for endpoint in site.hub.endpoints:
-            endpoint.sink.send(frame, Lane.DATA, "/all")
+            endpoint.sink.flow("/all").send(frame)
         assert [await client.receive() for client in (a, b, c)] == [{"to": "all"}] * 3
 
 
@@ -465,8 +465,9 @@ async def test_a_stopped_reader_costs_bounded_memory_and_hurts_nobody(site: Site
     ):
         await site.endpoint(healthy)
         sink = (await site.endpoint(stopped)).sink
+        flow = sink.flow("/image")
         for at in range(300):
-            sink.send(Frame(b'{"at":%d,"x":"%s"}' % (at, b"x" * 100_000)), Lane.DATA, "/image")
+            flow.send(Frame(b'{"at":%d,"x":"%s"}' % (at, b"x" * 100_000)))
             if at % 20 == 0:
                 await healthy.send({"at": at})
                 assert await healthy.receive() == {"at": at}
