@@ -135,6 +135,7 @@ _TEXTS = {
     "short": b'{"data":"hello"}',
     "many matches": b"[" + b"0,0,0,-1,100,0," * 20_000 + b"0]",
     "some matches": json.dumps([number % 97 / 7 for number in range(60_000)]).encode(),
+    "large, no matches": b'"' + base64.b64encode(random.Random(2).randbytes(1_800_000)) + b'"',
     "no matches": b'"' + base64.b64encode(random.Random(1).randbytes(200_000)) + b'"',
 }
 
