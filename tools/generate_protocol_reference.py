@@ -62,7 +62,10 @@ MEANINGS: dict[str | tuple[str, str], str] = {
     ("advertise", "type"): "Type of the topic's messages, `std_msgs/String` or `std_msgs/msg/String`.",
     ("advertise", "qos"): "Quality of service, see [below](#quality-of-service); wins over `latch`.",
     "fragment_size": "Split what is longer than so many characters (FRG-20); absent and 0: do not.",
-    ("subscribe", "compression"): "`none`, `png`, `cbor` or `cbor-raw` ([encodings](encodings.md), SUB-08, SUB-10).",
+    (
+        "subscribe",
+        "compression",
+    ): "`none`, `png`, `cbor` or `cbor-raw` ([encodings](encodings.md), SUB-08, SUB-10).",
     ("subscribe", "qos"): "Checked, and without effect: a subscriber gets what the publishers offer.",
     (
         "action_result",

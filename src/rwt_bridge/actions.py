@@ -55,8 +55,7 @@ class SentGoal:
         self._answer(ActionFeedback(action=op.action, values=peer.raw(feedback), id=op.id))
 
     def _answer(self, answer: ActionFeedback | ActionResult) -> None:
-        frame = self._peer.session.encode(answer)
-        self._peer.send_cut(frame, self._op.fragment_size, answer.id)
+        self._peer.send_if_small(answer, self._op.fragment_size)
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
         peer, op = self._peer, self._op
@@ -126,7 +125,7 @@ def on_cancel_action_goal(peer: Peer, op: ops.CancelActionGoal) -> None:
 class ProvidedAction:
     """One action that a client offers, and the goals it works on."""
 
-    def __init__(self, peer: Peer, name: str, type: ActionType) -> None:  # noqa: A002
+    def __init__(self, peer: Peer, name: str, type: ActionType) -> None:
         self._peer = peer
         self._name = name
         self._type = type
@@ -144,7 +143,7 @@ class ProvidedAction:
         goal.on_cancel = lambda: self._peer.send(CancelActionGoal(action=self._name, id=id_))
         goal.on_end = lambda _: self._forget(id_)
         goal.accept()
-        self._peer.send(
+        sent = self._peer.send_if_small(
             SendActionGoal(
                 action=self._name,
                 action_type=self._peer.bridge.graph.registry.type_name(self._type),
@@ -153,6 +152,9 @@ class ProvidedAction:
                 id=id_,
             )
         )
+        if not sent:
+            reason = "the goal is too large for its server (limits.outgoing_message_bytes)"
+            goal.finish(GoalStatus.ABORTED, Payload.from_json(self._type.result, b"{}"), reason)
 
     def _forget(self, id_: str) -> None:
         self._goals.pop(id_, None)

@@ -106,9 +106,7 @@ class Bridge:
             Refused: it may not come in.
         """
         role = self.admission.admit(info, loopback=loopback)
-        wished = self._settings.limits
-        pieces = FragmentLimits(wished.fragmented_messages, wished.fragmented_bytes, wished.fragment_seconds)
-        limits = WireLimits(self._settings.max_message_size, wished.max_depth, pieces)
+        limits = _wire_limits(self._settings)
         session = Session(PROFILES[self._settings.profile], limits=limits, codec=self._codec)
         if role is not None:
             return self.join(sink, info, session, role)
@@ -134,7 +132,7 @@ class Bridge:
         while len(self._orphans) > _MOST_ORPHANS:
             del self._orphans[next(iter(self._orphans))]
 
-    def fanout(self, topic: str, type: MessageType) -> Fanout:  # noqa: A002
+    def fanout(self, topic: str, type: MessageType) -> Fanout:
         """The fan-out of a topic, made if nobody listens yet.
 
         Raises:
@@ -182,6 +180,15 @@ class Bridge:
         """Leave the graph."""
         self.publications.close()
         self.participant.close()
+
+
+def _wire_limits(settings: Settings) -> WireLimits:
+    """The bounds that a session keeps."""
+    wished = settings.limits
+    fragments = FragmentLimits(
+        wished.fragmented_messages, wished.fragment_characters, wished.fragment_seconds
+    )
+    return WireLimits(settings.max_message_size, wished.max_depth, fragments)
 
 
 def _one_codec(settings: Settings) -> Codec | None:

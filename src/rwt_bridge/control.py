@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rwt_bridge.auth import NotAuthenticated
-from rwt_bridge.peer import POLICY
 from rwt_protocol.errors import Refused
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.peer import Peer

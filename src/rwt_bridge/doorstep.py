@@ -6,8 +6,8 @@ import logging
 from typing import TYPE_CHECKING, Final
 
 from rwt_bridge.auth import NotAuthenticated
-from rwt_bridge.peer import POLICY
 from rwt_protocol.ops import Auth
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.auth import Rosauth
@@ -28,6 +28,9 @@ class Doorstep:
 
     Whatever else comes closes the connection: another op, an op that the session itself would do, a piece of
     a fragmented message, bytes that are no message, silence for `auth.seconds`.
+
+    Attributes:
+        peer: the client, None before it has authenticated.
     """
 
     def __init__(
@@ -38,29 +41,29 @@ class Doorstep:
         self._info = info
         self._session = session
         self._rosauth = rosauth
-        self._peer: Peer | None = None
+        self.peer: Peer | None = None
         self._shut = False
         self._timer: Timer | None = bridge.graph.clock.call_later(patience, self._too_late)
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one message from the wire."""
-        if self._peer is not None:
-            self._peer.receive(data, binary)
+        if self.peer is not None:
+            self.peer.receive(data, binary)
         elif not self._shut:
             self._first(data, binary)
 
     def oversized(self, size: int, limit: int) -> None:
         """A message was too large to be taken from the wire."""
-        if self._peer is not None:
-            self._peer.oversized(size, limit)
+        if self.peer is not None:
+            self.peer.oversized(size, limit)
         else:
             self._turn_away("this server wants `auth` as the first message")
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended."""
         self._stop_timer()
-        if self._peer is not None:
-            self._peer.closed(code, reason)
+        if self.peer is not None:
+            self.peer.closed(code, reason)
         else:
             self._shut = True
             self._bridge.admission.left(self._info)
@@ -80,7 +83,7 @@ class Doorstep:
             self._turn_away(str(refused))
             return
         self._stop_timer()
-        self._peer = self._bridge.join(self._sink, self._info, self._session, role)
+        self.peer = self._bridge.join(self._sink, self._info, self._session, role)
 
     def _turn_away(self, reason: str) -> None:
         self._shut = True

@@ -84,7 +84,7 @@ class Channel:
 class Fanout:
     """All clients of one topic, behind one subscription in the graph."""
 
-    def __init__(self, participant: Participant, topic: str, type: MessageType) -> None:  # noqa: A002
+    def __init__(self, participant: Participant, topic: str, type: MessageType) -> None:
         self.topic = topic
         self.type = type
         self._channels: dict[tuple[str, str], Channel] = {}
@@ -96,7 +96,7 @@ class Fanout:
         """Whether nobody listens any more."""
         return not self._channels
 
-    def check_type(self, type: MessageType) -> None:  # noqa: A002
+    def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
         if type.name != self.type.name:
             raise TypeConflict(

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from rwt_bridge.encodings import plain_message
-from rwt_bridge.quotas import message_rate
+from rwt_bridge.quotas import message_rate, too_large
 from rwt_bridge.topics import release_publishers
 from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.ops import ActionResult, ServiceResponse, Status
 from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import ProvidedAction, SentGoal
@@ -33,9 +34,6 @@ _LOG_LEVELS = {
     "info": logging.DEBUG,
     "none": logging.DEBUG,
 }
-
-#: Close code of RFC 6455 section 7.4.1 for whoever breaks the server's rules.
-POLICY: Final = 1008
 
 #: Characters of one line of the log that a client has a say in.
 _LONGEST_LINE = 500
@@ -109,8 +107,25 @@ class Peer:
         logger.info("client %d left: %d %s", self.number, code, reason)
 
     def send(self, op: Op) -> None:
-        """Send one op in the control lane."""
-        self.sink.send(self.session.encode(op))
+        """Send one op in the control lane; one that is too large is left out, and the client told so."""
+        self.send_if_small(op)
+
+    def send_if_small(self, op: Op, fragment_size: int | None = None) -> bool:
+        """As :meth:`send`, in pieces of `fragment_size` characters if that is given; whether it was sent.
+
+        The client is told so: of a result in its place, of anything else by a `status`.
+        """
+        frame = self.session.encode(op)
+        reason = too_large(self, frame)
+        if reason is None:
+            self.send_cut(frame, fragment_size, op.id)
+            return True
+        self.log(logging.WARNING, f"{op.op}: {reason}", op.id)
+        if isinstance(op, ActionResult):
+            self._answer(op.model_copy(update={"values": reason, "result": False}))
+        else:
+            self._answer(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
+        return False
 
     def send_cut(self, frame: Frame, size: int | None, id_: str | int | None) -> None:
         """Send a reply in the control lane, in pieces of `size` characters if that was asked for (FRG-20)."""

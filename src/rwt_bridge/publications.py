@@ -42,7 +42,7 @@ class Publications:
     def __contains__(self, topic: str) -> bool:
         return topic in self._by_topic
 
-    def acquire(self, topic: str, type: MessageType, qos: QoS | None, user: Hashable) -> Publisher:  # noqa: A002
+    def acquire(self, topic: str, type: MessageType, qos: QoS | None, user: Hashable) -> Publisher:
         """Use the topic's publisher, made with `qos` if there is none yet: the first use decides (ADV-07).
 
         Raises:

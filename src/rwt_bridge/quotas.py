@@ -9,6 +9,7 @@ from rwt_protocol.errors import Refused
 if TYPE_CHECKING:
     from rwt_bridge.peer import Peer
     from rwt_bridge.settings import LimitSettings
+    from rwt_protocol.frames import Frame
 
 
 class MessageRate:
@@ -21,7 +22,8 @@ class MessageRate:
 
     def __init__(self, rate: int, burst: int) -> None:
         self._interval = 1 / rate
-        self._tolerance = burst / rate
+        # Half a message more, since sums of floats round.
+        self._tolerance = (burst + 0.5) / rate
         self._full = float("-inf")
 
     def take(self, now: float) -> bool:
@@ -69,6 +71,14 @@ def require_call(peer: Peer, op: str) -> None:
         Refused: it waits for as many as it may.
     """
     _require(op, "calls", len(peer.calls) + len(peer.goals), peer.bridge.limits.calls)
+
+
+def too_large(peer: Peer, frame: Frame) -> str | None:
+    """Why a message may not be sent to a client; None when it may."""
+    most = peer.bridge.limits.outgoing_message_bytes
+    if frame.size <= most:
+        return None
+    return f"a message of {frame.size} bytes, and {most} is the limit (limits.outgoing_message_bytes)"
 
 
 def _require(op: str, setting: str, held: int, most: int) -> None:

@@ -108,7 +108,7 @@ _PARAMETERS: Final[Mapping[str, tuple[Act, str]]] = {
 }
 
 
-def narrowed(role: Role, graph: Graph, service: str, type: ServiceType, request: Payload) -> Narrow | None:  # noqa: A002
+def narrowed(role: Role, graph: Graph, service: str, type: ServiceType, request: Payload) -> Narrow | None:
     """How the response to `request` has to be narrowed for `role`; None where it goes out as it is.
 
     Raises:

@@ -12,6 +12,7 @@ from rwt_bridge.bridge import Bridge
 from rwt_bridge.origins import is_loopback_listener
 from rwt_bridge.pages import routes
 from rwt_bridge.settings import Settings
+from rwt_bridge.tls import server_tls
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
@@ -44,15 +45,17 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
 
     Raises:
         TransportError: a URL that cannot be used, or a port that is taken.
+        SettingsError: a file that the settings name cannot be used.
     """
     settings = settings or Settings()
     bridge = Bridge(graph, settings)
     limits = _transport_limits(settings)
+    tls = server_tls(settings.tls)
     async with AsyncExitStack() as stack:
         stack.callback(bridge.close)
         listeners = [
             await stack.enter_async_context(
-                listen(url, _accept_at(url, bridge), routes=routes(bridge), limits=limits)
+                listen(url, _accept_at(url, bridge), routes=routes(bridge), limits=limits, tls=tls)
             )
             for url in urls or settings.listen
         ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_bridge.quotas import require_advertisement, require_call
+from rwt_bridge.quotas import require_advertisement, require_call, too_large
 from rwt_bridge.rosapi_view import narrowed
 from rwt_bridge.typecheck import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.errors import CallFailed
@@ -48,7 +48,12 @@ class ClientCall:
         else:
             if self._narrow is not None:
                 outcome = self._narrow(outcome)
-            peer.send_cut(self._answer(outcome), self._fragment_size, self._id)
+            frame = self._answer(outcome)
+            reason = too_large(peer, frame)
+            if reason is None:
+                peer.send_cut(frame, self._fragment_size, self._id)
+            else:
+                peer.send(ServiceResponse(service=self._service, values=reason, result=False, id=self._id))
 
     def _answer(self, outcome: Payload) -> Frame:
         peer = self._peer
@@ -87,7 +92,7 @@ def split_suffix(name: str) -> tuple[str, str | None]:
 class ProvidedService:
     """One service that a client offers, and the calls that wait for its answers."""
 
-    def __init__(self, peer: Peer, name: str, type: ServiceType) -> None:  # noqa: A002
+    def __init__(self, peer: Peer, name: str, type: ServiceType) -> None:
         self._peer = peer
         self._name = name
         self._type = type
@@ -103,12 +108,19 @@ class ProvidedService:
             self._waiting = {id_: waiting for id_, waiting in self._waiting.items() if not waiting.done}
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
+        frame = self._request(call, id_)
+        reason = too_large(self._peer, frame)
+        if reason is not None:
+            call.fail(f"the provider cannot be asked: {reason}")
+            return
         self._waiting[id_] = call
+        self._peer.sink.send(frame)
+
+    def _request(self, call: ServiceCall, id_: str) -> Frame:
         peer = self._peer
-        if peer.bridge.speaks_bson:
-            peer.send(CallService(service=self._name, args=peer.raw(call.request), id=id_))
-        else:
-            peer.sink.send(call_frame(self._name, call.request.json(), id_))
+        if not peer.bridge.speaks_bson:
+            return call_frame(self._name, call.request.json(), id_)
+        return peer.session.encode(CallService(service=self._name, args=peer.raw(call.request), id=id_))
 
     def answer(self, op: ops.ServiceResponse) -> None:
         """Hand the client's answer to the caller (SVP-03 … SVP-06)."""

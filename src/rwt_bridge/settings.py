@@ -48,7 +48,7 @@ class LimitSettings(Table):
     messages_per_second: Annotated[
         CountOrNone,
         Field(description="messages that one client may send each second in the long run; 0 for any number"),
-    ] = 10_000
+    ] = 0
     messages_burst: Annotated[
         Count, Field(description="messages that one client may send at once before their rate counts")
     ] = 20_000
@@ -59,15 +59,15 @@ class LimitSettings(Table):
     fragmented_messages: Annotated[
         Count, Field(description="messages of one client that may be in pieces at the same time")
     ] = 16
-    fragmented_bytes: Annotated[
-        Bytes, Field(description="most that the pieces of one client's unfinished messages may take")
-    ] = 64 * MIB
+    fragment_characters: Annotated[
+        Count, Field(description="characters of all pieces of one client together")
+    ] = 10_000_000
     fragment_seconds: Annotated[
-        Seconds, Field(description="time after its last piece in which an unfinished message is kept")
+        Seconds, Field(description="time after the last piece until the others are forgotten")
     ] = 600.0
     outgoing_message_bytes: Annotated[
         Bytes,
-        Field(description="largest message sent to a client; a larger one is dropped, or fails its call"),
+        Field(description="largest reply or request sent to a client; a larger one fails its call or goal"),
     ] = 256 * MIB
     handshake_seconds: Annotated[
         Seconds, Field(description="from connecting to the end of the HTTP request")

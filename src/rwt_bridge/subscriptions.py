@@ -44,7 +44,7 @@ class ClientSubscription:
         """Whether there is a subscription of that id."""
         return id_ in self._wishes
 
-    def check_type(self, type: MessageType) -> None:  # noqa: A002
+    def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless the topic is of that type (SUB-03)."""
         self._fanout.check_type(type)
 

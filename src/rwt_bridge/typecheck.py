@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 
-def payload_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[], int]) -> Payload:  # noqa: A002
+def payload_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[], int]) -> Payload:
     """Check `raw` against `type`.
 
     Args:
@@ -41,13 +41,13 @@ def payload_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[],
         raise _refused(where, error) from None
 
 
-def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], int]) -> Payload:  # noqa: A002
+def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], int]) -> Payload:
     if raw.shape != "object":
         raise Refused(f"{where}: expected an object, got {describe_shape(raw)}")
     return Payload.from_value(type, raw.value, now)
 
 
-def arguments_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[], int]) -> Payload:  # noqa: A002
+def arguments_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[], int]) -> Payload:
     """Check the arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
 
     Raises:

@@ -25,5 +25,5 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return int(arguments.run(arguments))
     except CommandError as error:
-        print(f"rwt: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks on stderr
+        print(f"rwt: {error}", file=sys.stderr)
         return error.exit_code

@@ -84,7 +84,7 @@ def settings_of(arguments: argparse.Namespace, options: Mapping[str, object] | N
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    print("\n".join(show(settings_of(arguments))))  # noqa: T201 - what a command has to say goes to stdout
+    print("\n".join(show(settings_of(arguments))))
     return 0
 
 

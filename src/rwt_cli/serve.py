@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import anyio
 
 from rwt_bridge.serve import serve
+from rwt_bridge.settings import SettingsError
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_graph.memory import MemoryGraph
@@ -76,6 +77,8 @@ def _run(arguments: argparse.Namespace) -> int:
         anyio.run(_serve, settings)
     except TransportError as error:
         raise CommandError(str(error)) from error
+    except SettingsError as error:
+        raise CommandError(str(error), exit_code=2) from error
     return 0
 
 
@@ -139,4 +142,4 @@ or send a goal to /navigate_to_pose. Ctrl-C ends it."""
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)  # noqa: T201 - what a command has to say goes to stdout
+    print(text, flush=True)

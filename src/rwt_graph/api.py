@@ -50,17 +50,21 @@ class Sample(Struct, frozen=True, eq=False, gc=False):
         payload: the message; shared by all receivers, never changed.
         stamp_ns: the graph clock's time of publishing, nanoseconds since the epoch.
         node: absolute name of the publishing node.
+        expires_ns: the clock's time after which it is not delivered any more (lifespan); 0 for never.
     """
 
     topic: str
     payload: Payload
     stamp_ns: int
     node: str
+    expires_ns: int = 0
 
     def detach(self) -> Sample:
         """The same sample without a view of the buffer that the payload was received in, for keeping."""
         payload = self.payload.detach()
-        return self if payload is self.payload else Sample(self.topic, payload, self.stamp_ns, self.node)
+        if payload is self.payload:
+            return self
+        return Sample(self.topic, payload, self.stamp_ns, self.node, self.expires_ns)
 
 
 class Publisher(ABC):
@@ -263,7 +267,7 @@ class Participant(ABC):
     def advertise(
         self,
         topic: str,
-        type: MessageType,  # noqa: A002 - ROS's word
+        type: MessageType,
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
         """Become a publisher of `topic`.
@@ -277,7 +281,7 @@ class Participant(ABC):
         self,
         topic: str,
         on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,  # noqa: A002 - ROS's word
+        type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         """Become a subscriber of `topic`; kept samples of transient-local publishers come first.
@@ -292,7 +296,7 @@ class Participant(ABC):
     def advertise_service(
         self,
         service: str,
-        type: ServiceType,  # noqa: A002 - ROS's word
+        type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
         """Offer a service. A provider of the same name is replaced; its calls in flight fail (SVP-07)."""
@@ -312,7 +316,7 @@ class Participant(ABC):
     def advertise_action(
         self,
         action: str,
-        type: ActionType,  # noqa: A002 - ROS's word
+        type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         """Offer an action. A server of the same name is replaced (ACT-18)."""

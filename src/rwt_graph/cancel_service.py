@@ -18,7 +18,7 @@ ERROR_NONE, ERROR_REJECTED, ERROR_UNKNOWN_GOAL_ID = 0, 1, 2
 _EVERY_GOAL = bytes(16)
 
 
-def cancel_service(server: MemoryActionServer, type: ServiceType) -> Callable[[ServiceCall], None]:  # noqa: A002
+def cancel_service(server: MemoryActionServer, type: ServiceType) -> Callable[[ServiceCall], None]:
     """The handler of an action's cancel service.
 
     A goal id cancels that goal, and without one all goals are cancelled. Cancelling by the time of acceptance

@@ -93,7 +93,8 @@ class TopicPublisher:
 class SampleQueue:
     """Samples for a coroutine: bounded, the newest are kept."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, time_ns: Callable[[], int]) -> None:
+        self._time_ns = time_ns
         self._samples: deque[Sample] = deque(maxlen=max(1, size))
         self._arrived: anyio.Event | None = None
         self._closed = False
@@ -112,14 +113,18 @@ class SampleQueue:
             arrived.set()
 
     async def get(self) -> Sample | None:
-        """The oldest sample, waiting for one; None after `close`."""
-        while not self._samples:
+        """The oldest sample that has not expired, waiting for one; None after `close`."""
+        while True:
+            if self._samples:
+                sample = self._samples.popleft()
+                if not sample.expires_ns or sample.expires_ns >= self._time_ns():
+                    return sample
+                continue
             if self._closed:
                 return None
             if self._arrived is None:
                 self._arrived = anyio.Event()
             await self._arrived.wait()
-        return self._samples.popleft()
 
     def close(self) -> None:
         """Let readers end; what was not read is dropped."""
@@ -168,7 +173,7 @@ class TopicSubscription:
         self._queue: SampleQueue | None
         receive = on_sample or _at_once(callback)
         if receive is None:
-            self._queue = SampleQueue(queue_size)
+            self._queue = SampleQueue(queue_size, graph.clock.time_ns)
             receive = self._queue.put
         else:
             self._queue = None

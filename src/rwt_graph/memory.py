@@ -61,7 +61,7 @@ class MemoryParticipant(Participant):
     def advertise(
         self,
         topic: str,
-        type: MessageType,  # noqa: A002 - the contract's word
+        type: MessageType,
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
         """Become a publisher of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
@@ -72,7 +72,7 @@ class MemoryParticipant(Participant):
         self,
         topic: str,
         on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,  # noqa: A002 - the contract's word
+        type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         """Become a subscriber of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
@@ -82,7 +82,7 @@ class MemoryParticipant(Participant):
     def advertise_service(
         self,
         service: str,
-        type: ServiceType,  # noqa: A002 - the contract's word
+        type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
         """Offer a service. Raises :exc:`NotRunning` after `close`."""
@@ -99,7 +99,7 @@ class MemoryParticipant(Participant):
     def advertise_action(
         self,
         action: str,
-        type: ActionType,  # noqa: A002 - the contract's word
+        type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         """Offer an action. Raises :exc:`NotRunning` after `close`."""

@@ -102,6 +102,8 @@ class MemoryProvider(Registration):
         self.name = name
         self.type = interface
         self.node = owner.name
+        # Made once: a bridge asks for it before every call.
+        self.info = ServiceInfo(name, interface, owner.name)
         self._owner = owner
         self.on_call = on_call
         self.open: set[MemoryCall] = set()
@@ -169,7 +171,7 @@ class Services:
     def info(self, name: str) -> ServiceInfo | None:
         """A snapshot of one service."""
         provider = self._providers.get(name)
-        return None if provider is None else ServiceInfo(name, provider.type, provider.node)
+        return None if provider is None else provider.info
 
     def names(self) -> list[str]:
         """Every service's name, sorted."""

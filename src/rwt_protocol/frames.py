@@ -100,8 +100,8 @@ class Flow(Protocol):
 
         Args:
             pieces: the frames, in order; messages of other flows may come between them.
-            expires_ns: when the message is dropped if its first frame still waits, by the flow's clock;
-                0 for never.
+            expires_ns: the time on the flow's clock after which the message is dropped if its first frame
+                still waits; 0 for never.
         """
 
     def configure(self, rules: FlowRules) -> None:

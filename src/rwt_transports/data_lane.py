@@ -157,7 +157,7 @@ class DataLane:
     def _drop_expired(self, queue: Queue) -> None:
         """Drop the messages in front that have outlived their lifespan."""
         waiting = queue.waiting
-        while waiting and waiting[0][2] and waiting[0][2] <= queue.time_ns():
+        while waiting and waiting[0][2] and waiting[0][2] < queue.time_ns():
             self._drop_oldest(queue, DropReason.LIFESPAN)
 
     def _make_place(self, queue: Queue, size: int) -> None:

@@ -81,7 +81,10 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
         raise BadUrl(f"cannot listen on {url!r}: {what}; use {known}, for example {SCHEMES['ws'].example}")
     if scheme.tls and tls is None:
         plain = f"{name[:-1]}://{rest}"
-        raise BadUrl(f"cannot listen on {url!r}: it needs a certificate and a key; without them use {plain}")
+        raise BadUrl(
+            f"cannot listen on {url!r}: it needs a certificate and a key "
+            f"(tls.certfile, tls.keyfile); without them use {plain}"
+        )
     if scheme.unix:
         if not rest.startswith("/"):
             raise _bad(url, "it names no absolute path", scheme)

@@ -8,6 +8,7 @@ from time import time_ns
 from typing import Any
 
 from rwt_bridge.bridge import Bridge
+from rwt_bridge.doorstep import Doorstep
 from rwt_bridge.peer import Peer
 from rwt_protocol.frames import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
 
@@ -56,9 +57,9 @@ class Client:
     ) -> None:
         self.frames: list[tuple[Frame, str | None]] = []
         self.flows: dict[str, RecordingFlow] = {}
+        self.traffic = Traffic()
         self.close_code: int | None = None
         self.close_reason = ""
-        self.traffic = Traffic()
         info = PeerInfo("memory", address=address, path=path, headers=headers or {})
         self.endpoint = bridge.accept(self, info, loopback=loopback)
 
@@ -82,7 +83,10 @@ class Client:
 
     @property
     def peer(self) -> Peer:
-        """What the bridge holds of this client."""
+        """What the bridge holds of this client, once it has let it in."""
+        if isinstance(self.endpoint, Doorstep):
+            assert self.endpoint.peer is not None
+            return self.endpoint.peer
         assert isinstance(self.endpoint, Peer)
         return self.endpoint
 

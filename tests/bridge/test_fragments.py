@@ -183,7 +183,7 @@ def test_pieces_of_two_clients_do_not_mix(client: Client, other: Client) -> None
 
 
 def test_what_a_client_may_leave_unfinished_is_a_setting(graph: MemoryGraph) -> None:
-    limits = LimitSettings(fragmented_messages=2, fragmented_bytes=2000)
+    limits = LimitSettings(fragmented_messages=2, fragment_characters=2000)
     client = Client(Bridge(graph, Settings(limits=limits)))
     client.say("set_level", level="error")
     for id_ in ("a", "b", "c"):

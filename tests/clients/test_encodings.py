@@ -17,7 +17,7 @@ STORES = {"noetic": get_typestore(Stores.ROS1_NOETIC), "jazzy": get_typestore(St
 
 #: The kinds of array as which the libraries give the arrays of CBOR out.
 KINDS = {
-    "nav_msgs/Odometry": {"Float64Array"},
+    "geometry_msgs/PoseWithCovarianceStamped": {"Float64Array"},
     "sensor_msgs/JointState": {"Float64Array"},
     "sensor_msgs/LaserScan": {"Float32Array"},
     "nav_msgs/OccupancyGrid": {"Int8Array"},
@@ -68,6 +68,17 @@ def test_raw_messages_are_what_the_robot_would_serialise(roslib: Program, distro
         else:
             assert message.header.stamp.sec == 5 and message.header.stamp.nanosec == 7
             assert message.header.frame_id == plain["header"]["frame_id"]
+
+
+def test_the_robots_own_topics_arrive_in_cbor(roslib: Program) -> None:
+    observed = roslib.observe("robot_in_cbor")
+    odometry, joints = observed["/odom"], observed["/joint_states"]
+    assert odometry["header"]["frame_id"] == "odom"
+    for part in ("pose", "twist"):
+        assert odometry[part]["covariance"]["kind"] == "Float64Array"
+        assert len(odometry[part]["covariance"]["items"]) == 36
+    assert all(isinstance(name, str) for name in joints["name"])
+    assert len(joints["name"]) == len(joints["position"]["items"]) > 0
 
 
 def test_the_map_is_the_same_in_every_encoding(roslib: Program) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import anyio
 import pytest
 
-from rwt_graph import LATCHED, MemoryGraph, Message, Node, SimulatedClock
+from rwt_graph import LATCHED, MemoryGraph, Message, Node, QoS, SimulatedClock
 from rwt_graph.endpoints import is_coroutine_function
 from rwt_interfaces.errors import PayloadError, UnknownType
 from rwt_interfaces.payload import Payload
@@ -223,3 +223,16 @@ def test_coroutine_functions_are_known_in_every_shape() -> None:
     assert is_coroutine_function(Callback())
     assert is_coroutine_function(Callback().method)
     assert not is_coroutine_function(lambda: None)
+
+
+async def test_what_outlived_its_lifespan_in_a_queue_is_not_delivered(
+    graph: MemoryGraph, clock: SimulatedClock
+) -> None:
+    node = Node(graph, "n")
+    publisher = node.advertise("/t", "std_msgs/Int32", qos=QoS(lifespan=1.0))
+    waiting = node.subscribe("/t")
+    publisher.publish({"data": 1})
+    clock.advance(0.8)
+    publisher.publish({"data": 2})
+    clock.advance(0.8)
+    assert (await anext(waiting)).data == 2

@@ -46,7 +46,7 @@ UNTOUCHED = [
     ("std_msgs/String", '{"data":"\\u0000 é \\ud83d\\ude00 😀"}'.encode()),
     ("std_msgs/Int64", b'{"data":-9223372036854775808}'),
     ("std_msgs/UInt64", b'{"data":18446744073709551615}'),
-    ("std_msgs/Float32", b'{"data":3.4028234e38}'),
+    ("std_msgs/Float32", b'{"data":3.4028234663852886e38}'),
     ("std_msgs/Empty", b"{}"),
     ("std_msgs/Header", b'{"stamp":{"sec":0,"nanosec":0},"frame_id":""}'),
     ("t_msgs/Fixed", b'{"b":true,"bs":[false],"v":[1,2,3],"u":"AAAAAA=="}'),
@@ -419,3 +419,35 @@ def test_infinity_in_a_large_float32_array_is_taken() -> None:
     raw = b'{"data":[%s]}' % b",".join([b"1.5", b"Infinity", b"null"] * 2000)
     value: Any = take("std_msgs/Float32MultiArray", raw).value()
     assert value.data[:2] == [1.5, math.inf] and math.isnan(value.data[2])
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "sent"),
+    [
+        ("std_msgs/Float32", b'{"data":0.1}', b'{"data":0.10000000149011612}'),
+        ("std_msgs/Float32", b'{"data":1}', b'{"data":1}'),
+        ("std_msgs/Float32", b'{"data":null}', b'{"data":null}'),
+        ("std_msgs/Float64", b'{"data":0.1}', b'{"data":0.1}'),
+        (
+            "std_msgs/ColorRGBA",
+            b'{"r":0.5,"g":0.2,"b":0,"a":1}',
+            b'{"r":0.5,"g":0.20000000298023224,"b":0.0,"a":1.0}',
+        ),
+        ("geometry_msgs/Point32", b'{"x":0.25,"y":2,"z":-8.5}', b'{"x":0.25,"y":2,"z":-8.5}'),
+    ],
+)
+def test_a_float32_is_sent_as_the_number_that_it_holds(name: str, raw: bytes, sent: bytes) -> None:
+    assert take(name, raw).json() == sent
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sent"),
+    [
+        (b"[0.5,null,1]", b"[0.5,null,1]"),
+        (b"[0.5,0.1,null]", b"[0.5,0.10000000149011612,null]"),
+        (b"[]", b"[]"),
+    ],
+)
+def test_float32_arrays_too(numbers: bytes, sent: bytes) -> None:
+    layout = b'{"layout":{"dim":[],"data_offset":0},"data":%b}'
+    assert take("std_msgs/Float32MultiArray", layout % numbers).json() == layout % sent

@@ -24,7 +24,7 @@ from rwt_interfaces.serialise.long_strings import (
     parse_long_strings,
     without_long_string,
 )
-from rwt_interfaces.serialise.strict import Flaw, flaw_in, strict_struct, too_large, unsendable
+from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
 from rwt_interfaces.shapes import Shape
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class JsonCodec:
         self._decode: Callable[[RawText], msgspec.Struct] = msgspec.json.Decoder(message.struct).decode
         self._complete: Callable[[object, Callable[[], int]], msgspec.Struct] = message.completer
         self._pack = _packer(message)
-        self._check_small = _bounded(msgspec.json.Decoder(self.strict).decode, flaw_in(message, too_large))
+        self._check_small = _bounded(msgspec.json.Decoder(self.strict).decode, flaw_in(message, inexact))
         self._check_large = self._large_check()
         self._has_long_strings = self._check_large != self._check_small
 
@@ -130,13 +130,13 @@ class JsonCodec:
             self._check_small(raw)
 
 
-def _bounded(decode: Callable[[RawText], object], too_large: Flaw | None) -> Callable[[RawText], object]:
-    """The check of a small text: to decode it, and to look at integers that msgspec cannot bound."""
-    if too_large is None:
+def _bounded(decode: Callable[[RawText], object], inexact: Flaw | None) -> Callable[[RawText], object]:
+    """The check of a small text: to decode it, and to look at numbers that msgspec cannot judge."""
+    if inexact is None:
         return decode
 
     def check(raw: RawText) -> None:
-        if too_large(decode(raw)):
+        if inexact(decode(raw)):
             raise msgspec.ValidationError
 
     return check

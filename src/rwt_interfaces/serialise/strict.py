@@ -15,7 +15,7 @@ import msgspec
 
 from rwt_interfaces import shapes
 from rwt_interfaces.misfit import has_lone_surrogate
-from rwt_interfaces.numbers import float_annotation, int_annotation
+from rwt_interfaces.numbers import float32, float32_list, float_annotation, int_annotation
 from rwt_interfaces.shapes import Shape
 
 if TYPE_CHECKING:
@@ -80,10 +80,16 @@ def _sized(kind: Any, length: int | None, bound: int | None) -> Any:
     return kind if bound is None else Annotated[kind, msgspec.Meta(max_length=bound)]
 
 
-def too_large(shape: Shape) -> Flaw | None:
-    """The flaw of a uint64 above its range: msgspec's bounds end at int64's."""
+def inexact(shape: Shape) -> Flaw | None:
+    """The flaws of numbers.
+
+    A uint64 above its range, since msgspec's bounds end at int64's; and in a float32 field a number that is
+    no float32, since ROS sends what is left of it: 0.10000000149011612 for 0.1.
+    """
     if isinstance(shape, shapes.Int) and shape.high == _UINT64_MAX:
         return lambda value: bool(value > _UINT64_MAX)
+    if isinstance(shape, shapes.Float) and shape.code == "f":
+        return lambda value: value is not None and float32(value) != value
     return None
 
 
@@ -91,7 +97,7 @@ def unsendable(shape: Shape) -> Flaw | None:
     """The flaws of Python's own values: lone surrogates too, which no JSON text brings."""
     if isinstance(shape, shapes.String):
         return lambda text: not text.isascii() and has_lone_surrogate(text)
-    return too_large(shape)
+    return inexact(shape)
 
 
 def flaw_in(message: MessageType, leaf: Callable[[Shape], Flaw | None]) -> Flaw | None:
@@ -106,8 +112,16 @@ def _shape_flaw(shape: Shape, leaf: Callable[[Shape], Flaw | None]) -> Flaw | No
     match shape:
         case shapes.Message():
             return flaw_in(shape.type, leaf)
+        case shapes.Array() if shape.element == shapes.FLOAT32:
+            return _has_inexact
         case shapes.Array():
             flaw = _shape_flaw(shape.element, leaf)
             return None if flaw is None else lambda items: any(map(flaw, items))
         case _:
             return leaf(shape)
+
+
+def _has_inexact(items: list[float | None]) -> bool:
+    """Whether not all of the numbers are float32s, in one pass of compiled code."""
+    numbers = [item for item in items if item is not None] if None in items else items
+    return float32_list(numbers) != numbers

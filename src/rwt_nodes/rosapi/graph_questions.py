@@ -162,7 +162,7 @@ class GraphQuestions:
     def _topic(self, name: str) -> TopicInfo | None:
         return self._graph.topic(_absolute(name))
 
-    def _type_name(self, type: MessageType | ServiceType | ActionType | None) -> str:  # noqa: A002
+    def _type_name(self, type: MessageType | ServiceType | ActionType | None) -> str:
         return "" if type is None else self._graph.registry.type_name(type)
 
 

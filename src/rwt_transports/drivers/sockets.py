@@ -12,6 +12,10 @@ import anyio
 
 from ..errors import ListenError
 
+UNSENT_BYTES = 512 * 1024
+"""What the kernel may hold of one connection and has not sent. Left to itself it takes megabytes, and each
+of them stands between a slow peer and the newest sample; what is on its way to the peer is not meant."""
+
 
 async def bind_tcp(host: str, port: int) -> list[socket.socket]:
     """Sockets bound to every address of `host`, all on one port; port 0 picks a free one.
@@ -44,6 +48,9 @@ def _bind(family: int, address: tuple[str, int]) -> socket.socket:
         bound.setblocking(False)
         if os.name == "posix":
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_NOTSENT_LOWAT"):
+            # Every accepted connection inherits it.
+            bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
         if family == socket.AF_INET6:
             bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         bound.bind(address)

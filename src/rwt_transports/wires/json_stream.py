@@ -17,7 +17,7 @@ from collections.abc import Callable
 from rwt_protocol.frames import Buffer, Frame
 
 from ..api import Framing, WireEvents
-from ..close_codes import TOO_BIG
+from ..close_codes import POLICY, TOO_BIG
 from ..limits import Limits
 from .spare import Spare
 
@@ -26,6 +26,9 @@ logger = logging.getLogger("rwt_transports.json_stream")
 STRAY_BYTES = 1024
 """How much of what stands between objects is handed over at once."""
 
+#: How a browser begins. Any web page can send an HTTP request to any port, with a body of its choice: what it
+#: holds must not run, since no one asked where the page is from.
+_HTTP_REQUEST = re.compile(rb"\s*[A-Z]+ [/*h]")
 _STRUCTURE = re.compile(rb'[{}"]')
 _IN_STRING = re.compile(rb'["\\]')
 _BACKSLASH, _QUOTE, _OPEN = b'\\"{'
@@ -41,7 +44,7 @@ class JsonStreamWire:
     """
 
     __slots__ = (
-        "_buffer", "_depth", "_events", "_framing", "_in_string", "_max_size", "_over", "_scanned",
+        "_buffer", "_depth", "_events", "_framing", "_fresh", "_in_string", "_max_size", "_over", "_scanned",
         "_skipping", "message",
     )  # fmt: skip
 
@@ -56,6 +59,7 @@ class JsonStreamWire:
         self._in_string = False
         self._skipping = False
         self._over = False
+        self._fresh = True  # nothing was handed over yet
 
     @property
     def framing(self) -> Framing:
@@ -138,8 +142,12 @@ class JsonStreamWire:
             self._skipping = False
         elif len(message) > self._max_size:
             self._report(len(message))
+        elif self._fresh and _HTTP_REQUEST.match(message):
+            self._over = True
+            self._events.ended(POLICY, "this port speaks JSON, not HTTP: web pages use ws://", agreed=False)
         elif message.strip():
             self.message(message, False)
+        self._fresh = False
 
     def _too_large(self) -> None:
         """Forget what is here of an object over the limit, and go on counting its braces."""

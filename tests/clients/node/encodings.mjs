@@ -10,9 +10,8 @@ function plain(value) {
 
 const MESSAGES = {
   'std_msgs/String': { data: 'grüße \u{1F916} "\\' },
-  'nav_msgs/Odometry': {
+  'geometry_msgs/PoseWithCovarianceStamped': {
     header: { stamp: { secs: 5, nsecs: 7 }, frame_id: 'odom' },
-    child_frame_id: 'base',
     pose: { pose: { position: { x: 1.5, y: -2 } }, covariance: Array.from({ length: 36 }, (_, index) => index) },
   },
   'sensor_msgs/JointState': {
@@ -74,6 +73,18 @@ export function encodingScenarios(asking) {
     cbor: (connections) => compare(connections, 'cbor', ['none', 'cbor']),
     png: (connections) => compare(connections, 'png', ['none', 'png']),
     cbor_raw: (connections) => compare(connections, 'raw', ['cbor-raw', 'none']),
+
+    // What the robot publishes by itself, with arrays of fixed size and of texts.
+    async robot_in_cbor(connections) {
+      const ros = await connections.open();
+      const seen = {};
+      for (const [name, type] of [['/odom', 'nav_msgs/Odometry'], ['/joint_states', 'sensor_msgs/JointState']]) {
+        const topic = asking.topic(ros, name, type, { compression: 'cbor' });
+        [seen[name]] = (await asking.gather(topic, 1).complete).map(plain);
+        topic.unsubscribe();
+      }
+      return seen;
+    },
 
     // The robot's own map, as ros2djs and ros3djs ask for it.
     async map_in_every_encoding(connections) {

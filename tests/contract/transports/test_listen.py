@@ -465,9 +465,9 @@ async def test_a_stopped_reader_costs_bounded_memory_and_hurts_nobody(site: Site
     ):
         await site.endpoint(healthy)
         sink = (await site.endpoint(stopped)).sink
-        flow = sink.flow("/image")
+        images = sink.flow("/image")
         for at in range(300):
-            flow.send(Frame(b'{"at":%d,"x":"%s"}' % (at, b"x" * 100_000)))
+            images.send(Frame(b'{"at":%d,"x":"%s"}' % (at, b"x" * 100_000)))
             if at % 20 == 0:
                 await healthy.send({"at": at})
                 assert await healthy.receive() == {"at": at}
