@@ -33,6 +33,7 @@ class SentGoal:
         self.action = resolve(split_suffix(op.action)[0])
         events = GoalEvents(on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None)
         peer.goals.add(self)
+        peer.bridge.ledger.goals += 1
         self._goal: ClientGoal = peer.bridge.participant.send_goal(self.action, goal, events)
 
     @property

@@ -7,6 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from rwt_bridge.auth import NotAuthenticated, Tokens, presented_token, rosauth_of
+from rwt_bridge.logs import write
 from rwt_bridge.origins import Origins, is_local
 from rwt_bridge.policy import roles
 from rwt_transports.errors import Refused
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from rwt_bridge.settings import Settings
     from rwt_protocol.frames import PeerInfo
 
-logger = logging.getLogger("rwt.bridge")
 
 _HOW = (
     "send the header `Authorization: Bearer TOKEN`, `?token=TOKEN`, or the subprotocols `rwt, bearer.TOKEN`"
@@ -122,6 +122,6 @@ class Admission:
         self._addresses[info.address] += 1
 
     def _refused(self, info: PeerInfo, status: int, reason: str) -> Refused:
-        logger.warning("turned %s away: %s", info.address or info.transport, reason)
+        write(logging.WARNING, "turned %s away: %s", info.address or info.transport, reason)
         headers = {"WWW-Authenticate": 'Bearer realm="rosbridge"'} if status == 401 else {}
         return Refused(status, reason, headers)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Never
 
 from rwt_bridge import actions, control, services, topics
 from rwt_bridge.admission import Admission
+from rwt_bridge.census import Census
 from rwt_bridge.doorstep import Doorstep
 from rwt_bridge.encodings import BSON, ENCODINGS, Encoding
 from rwt_bridge.fanout import Fanout
+from rwt_bridge.ledger import Ledger
+from rwt_bridge.logs import write
+from rwt_bridge.loop_lag import LoopLag
 from rwt_bridge.peer import Peer
 from rwt_bridge.publications import Publications
 from rwt_bridge.settings import SettingsError
@@ -32,8 +36,6 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Codec
     from rwt_protocol.frames import Endpoint, PeerInfo, Sink
-
-logger = logging.getLogger("rwt.bridge")
 
 #: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
 _MOST_ORPHANS = 1000
@@ -67,6 +69,9 @@ class Bridge:
         publications: the publishers that clients share.
         dispatcher: which handler does which op.
         admission: who comes in, and as what.
+        ledger: what is counted.
+        census: who is connected, told to the graph.
+        loop_lag: how late the event loop is.
 
     Raises:
         SettingsError: a file that the settings name cannot be used.
@@ -75,7 +80,12 @@ class Bridge:
     def __init__(self, graph: Graph, settings: Settings) -> None:
         self.graph = graph
         self.participant = graph.participant("/rosbridge_websocket")
-        self.publications = Publications(self.participant, graph.clock, settings.unregister_timeout)
+        self.ledger = Ledger()
+        self.census = Census(self.participant, graph.registry, graph.clock)
+        self.loop_lag = LoopLag(graph.clock)
+        self.publications = Publications(
+            self.participant, graph.clock, settings.unregister_timeout, self.ledger
+        )
         self.now = graph.clock.time_ns
         self._settings = settings
         self.limits = settings.limits
@@ -88,6 +98,16 @@ class Bridge:
         self.dispatcher: Dispatcher[Peer] = Dispatcher(
             HANDLERS, on_error=_log_error, refusals=(GraphError, InterfaceError)
         )
+
+    @property
+    def peers(self) -> tuple[Peer, ...]:
+        """The clients that are connected, in the order they came."""
+        return tuple(sorted(self._peers, key=lambda peer: peer.number))
+
+    @property
+    def fanouts(self) -> Mapping[str, Fanout]:
+        """The topics that clients listen to, by absolute name."""
+        return self._fanouts
 
     @property
     def client_count(self) -> int:
@@ -119,12 +139,20 @@ class Bridge:
         self._count += 1
         peer = Peer(self, self._count, sink, info, session, role)
         self._peers.add(peer)
-        logger.info("client %d joined from %s over %s", peer.number, info.address or "?", info.transport)
+        where = info.address or "?"
+        write(
+            logging.INFO, "client %d joined from %s over %s", peer.number, where, info.transport,
+            client=peer.number,
+        )  # fmt: skip
+        self.ledger.clients += 1
+        self.census.joined(peer.number, info.address)
         return peer
 
     def left(self, peer: Peer) -> None:
         """Forget a client; its goals run on, and can still be cancelled from the same address."""
         self._peers.discard(peer)
+        self.ledger.left(peer)
+        self.census.left(peer.number)
         self.admission.left(peer.info)
         for goal in peer.goals:
             goal.orphan()
@@ -140,7 +168,9 @@ class Bridge:
         """
         fanout = self._fanouts.get(topic)
         if fanout is None:
-            fanout = self._fanouts[topic] = Fanout(self.participant, topic, type)
+            fanout = self._fanouts[topic] = Fanout(
+                self.participant, topic, type, self.ledger.use_topic(topic)
+            )
         else:
             fanout.check_type(type)
         return fanout
@@ -149,6 +179,7 @@ class Bridge:
         """End a fan-out that nobody listens to any more."""
         if fanout.is_empty and self._fanouts.get(fanout.topic) is fanout:
             del self._fanouts[fanout.topic]
+            self.ledger.release_topic(fanout.counts)
             fanout.close()
 
     def encoding_of(self, compression: str) -> Encoding:
@@ -178,6 +209,7 @@ class Bridge:
 
     def close(self) -> None:
         """Leave the graph."""
+        self.loop_lag.close()
         self.publications.close()
         self.participant.close()
 
@@ -206,5 +238,5 @@ def _one_codec(settings: Settings) -> Codec | None:
     return BsonCodec()
 
 
-def _log_error(op: ops.Op, error: Exception) -> None:
-    logger.error("internal error in %s", op.op, exc_info=error)
+def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:
+    write(logging.ERROR, "internal error in %s", op.op, client=peer.number, op_id=op.id, error=error)

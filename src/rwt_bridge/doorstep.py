@@ -6,6 +6,7 @@ import logging
 from typing import TYPE_CHECKING, Final
 
 from rwt_bridge.auth import NotAuthenticated
+from rwt_bridge.logs import write
 from rwt_protocol.ops import Auth
 from rwt_transports.close_codes import POLICY
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from rwt_protocol.frames import PeerInfo, Sink
     from rwt_protocol.session import Session
 
-logger = logging.getLogger("rwt.bridge")
 
 #: Bytes that an `auth` op may take; strangers are not worth more memory.
 _LONGEST_AUTH: Final = 16 * 1024
@@ -88,7 +88,7 @@ class Doorstep:
     def _turn_away(self, reason: str) -> None:
         self._shut = True
         self._stop_timer()
-        logger.warning("turned %s away: %s", self._info.address or self._info.transport, reason)
+        write(logging.WARNING, "turned %s away: %s", self._info.address or self._info.transport, reason)
         self._sink.close(POLICY, reason)
 
     def _too_late(self) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from rwt_bridge.metrics import metrics
 from rwt_protocol.frames import PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http import Handler, HttpRequest, HttpResponse, Routes
@@ -43,6 +44,7 @@ def routes(bridge: Bridge) -> Routes:
     routes = Routes()
     routes.get("/", readable(bridge, lambda request, role: _index(bridge, request, role)))
     routes.get("/healthz", lambda request: _health(bridge))
+    routes.get("/metrics", readable(bridge, lambda request, role: _metrics(bridge, role)))
     return routes
 
 
@@ -93,6 +95,14 @@ def _index(bridge: Bridge, request: HttpRequest, role: Role) -> HttpResponse:
         ),
     )
     return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
+
+
+def _metrics(bridge: Bridge, role: Role) -> HttpResponse:
+    """The counters, which name every topic: only for a role that may subscribe to them all."""
+    if not role.sees_every_topic:
+        why = f"role {role.name!r} may not see every topic (roles.{role.name}.subscribe)\n"
+        return HttpResponse(why.encode(), 403)
+    return metrics(bridge)
 
 
 def _rows(pairs: Iterable[tuple[str, str]]) -> str:

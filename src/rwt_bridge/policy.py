@@ -78,6 +78,11 @@ class Role:
         if not self.unrestricted and not self.allows(act, name):
             raise Refused(f"role {self.name!r} may not {_WORDS[act]} {name} (roles.{self.name}.{act})")
 
+    @property
+    def sees_every_topic(self) -> bool:
+        """Whether no topic is hidden: a glob that allows everything matches one that names everything."""
+        return self.allows("subscribe", "/*")
+
     def sees_topic(self, name: str) -> bool:
         """Whether a topic is shown: to who may listen to it or publish on it."""
         return self.allows("subscribe", name) or self.allows("publish", name)

@@ -78,6 +78,7 @@ def on_call_service(peer: Peer, op: ops.CallService) -> None:
     request = arguments_of(info.type.request, op.args, "call_service.args", peer.bridge.now)
     call = ClientCall(peer, op, narrowed(peer.role, peer.bridge.graph, name, info.type, request))
     peer.calls.add(call)
+    peer.bridge.ledger.calls += 1
     call.pending = peer.bridge.participant.call_service(
         name, request, call, peer.bridge.call_timeout(op.timeout)
     )

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_bridge.deadline import DeadlineWatch
 from rwt_bridge.gate import Gate
+from rwt_bridge.losses import Losses
+from rwt_bridge.qos import kept_wanted, wishes_of
 
 if TYPE_CHECKING:
     from rwt_bridge.encodings import Encoding
@@ -26,7 +29,11 @@ class ClientSubscription:
         self._fanout = fanout
         self._bridge = peer.bridge
         self._wishes: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
-        self._gate = Gate(peer.bridge.graph.clock, peer.sink.flow(name))
+        clock = peer.bridge.graph.clock
+        self._clock = clock
+        self._losses = Losses(peer, name, fanout.counts)
+        self._flow = peer.sink.flow(name, on_drop=self._losses.dropped, time_ns=clock.time_ns)
+        self._gate = Gate(clock, self._flow, self._losses.withheld, self._losses.dropped)
         self._encoding: Encoding | None = None
         self._channel: Channel | None = None
 
@@ -58,8 +65,15 @@ class ClientSubscription:
         self._wishes[op.id] = (op, encoding)
         channel = self._apply()
         if is_new:
-            for sample in self._fanout.subscription.history():
-                channel.replay(sample, self._gate)
+            self._replay(channel, kept_wanted(op))
+
+    def _replay(self, channel: Channel, most: int | None) -> None:
+        """Give what is kept, at most that many of the newest; None is all."""
+        if most == 0:
+            return
+        kept = self._fanout.subscription.history()
+        for sample in kept if most is None else kept[-most:]:
+            channel.replay(sample, self._gate)
 
     def drop(self, id_: str | int | None) -> bool:
         """End the subscription of that id, or all of them; whether there was one."""
@@ -79,6 +93,8 @@ class ClientSubscription:
         """Stop the flow and drop what waits in the gate (DIS-01, THR-07)."""
         self._wishes.clear()
         self._gate.close()
+        self._flow.close()
+        self._losses.close()
         self._leave()
         self._bridge.release_fanout(self._fanout)
 
@@ -88,6 +104,7 @@ class ClientSubscription:
         self._gate.cut_to(min((op.fragment_size for op, _ in wishes if op.fragment_size), default=0))
         throttle = min(op.throttle_rate for op, _ in wishes) / 1000
         self._gate.configure(throttle, min(op.queue_length for op, _ in wishes))
+        self._apply_qos([op for op, _ in wishes])
         if encoding is self._encoding and self._channel is not None:
             self._channel.sort()
             return self._channel
@@ -95,6 +112,17 @@ class ClientSubscription:
         self._encoding = encoding
         self._channel = self._fanout.join(self._gate, self._name, encoding)
         return self._channel
+
+    def _apply_qos(self, subscriptions: list[ops.Subscribe]) -> None:
+        info = self._bridge.graph.topic(self._fanout.topic)
+        wishes = wishes_of(subscriptions, info.publishers if info else ())
+        self._flow.configure(wishes.rules)
+        watch = (
+            DeadlineWatch(self._clock, wishes.deadline, self._losses.deadline_missed)
+            if wishes.deadline
+            else None
+        )
+        self._gate.watch(wishes.lifespan_ns, watch)
 
     def _leave(self) -> None:
         if self._encoding is not None:

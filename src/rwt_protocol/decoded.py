@@ -20,16 +20,23 @@ _SHAPES: Final[Mapping[type, Shape]] = {
 }
 
 
-class Decoded(msgspec.Struct, frozen=True):
+class Decoded(msgspec.Struct, frozen=True, eq=False):
     """One payload as plain objects, not checked against any message type.
 
     Attributes:
         value: dict, list, str, bytes, int, float, bool or None; typed arrays are lists, octets are bytes, and
             NaN is kept. What else a sender put there (a date, a key that is no text) is left as the library
             read it: whoever knows the message type refuses it.
+        size: bytes of the message that it came in, envelope included, for those who count; not compared.
     """
 
     value: object
+    size: int = 0
+
+    def __eq__(self, other: object) -> bool:
+        return self.value == other.value if isinstance(other, Decoded) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]  # its value may be a list
 
     @property
     def shape(self) -> Shape:

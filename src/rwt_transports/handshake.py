@@ -45,7 +45,12 @@ def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
 def answer_handshake(path: str, headers: Iterable[tuple[str, str]]) -> HandshakeAnswer:
     """Check the upgrade request and make the answer (RFC 6455 section 4.2)."""
     protocol = ServerProtocol(logger=_quiet, select_subprotocol=_select)
-    response = protocol.accept(Request(path, Headers(list(headers))))
+    try:
+        given = Headers(list(headers))
+    except InvalidHeader as error:
+        # HTTP lets control characters pass in values; the library does not.
+        return HandshakeAnswer(400, reason=_reason(error))
+    response = protocol.accept(Request(path, given))
     if response.status_code == 101:
         return HandshakeAnswer(101, response.serialize())
     failure = protocol.handshake_exc

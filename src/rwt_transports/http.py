@@ -216,7 +216,10 @@ class HttpConversation:
         method = raw.method.decode("latin-1")
         request = HttpRequest(method, path, query, headers, bytes(self._body), self._address)
         if wants_websocket(pairs):
-            self._upgrade(request, target, pairs)
+            if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; a proxy's default, more often than not
+                self._respond_text(426, "a WebSocket needs HTTP/1.1, this request is HTTP/1.0\n")
+            else:
+                self._upgrade(request, target, pairs)
             return
         found = self._routes.find(method, path)
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))

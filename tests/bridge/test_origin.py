@@ -254,6 +254,26 @@ async def test_the_page_of_the_port_shows_what_its_reader_may_see() -> None:
         assert (await _get(host, "/healthz")).startswith("HTTP/1.1 200 ")
 
 
+@pytest.mark.anyio
+async def test_the_counters_are_for_those_who_may_see_every_topic() -> None:
+    tables: dict[str, object] = {
+        "auth": {
+            "tokens": {
+                "mine": {"token": TOKEN, "role": "guest"},
+                "theirs": {"token": f"{TOKEN}-2", "role": "viewer"},
+            }
+        },
+        "roles": {"guest": {"subscribe": ["/open/*"]}},
+    }
+    async with _served(**tables) as url:
+        host = url.removeprefix("ws://")
+        assert (await _get(host, "/metrics")).startswith("HTTP/1.1 401 ")
+        refused = await _get(host, f"/metrics?token={TOKEN}")
+        assert refused.startswith("HTTP/1.1 403 ")
+        assert "roles.guest.subscribe" in refused
+        assert (await _get(host, f"/metrics?token={TOKEN}-2")).startswith("HTTP/1.1 200 ")
+
+
 async def _get(host: str, target: str) -> str:
     name, _, port = host.rpartition(":")
     answer = b""

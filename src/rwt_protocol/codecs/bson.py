@@ -39,7 +39,7 @@ class BsonCodec:
             found = bson.decode(data)
         except (BSONError, ValueError, OverflowError, RecursionError):
             return (Fault("not BSON: expected one document, neither malformed nor cut short"),)
-        members = members_of(found)
+        members = members_of(found, len(data))
         if len(data) > _SMALLEST_LEVEL * max_depth and _deeper_than(found, max_depth):
             return (Fault(f"nested more than {max_depth} levels deep", members),)
         return (members,)

@@ -63,7 +63,7 @@ class CborCodec:
             return (Fault("not CBOR: more than one value in the frame"),)
         if not isinstance(found, dict):
             return (Fault(f"expected a map, got {_KIND[data[0] >> 5]}"),)
-        return (members_of(found),)
+        return (members_of(found, len(data)),)
 
     def encode(self, op: Op) -> Frame:
         """One op as a binary frame, its members in the order of the model.

@@ -13,10 +13,10 @@ from rwt_protocol.ops import Op
 from rwt_protocol.rawjson import RawJson
 
 
-def members_of(found: Mapping[object, object] | Mapping[str, object]) -> Members:
-    """The members of a decoded message: those whose names are text."""
+def members_of(found: Mapping[object, object] | Mapping[str, object], size: int) -> Members:
+    """The members of a decoded message of `size` bytes: those whose names are text."""
     return {
-        name: Decoded(value) if name in UNDECODED else value
+        name: Decoded(value, size) if name in UNDECODED else value
         for name, value in found.items()
         if isinstance(name, str)
     }
