@@ -44,6 +44,14 @@ def test_a_long_message_comes_in_pieces_and_a_short_one_whole(client: Client) ->
     assert client.heard() == [{"op": "publish", "topic": "/s", "msg": {"data": "x"}}]
 
 
+def test_all_pieces_of_a_message_are_handed_over_as_one(client: Client) -> None:
+    subscribe(client, fragment_size=60)
+    for _ in range(3):
+        client.say("publish", topic="/s", msg={"data": TEXT})
+    assert len(client.flows["/s"].expiries) == 3
+    assert len(client.frames) > 9
+
+
 def test_each_message_has_an_id_of_its_own(client: Client, other: Client) -> None:
     subscribe(client, fragment_size=60)
     subscribe(other, fragment_size=50)
