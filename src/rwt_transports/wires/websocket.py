@@ -102,8 +102,21 @@ def pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
         header = _LONG(0x80 | opcode, bit | 127, size)
     if not masked:
         return b"".join((header, payload))
-    key = secrets.token_bytes(4)
+    key = _masking_key()
     return b"".join((header, key, apply_mask(payload, key)))
+
+
+_keys: list[bytes] = []
+
+
+def _masking_key() -> bytes:
+    """Four bytes that nobody can foresee (RFC 6455 section 5.3); many are drawn at once, which is cheaper."""
+    try:
+        return _keys.pop()
+    except IndexError:
+        pool = secrets.token_bytes(4 * 256)
+        _keys.extend(pool[at : at + 4] for at in range(4, len(pool), 4))
+        return pool[:4]
 
 
 class Broken(Exception):
@@ -272,6 +285,12 @@ class WebSocketWire:
             if stop <= end and (first == 0x81 or first == 0x82) and self._plain and size <= self._max_size:
                 # Nearly every frame: a whole message, masked, all here.
                 self._deliver(apply_mask(data[start:stop], data[start - 4 : start]), first == 0x82)
+                return stop
+        elif not self._server and self._whole and (first == 0x81 or first == 0x82):
+            # Nearly every frame from a server: the same, and not masked.
+            stop = start + size
+            if stop <= end and size <= self._max_size:
+                self._deliver(data[start:stop], first == 0x82)
                 return stop
         if start > end:
             return position
@@ -454,3 +473,10 @@ def _parse_close(payload: bytes) -> tuple[int, str]:
 def websocket_server(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
     """The wire of one peer that connected to this server."""
     return WebSocketWire(events, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, spare=spare)
+
+
+def websocket_client(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
+    """The wire of the server that this side connected to."""
+    return WebSocketWire(
+        events, max_size=limits.message_bytes, server=False, strict_utf8=limits.strict_utf8, spare=spare
+    )
