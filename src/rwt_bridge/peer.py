@@ -41,7 +41,6 @@ class Peer:
 
     Attributes:
         messages: how many have come from it.
-        bytes: how many were in them.
     """
 
     def __init__(
@@ -54,7 +53,6 @@ class Peer:
         self.session = session
         self.role = role
         self.messages = 0
-        self.bytes = 0
         self._monotonic = bridge.graph.clock.monotonic
         self._dispatch = bridge.dispatcher.dispatch
         self._rate = message_rate(bridge.limits)
@@ -70,7 +68,6 @@ class Peer:
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one message from the wire, run what it holds, and answer what is refused."""
         self.messages += 1
-        self.bytes += len(data)
         now = self._monotonic()
         if self._rate is not None and not self._rate.take(now):
             self._flooded()

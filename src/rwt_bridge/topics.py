@@ -59,8 +59,6 @@ def on_publish(peer: Peer, op: ops.Publish) -> None:
     counts = publication.counts
     counts.received += 1
     counts.received_bytes += raw.size
-    if publication.deadline is not None:
-        publication.deadline.met()
     publication.publish(payload)
 
 

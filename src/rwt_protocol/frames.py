@@ -142,6 +142,7 @@ class Traffic:
         queued_messages: messages that wait in the lanes.
         queued_bytes: bytes that wait, in the lanes and in front of them.
         dropped: messages of the data lane that were dropped, by reason.
+        received_bytes: bytes that came the other way, the wire's own included.
     """
 
     messages: int = 0
@@ -149,6 +150,7 @@ class Traffic:
     queued_messages: int = 0
     queued_bytes: int = 0
     dropped: Mapping[DropReason, int] = field(default_factory=dict)
+    received_bytes: int = 0
 
 
 class Sink(Protocol):

@@ -162,6 +162,7 @@ class Connection:
     def receive(self, data: bytes) -> None:
         """Bytes arrived."""
         self._alive = True
+        self.outbox.received += len(data)
         try:
             if self._conversation is not None:
                 self._conversation.feed(data)
@@ -177,6 +178,7 @@ class Connection:
     def filled(self, count: int) -> None:
         """`count` bytes were received into :meth:`space`."""
         self._alive = True
+        self.outbox.received += count
         try:
             self._wire.filled(count)
         except Exception:

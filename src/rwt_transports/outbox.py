@@ -95,13 +95,15 @@ class Outbox:
         ready: bytes that go out next.
         room: bytes that may still join them; none while anything waits in a lane.
         messages: frames that have been made ready so far.
+        received: bytes that came the other way; the connection counts them here, beside what it sends.
         small: frames below this many bytes are one piece that every connection shares.
         whole: makes that piece.
     """
 
     __slots__ = (
         "_closed", "_control", "_control_bytes", "_current", "_data", "_framing", "_hang_up", "_large",
-        "_limits", "_on_empty", "_overflow", "_taken", "messages", "ready", "room", "small", "wake", "whole",
+        "_limits", "_on_empty", "_overflow", "_taken", "messages", "ready", "received", "room", "small",
+        "wake", "whole",
     )  # fmt: skip
 
     def __init__(
@@ -125,6 +127,7 @@ class Outbox:
         self._control_bytes = 0
         self._data = DataLane(limits)
         self.messages = 0
+        self.received = 0
         self._taken = 0
         self._on_empty: Callable[[], None] | None = None
         self._closed = False
@@ -197,7 +200,9 @@ class Outbox:
     def traffic(self) -> Traffic:
         """Counts since the connection began."""
         waiting = len(self._control) + self._data.messages
-        return Traffic(self.messages, self._taken, waiting, self.backlog, dict(self._data.dropped))
+        return Traffic(
+            self.messages, self._taken, waiting, self.backlog, dict(self._data.dropped), self.received
+        )
 
     def _ready_frame(self, frame: Frame) -> None:
         self.messages += 1
