@@ -148,6 +148,11 @@ class _Link(asyncio.BufferedProtocol):
         self._transport.abort()
 
 
+def client_link(attach: Attach, loop: asyncio.AbstractEventLoop) -> asyncio.BufferedProtocol:
+    """The link of a connection that this side opens: give it to ``loop.create_connection``."""
+    return _Link(attach, _Turn(loop), bytearray(READ_BYTES))
+
+
 class AsyncioDriver:
     """Serves TCP and Unix sockets, plain or in TLS, on the running asyncio loop; satisfies
     :class:`rwt_transports.api.Driver`."""

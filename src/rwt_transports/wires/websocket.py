@@ -451,3 +451,10 @@ def _parse_close(payload: bytes) -> tuple[int, str]:
 def websocket_server(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
     """The wire of one peer that connected to this server."""
     return WebSocketWire(events, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, spare=spare)
+
+
+def websocket_client(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
+    """The wire of the server that this side connected to."""
+    return WebSocketWire(
+        events, max_size=limits.message_bytes, server=False, strict_utf8=limits.strict_utf8, spare=spare
+    )
