@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+import anyio
+
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.origins import is_loopback_listener
 from rwt_bridge.pages import routes
@@ -19,6 +21,7 @@ from rwt_transports.listener import listen
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_protocol.frames import Accept
+    from rwt_transports.api import Listener
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,20 @@ class Server:
 
     urls: tuple[str, ...]
     bridge: Bridge
+    _listeners: tuple[Listener, ...]
+
+    async def ended(self) -> None:
+        """Wait until whoever started this program has closed its standard input; without ``stdio:`` for
+        ever."""
+        async with anyio.create_task_group() as tasks:
+
+            async def watch(listener: Listener) -> None:
+                await listener.ended()
+                tasks.cancel_scope.cancel()
+
+            for listener in self._listeners:
+                tasks.start_soon(watch, listener)
+            await anyio.sleep_forever()
 
 
 @asynccontextmanager
@@ -40,7 +57,9 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
 
     Args:
         graph: a graph that runs (`async with graph`).
-        urls: where to listen, for example ``ws://127.0.0.1:9090``; none means what `settings` says.
+        urls: where to listen, for example ``ws://127.0.0.1:9090``; none means what `settings` says. The
+            schemes are those of :data:`rwt_transports.urls.SCHEMES`; ``wss`` and ``tcps`` need `tls.certfile`
+            and `tls.keyfile` in the settings.
         settings: everything else.
 
     Raises:
@@ -59,7 +78,7 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
             )
             for url in urls or settings.listen
         ]
-        yield Server(tuple(listener.url for listener in listeners), bridge)
+        yield Server(tuple(listener.url for listener in listeners), bridge, tuple(listeners))
 
 
 def _accept_at(url: str, bridge: Bridge) -> Accept:
@@ -78,6 +97,7 @@ def _transport_limits(settings: Settings) -> Limits:
         close_seconds=wished.close_seconds,
         ping_seconds=wished.ping_seconds,
         pong_seconds=wished.pong_seconds,
+        idle_peer_seconds=wished.idle_peer_seconds,
         data_bytes=wished.data_bytes,
         data_frames=wished.data_frames,
         control_bytes=wished.control_bytes,

@@ -81,6 +81,9 @@ class LimitSettings(Table):
     pong_seconds: Annotated[
         Seconds, Field(description="further silence after which a client counts as gone")
     ] = 40.0
+    idle_peer_seconds: Annotated[
+        Seconds, Field(description="silence after which a client over UDP is forgotten")
+    ] = 60.0
     close_seconds: Annotated[Seconds, Field(description="how long a closing connection may take")] = 2.0
     data_bytes: Annotated[
         Bytes,

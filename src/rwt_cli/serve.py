@@ -24,6 +24,9 @@ from rwt_nodes.rosapi import Rosapi
 from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+    from rwt_bridge.serve import Server
     from rwt_bridge.settings import Settings
     from rwt_graph.api import Graph
     from rwt_nodes.demo import DemoRobot
@@ -33,6 +36,8 @@ examples:
   rwt serve --demo                         the demo robot on ws://127.0.0.1:9090
   rwt serve ws://0.0.0.0:9090 --distro noetic
   rwt serve ws://127.0.0.1:0               on any free port, which is printed
+  rwt serve ws://[::1] tcp://127.0.0.1:9091 on several at once; also wss:, tcps:, unix:, udp:
+  rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
 """
 
@@ -115,12 +120,32 @@ async def _serve(settings: Settings) -> None:
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
             async with serve(graph, *settings.listen, settings=settings) as server:
-                said = [f"listening on {url}" for url in server.urls]
-                if settings.demo:
-                    said.append(_next_steps(server.urls[0]))
-                _say("\n".join(said))
-                async for _ in signals:
-                    break
+                _announce(server, demo=settings.demo)
+                await _signal_or_end(signals, server)
+
+
+async def _signal_or_end(signals: AsyncIterator[signal.Signals], server: Server) -> None:
+    """Wait for a signal, or until whoever started this as a child process has closed its standard input."""
+    async with anyio.create_task_group() as tasks:
+
+        async def watch() -> None:
+            await server.ended()
+            tasks.cancel_scope.cancel()
+
+        tasks.start_soon(watch)
+        async for _ in signals:
+            break
+        tasks.cancel_scope.cancel()
+
+
+def _announce(server: Server, *, demo: bool) -> None:
+    """Say that the server is ready: on stdout, or on stderr where stdout belongs to the protocol."""
+    said = [f"listening on {url}" for url in server.urls]
+    web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
+    if demo and web is not None:
+        said.append(_next_steps(web))
+    over_stdio = "stdio:" in server.urls
+    print("\n".join(said), flush=True, file=sys.stderr if over_stdio else sys.stdout)
 
 
 def _demo_robot(graph: Graph) -> closing[DemoRobot]:
@@ -139,7 +164,3 @@ The demo robot is up. Point any rosbridge client at {url}, or open {page} in a b
 
 Publish geometry_msgs/Twist on /cmd_vel to drive, subscribe to /odom, /scan and /map, call /add_two_ints,
 or send a goal to /navigate_to_pose. Ctrl-C ends it."""
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)

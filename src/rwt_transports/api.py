@@ -170,3 +170,7 @@ class Listener(Protocol):
     @property
     def connections(self) -> int:
         """How many peers are connected, plain HTTP included."""
+
+    async def ended(self) -> None:
+        """Wait until there is nothing left to serve: the end of standard input for ``stdio:``, else for
+        ever."""
