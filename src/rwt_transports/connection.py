@@ -12,7 +12,7 @@ from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
 
-from .api import Link, OversizeAware, Wire, WireEvents
+from .api import Link, OversizeAware, ValveAware, Wire, WireEvents
 from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from .errors import Refused
 from .http import HttpConversation, HttpRequest, HttpResponse, Routes
@@ -226,6 +226,21 @@ class Connection:
         """Cut the connection."""
         self._link.abort()
 
+    # -- the endpoint's valve ------------------------------------------------------------------------------
+
+    def pause(self) -> None:
+        """Take nothing more from the peer for now."""
+        self._link.pause()
+
+    def resume(self) -> None:
+        """Go on."""
+        self._link.resume()
+
+    def when_empty(self, callback: Callable[[], None]) -> None:
+        """Call `callback` once everything sent has been taken."""
+        if not self._ending:
+            self.outbox.when_empty(callback)
+
     def _overflow(self, reason: str) -> None:
         logger.warning("closing %s: %s", self, reason)
         if self._conversation is not None:
@@ -324,6 +339,8 @@ class Connection:
     def _open(self, peer: PeerInfo) -> None:
         endpoint = self._reception.accept(self.outbox, peer)
         self._endpoint = endpoint
+        if isinstance(endpoint, ValveAware):
+            endpoint.given_valve(self)
         if not self._ending:
             self._wire.message = endpoint.receive
 

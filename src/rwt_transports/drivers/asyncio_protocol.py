@@ -147,6 +147,15 @@ class _Link(asyncio.BufferedProtocol):
         """Close at once."""
         self._transport.abort()
 
+    def pause(self) -> None:
+        """Read nothing for now."""
+        self._transport.pause_reading()
+
+    def resume(self) -> None:
+        """Read again."""
+        if self._open:
+            self._transport.resume_reading()
+
 
 def client_link(attach: Attach, loop: asyncio.AbstractEventLoop) -> asyncio.BufferedProtocol:
     """The link of a connection that this side opens: give it to ``loop.create_connection``."""

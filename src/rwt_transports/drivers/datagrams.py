@@ -108,6 +108,12 @@ class _Link:
             if self.driven is not None:
                 self.driven.lost()
 
+    def pause(self) -> None:
+        """Nothing holds back datagrams."""
+
+    def resume(self) -> None:
+        """They were not held back."""
+
     async def flush(self, socket: UDPSocket) -> None:
         """Send what there is."""
         host, port = self.address
