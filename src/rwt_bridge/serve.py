@@ -14,7 +14,8 @@ from rwt_bridge.bridge import Bridge
 from rwt_bridge.origins import is_loopback_listener
 from rwt_bridge.pages import routes
 from rwt_bridge.settings import Settings
-from rwt_bridge.tls import server_tls
+from rwt_bridge.tls import client_tls, server_tls
+from rwt_transports.dial import dial
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_protocol.frames import Accept
     from rwt_transports.api import Listener
+    from rwt_transports.dial import Dialed
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +33,12 @@ class Server:
     Attributes:
         urls: where it listens, with the ports it has got.
         bridge: the clients.
+        dials: how each dial-out goes (`dial.urls`).
     """
 
     urls: tuple[str, ...]
     bridge: Bridge
+    dials: tuple[Dialed, ...]
     _listeners: tuple[Listener, ...]
 
     async def ended(self) -> None:
@@ -69,6 +73,8 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
     settings = settings or Settings()
     bridge = Bridge(graph, settings)
     limits = _transport_limits(settings)
+    dial_token = settings.dial.token.get_secret_value() if settings.dial.token else None
+    dial_tls = client_tls(settings.dial.cafile)
     tls = server_tls(settings.tls)
     async with AsyncExitStack() as stack:
         stack.callback(bridge.close)
@@ -78,7 +84,13 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
             )
             for url in urls or settings.listen
         ]
-        yield Server(tuple(listener.url for listener in listeners), bridge, tuple(listeners))
+        dials = [
+            await stack.enter_async_context(
+                dial(url, _accept_at(url, bridge), token=dial_token, limits=limits, tls=dial_tls)
+            )
+            for url in settings.dial.urls
+        ]
+        yield Server(tuple(listener.url for listener in listeners), bridge, tuple(dials), tuple(listeners))
 
 
 def _accept_at(url: str, bridge: Bridge) -> Accept:

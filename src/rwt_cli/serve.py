@@ -14,6 +14,7 @@ import anyio
 
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import SettingsError
+from rwt_bridge.settings_sources import DEFAULT
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_graph.memory import MemoryGraph
@@ -21,6 +22,7 @@ from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 from rwt_nodes.rosapi import Rosapi
+from rwt_transports.dial import check_dial_url
 from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
@@ -37,6 +39,7 @@ examples:
   rwt serve ws://0.0.0.0:9090 --distro noetic
   rwt serve ws://127.0.0.1:0               on any free port, which is printed
   rwt serve ws://[::1] tcp://127.0.0.1:9091 on several at once; also wss:, tcps:, unix:, udp:
+  rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
 """
@@ -56,6 +59,13 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         nargs="*",
         metavar="URL",
         help="where to listen (default ws://127.0.0.1:9090; port 0 picks one)",
+    )
+    parser.add_argument(
+        "--dial",
+        action="append",
+        metavar="URL",
+        help="dial in at a hub, wss://HUB/robots/NAME, and serve the clients it passes on; may be given"
+        " several times; without a URL to listen on, nothing else is served",
     )
     parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
     parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
@@ -77,8 +87,8 @@ def _run(arguments: argparse.Namespace) -> int:
         level=logging.DEBUG if arguments.verbose else logging.INFO,
         format="%(asctime)s %(levelname)s %(name)s %(message)s",
     )
-    settings = _settings(arguments)
     try:
+        settings = _settings(arguments)
         anyio.run(_serve, settings)
     except TransportError as error:
         raise CommandError(str(error)) from error
@@ -94,8 +104,16 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "demo": arguments.demo,
         "distro": arguments.distro,
         "interfaces": tuple(arguments.interfaces or ()) or None,
+        "dial.urls": tuple(arguments.dial or ()) or None,
     }
-    return settings_of(arguments, given).settings
+    loaded = settings_of(arguments, given)
+    settings = loaded.settings
+    for url in settings.dial.urls:
+        check_dial_url(url)
+    if settings.dial.urls and loaded.source(("listen",)) == DEFAULT:
+        # Who only dials out wants no port.
+        return settings.model_copy(update={"listen": ()})
+    return settings
 
 
 def _registry(settings: Settings) -> Registry:
@@ -141,6 +159,7 @@ async def _signal_or_end(signals: AsyncIterator[signal.Signals], server: Server)
 def _announce(server: Server, *, demo: bool) -> None:
     """Say that the server is ready: on stdout, or on stderr where stdout belongs to the protocol."""
     said = [f"listening on {url}" for url in server.urls]
+    said += [f"dialing {dialed.url}" for dialed in server.dials]
     web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
     if demo and web is not None:
         said.append(_next_steps(web))

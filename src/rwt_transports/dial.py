@@ -119,15 +119,18 @@ async def dial(
         async with connect(url, accept_hub, limits=limits, tls=tls, headers=headers):
             yield
 
+    robot = _Robot(dialed, accept, back_off or BackOff(), open_one)
     failure: Exception | None = None
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(_Robot(dialed, accept, back_off or BackOff(), open_one).run, tasks)
+        tasks.start_soon(robot.run, tasks)
         try:
             yield dialed
         except Exception as error:
             # Raised again below, so that the caller gets the exception itself and not a group around it.
             failure = error
         finally:
+            with anyio.move_on_after((limits or Limits()).close_seconds, shield=True):
+                await robot.leave()
             tasks.cancel_scope.cancel()
     if failure is not None:
         raise failure
@@ -164,10 +167,25 @@ class _Robot:
         self._back_off = back_off
         self._open_one = open_one
         self._fewer = anyio.Event()
+        self._lines: set[_Line] = set()
+        self._running = anyio.CancelScope()
         self._shaky = 0  # failures before the connections that have not lasted yet
 
     async def run(self, tasks: TaskGroup) -> None:
         """Open a connection whenever too few wait."""
+        with self._running:
+            await self._keep(tasks)
+
+    async def leave(self) -> None:
+        """Open no more, close what is open, and wait for that."""
+        self._running.cancel()
+        lines = tuple(self._lines)
+        for line in lines:
+            line.leave()
+        for line in lines:
+            await line.over.wait()
+
+    async def _keep(self, tasks: TaskGroup) -> None:
         dialed = self._dialed
         while True:
             while dialed.spares >= SPARES:
@@ -186,11 +204,10 @@ class _Robot:
         async with self._open_one(line.take):
             opened = anyio.current_time()
             self._opened()
+            self._lines.add(line)
             task_status.started()
-            try:
-                await line.over.wait()
-            finally:
-                line.leave()
+            await line.over.wait()
+            self._lines.discard(line)
         if line.client is not None:
             self._dialed.clients -= 1
             return

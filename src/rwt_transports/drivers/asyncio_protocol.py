@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 
@@ -23,15 +23,15 @@ TLS_HANDSHAKE_SECONDS = 10
 class _Turn:
     """The links that have something to write, flushed together once per loop turn."""
 
-    __slots__ = ("_loop", "_waiting")
+    __slots__ = ("_waiting", "loop")
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
+        self.loop = loop
         self._waiting: list[_Link] = []
 
     def add(self, link: _Link) -> None:
         if not self._waiting:
-            self._loop.call_soon(self._flush)
+            self.loop.call_soon(self._flush)
         self._waiting.append(link)
 
     def _flush(self) -> None:
@@ -53,7 +53,9 @@ class _Link(asyncio.BufferedProtocol):
         "_buffer",
         "_direct",
         "_driven",
+        "_loop",
         "_open",
+        "_resuming",
         "_tls",
         "_transport",
         "_view",
@@ -68,6 +70,8 @@ class _Link(asyncio.BufferedProtocol):
         self._direct = False
         self._open = False
         self._writable = True
+        self._resuming = False
+        self._loop = turn.loop
         self.wake = partial(turn.add, self)
 
     # -- asyncio's callbacks -------------------------------------------------------------------------------
@@ -117,8 +121,12 @@ class _Link(asyncio.BufferedProtocol):
     def resume_writing(self) -> None:
         """The network has taken everything."""
         self._writable = True
-        self._driven.progress()
-        self.flush()
+        self._resuming = True
+        try:
+            self._driven.progress()
+            self.flush()
+        finally:
+            self._resuming = False
 
     # -- Link ----------------------------------------------------------------------------------------------
 
@@ -137,15 +145,22 @@ class _Link(asyncio.BufferedProtocol):
         if self._transport.can_write_eof() and not self._transport.is_closing():
             self._transport.write_eof()
         else:
-            self._transport.close()
+            self.close()
 
     def close(self) -> None:
         """Close after what was written has gone out."""
-        self._transport.close()
+        self._end(self._transport.close)
 
     def abort(self) -> None:
         """Close at once."""
-        self._transport.abort()
+        self._end(self._transport.abort)
+
+    def _end(self, how: Callable[[], None]) -> None:
+        if self._resuming:
+            # A transport that is closed while it says that it can be written to is closed twice.
+            self._loop.call_soon(how)
+        else:
+            how()
 
     def pause(self) -> None:
         """Read nothing for now."""
