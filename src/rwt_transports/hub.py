@@ -39,6 +39,8 @@ PASS_BYTES = 256 * 1024
 """Passed on before asking whether the other side has taken it."""
 PATIENCE_SECONDS = 10.0
 """How long a client waits for a connection of its robot."""
+GRACE_SECONDS = 3.0
+"""How long a robot without a connection still counts as here: it may be about to open the next one."""
 MOST_SPARES = 16
 """Connections of one robot that may wait."""
 MOST_WAITING = 256
@@ -56,6 +58,7 @@ class Robot:
         spares: its connections that wait for a client.
         waiting: clients that wait for a connection.
         pairs: connections that serve a client.
+        alone_since: when it was first seen without any connection.
     """
 
     name: str
@@ -64,9 +67,10 @@ class Robot:
     spares: deque[_RobotSide] = field(default_factory=deque)
     waiting: deque[_ClientSide] = field(default_factory=deque)
     pairs: set[_RobotSide] = field(default_factory=set)
+    alone_since: float | None = None
 
     @property
-    def is_gone(self) -> bool:
+    def is_alone(self) -> bool:
         """Whether it has no connection left."""
         return not self.spares and not self.pairs
 
@@ -76,12 +80,13 @@ class Hub:
 
     Args:
         tokens: bearer tokens of which a robot must show one; none lets every robot in.
+        grace: seconds for which a robot without a connection still counts as here.
     """
 
-    def __init__(self, tokens: Collection[str] = ()) -> None:
+    def __init__(self, tokens: Collection[str] = (), grace: float = GRACE_SECONDS) -> None:
+        self._grace = grace
         self._tokens = tuple(token.encode() for token in tokens)
         self._robots: dict[str, Robot] = {}
-        self._now = 0.0
 
     @property
     def robots(self) -> tuple[Robot, ...]:
@@ -101,9 +106,14 @@ class Hub:
         return self._accept_client(sink, info)
 
     def tick(self, now: float) -> None:
-        """Look after clients that wait; `now` is monotonic, in seconds."""
-        self._now = now
+        """Look after clients that wait and robots that have gone; `now` is monotonic, in seconds."""
         for robot in self.robots:
+            if not robot.is_alone:
+                robot.alone_since = None
+            elif robot.alone_since is None:
+                robot.alone_since = now
+            elif now - robot.alone_since >= self._grace:
+                self._forget(robot)
             for client in tuple(robot.waiting):
                 if client.since is None:
                     client.since = now
@@ -158,13 +168,17 @@ class Hub:
             side.hang_up(REPLACED, reason)
         self._turn_away(robot, reason)
 
-    def left(self, side: _RobotSide) -> None:
-        """A connection of a robot has ended."""
+    def left(self, side: _RobotSide, *, for_good: bool) -> None:
+        """A connection of a robot has ended; `for_good`: the robot itself says that it is going away."""
         robot = side.robot
         robot.pairs.discard(side)
         if side in robot.spares:
             robot.spares.remove(side)
-        if robot.is_gone and self._robots.get(robot.name) is robot:
+        if for_good and robot.is_alone:
+            self._forget(robot)
+
+    def _forget(self, robot: Robot) -> None:
+        if self._robots.get(robot.name) is robot:
             del self._robots[robot.name]
             logger.info("robot %s is gone", robot.name)
             self._turn_away(robot, f"the robot {robot.name} is gone")
@@ -260,6 +274,10 @@ class _Side(ABC):
 class _RobotSide(_Side):
     """A connection that a robot has opened."""
 
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink) -> None:
+        super().__init__(hub, robot, sink)
+        self._let_go = False
+
     def too_early(self, frame: Frame) -> None:
         """A robot has nothing to say before it has a client."""
         self.sink.close(POLICY, "a robot speaks after the assignment of a client")
@@ -274,9 +292,10 @@ class _RobotSide(_Side):
 
     def closed(self, code: int, reason: str) -> None:
         super().closed(code, reason)
-        self.hub.left(self)
+        self.hub.left(self, for_good=code == GOING_AWAY and not self._let_go)
 
     def end(self, code: int, reason: str) -> None:
+        self._let_go = True
         self.hang_up(code if may_travel(code) else GOING_AWAY, reason)
 
 

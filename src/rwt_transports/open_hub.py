@@ -10,7 +10,7 @@ from ssl import SSLContext
 
 import anyio
 
-from .hub import Hub, Robot, hub_routes
+from .hub import GRACE_SECONDS, Hub, Robot, hub_routes
 from .limits import Limits
 from .listener import listen
 
@@ -41,6 +41,7 @@ async def open_hub(
     tokens: Collection[str] = (),
     limits: Limits | None = None,
     tls: SSLContext | None = None,
+    grace: float = GRACE_SECONDS,
 ) -> AsyncIterator[OpenHub]:
     """Let robots dial in at `url` within the block, and clients reach them; leaving it closes all with 1001.
 
@@ -49,12 +50,13 @@ async def open_hub(
         tokens: bearer tokens of which a robot must show one; none lets every robot in.
         limits: bounds of the listener and of each connection.
         tls: certificate and key for ``wss``.
+        grace: seconds for which a robot without a connection still counts as here, and its clients wait.
 
     Raises:
         BadUrl: the URL is not one to listen on.
         ListenError: the address cannot be had.
     """
-    hub = Hub(tokens)
+    hub = Hub(tokens, grace)
     failure: Exception | None = None
     async with (
         listen(url, hub.accept, routes=hub_routes(hub), limits=limits, tls=tls) as listener,

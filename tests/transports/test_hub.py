@@ -246,8 +246,9 @@ async def test_a_robot_that_is_cut_off_closes_its_clients_with_1012() -> None:
             opened.set()
             endings.append(await box.ended())
 
-    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, anyio.create_task_group() as tasks:
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT, grace=0) as hub, anyio.create_task_group() as tasks:
         async with upgraded(hub, "/robots/rosie"):
+            await until(lambda: hub.robots)
             # The first has the only connection that there is, the second waits for one.
             for _ in range(2):
                 opened = anyio.Event()
