@@ -23,6 +23,7 @@ from .api import OversizeAware
 from .assignment import (
     INSTANCE,
     NAME_RULE,
+    REPLACED,
     ROBOTS,
     BadAssignment,
     decode_assignment,
@@ -37,6 +38,9 @@ logger = logging.getLogger("rwt_transports.dial")
 
 SPARES = 2
 """Connections kept waiting: as many clients may come at once without one more round trip."""
+
+MANY_FAILURES = 20
+"""Enough for the longest wait."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +216,12 @@ class _Robot:
             self._dialed.clients -= 1
             return
         self._dialed.spares -= 1
-        if anyio.current_time() - opened >= self._back_off.steady:
+        if self._running.cancel_called:
+            return
+        if line.code == REPLACED:
+            # Whoever has the name now would be pushed out in turn.
+            self._shaky = MANY_FAILURES
+        elif anyio.current_time() - opened >= self._back_off.steady:
             self._shaky = 0
         self._failed(f"the hub closed the connection: {line.ending}", before=self._shaky)
         self._fewer.set()
@@ -247,7 +256,8 @@ class _Line:
     Attributes:
         client: the client's endpoint.
         over: set when the connection has ended.
-        ending: why it has.
+        code: with which code.
+        ending: the same with the reason.
     """
 
     def __init__(self, accept: Accept, assigned: Callable[[], None]) -> None:
@@ -256,6 +266,7 @@ class _Line:
         self._sink: Sink | None = None
         self.client: Endpoint | None = None
         self.over = anyio.Event()
+        self.code = 0
         self.ending = ""
 
     def take(self, sink: Sink, info: PeerInfo) -> Endpoint:
@@ -302,6 +313,7 @@ class _Line:
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended."""
+        self.code = code
         self.ending = f"{code} {reason}".strip()
         if self.client is not None:
             self.client.closed(code, reason)
