@@ -9,6 +9,7 @@ import pytest
 
 from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
+from rwt_transports.wires.deflate import Deflate
 
 
 class Browser:
@@ -23,7 +24,9 @@ class Browser:
     def answer(self, data: bytes) -> None:
         self.sent += data
 
-    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
+    def upgrade(
+        self, request: HttpRequest, head: bytes, rest: bytes, deflate: Deflate | None
+    ) -> HttpResponse | None:
         raise AssertionError("nothing here upgrades")
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
