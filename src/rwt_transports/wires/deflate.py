@@ -18,8 +18,8 @@ from rwt_protocol.frames import Buffer, Frame
 
 from ..api import Framing
 
-LEVEL = 1
-"""Of zlib. For JSON the higher ones cost several times as much for a few percent."""
+LEVEL = 3
+"""Of zlib. For JSON the higher ones cost several times the time for a few percent of the size."""
 SMALLEST_BYTES = 128
 """A smaller message is sent as it is: it would not become much smaller."""
 
