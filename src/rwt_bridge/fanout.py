@@ -82,10 +82,12 @@ class Channel:
         frame: Frame | None = None
         direct = self._direct
         if direct:
-            frame = self.encode(sample)
+            frame = self._encode(sample)
             counts = self.counts
-            counts.messages += len(direct)
-            counts.bytes += frame.size * len(direct)
+            counts.encodes += 1
+            receivers = len(direct)
+            counts.messages += receivers
+            counts.bytes += frame.size * receivers
             for send in direct:
                 send(frame)
         if self._gated:

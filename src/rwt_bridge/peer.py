@@ -51,6 +51,8 @@ class Peer:
         self.role = role
         self.messages = 0
         self.bytes = 0
+        self._monotonic = bridge.graph.clock.monotonic
+        self._dispatch = bridge.dispatcher.dispatch
         self._rate = message_rate(bridge.limits)
         self.advertised: dict[str, set[str | int | None]] = {}
         self.implicit: set[str] = set()
@@ -65,7 +67,7 @@ class Peer:
         """Take one message from the wire, run what it holds, and answer what is refused."""
         self.messages += 1
         self.bytes += len(data)
-        now = self.bridge.graph.clock.monotonic()
+        now = self._monotonic()
         if self._rate is not None and not self._rate.take(now):
             self._flooded()
             return
@@ -75,7 +77,7 @@ class Peer:
                 self.log(logging.WARNING, item.reason, item.id)
                 answer = item.answer
             else:
-                answer = self.bridge.dispatcher.dispatch(self, item)
+                answer = self._dispatch(self, item)
                 if answer is not None:
                     self.bridge.ledger.refuse(item.op)
                     self._log_answer(answer)

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from rwt_graph.api import Participant, Publisher
     from rwt_graph.clock import Clock, Timer
     from rwt_graph.qos import QoS
-    from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.ops.topics import Qos
 
@@ -28,6 +27,7 @@ class Publication:
     """One shared publisher, who uses it, and the timer that ends it.
 
     Attributes:
+        publish: the publisher's own; whoever calls it counts the message and tells `deadline` of it.
         counts: what is counted of the topic.
         deadline: watches that clients publish as often as they said they would.
     """
@@ -39,6 +39,7 @@ class Publication:
         "counts",
         "deadline",
         "linger",
+        "publish",
         "publisher",
         "topic",
         "type",
@@ -47,6 +48,7 @@ class Publication:
 
     def __init__(self, publisher: Publisher, clock: Clock, ledger: Ledger) -> None:
         self.publisher = publisher
+        self.publish = publisher.publish
         self.topic = publisher.topic
         self.type = publisher.type
         self.users: set[Hashable] = set()
@@ -57,15 +59,6 @@ class Publication:
         self.counts = ledger.use_topic(publisher.topic)
         seconds = publisher.qos.deadline
         self.deadline = DeadlineWatch(clock, seconds, self._late) if seconds else None
-
-    def publish(self, payload: Payload, size: int) -> None:
-        """Hand on a message that was `size` bytes long."""
-        counts = self.counts
-        counts.received += 1
-        counts.received_bytes += size
-        if self.deadline is not None:
-            self.deadline.met()
-        self.publisher.publish(payload)
 
     def _late(self) -> None:
         if not self.users:

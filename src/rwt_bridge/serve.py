@@ -84,13 +84,11 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
             )
             for url in urls or settings.listen
         ]
-        dials = [
-            await stack.enter_async_context(
-                dial(url, _accept_at(url, bridge), token=dial_token, limits=limits, tls=dial_tls)
-            )
-            for url in settings.dial.urls
-        ]
-        yield Server(tuple(listener.url for listener in listeners), bridge, tuple(dials), tuple(listeners))
+        for url in settings.dial.urls:
+            dialing = dial(url, _accept_at(url, bridge), token=dial_token, limits=limits, tls=dial_tls)
+            bridge.dials.append(await stack.enter_async_context(dialing))
+        urls_in_use = tuple(listener.url for listener in listeners)
+        yield Server(urls_in_use, bridge, tuple(bridge.dials), tuple(listeners))
 
 
 def _accept_at(url: str, bridge: Bridge) -> Accept:

@@ -55,8 +55,14 @@ def on_publish(peer: Peer, op: ops.Publish) -> None:
     publication = peer.publishers.get(op.topic)
     if publication is None:
         publication = peer.publishers[op.topic] = _publication(peer, op)
-    payload = payload_of(publication.type, op.msg, "publish.msg", peer.bridge.now)
-    publication.publish(payload, len(op.msg.data))
+    raw = op.msg
+    payload = payload_of(publication.type, raw, "publish.msg", peer.bridge.now)
+    counts = publication.counts
+    counts.received += 1
+    counts.received_bytes += len(raw.data)
+    if publication.deadline is not None:
+        publication.deadline.met()
+    publication.publish(payload)
 
 
 def _publication(peer: Peer, op: ops.Publish) -> Publication:

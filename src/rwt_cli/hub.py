@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import os
 import re
 import signal
-import sys
 from pathlib import Path
 
 import anyio
@@ -16,6 +14,7 @@ from rwt_bridge.origins import is_loopback_listener
 from rwt_bridge.settings import SettingsError, TlsSettings
 from rwt_bridge.tls import server_tls
 from rwt_cli.errors import CommandError
+from rwt_cli.logs import FORMATS, log_to_stderr
 from rwt_transports.errors import TransportError
 from rwt_transports.open_hub import open_hub
 
@@ -65,16 +64,13 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
     )
     parser.add_argument("--certfile", type=Path, metavar="FILE", help="certificate for wss://, PEM")
     parser.add_argument("--keyfile", type=Path, metavar="FILE", help="its private key, PEM")
+    parser.add_argument("--log-format", choices=FORMATS, default="text", help="how to log (default text)")
     parser.add_argument("--verbose", "-v", action="store_true", help="log more")
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    logging.basicConfig(
-        stream=sys.stderr,
-        level=logging.DEBUG if arguments.verbose else logging.INFO,
-        format="%(asctime)s %(levelname)s %(name)s %(message)s",
-    )
+    log_to_stderr(arguments.log_format, verbose=arguments.verbose)
     if not arguments.url.lower().startswith(("ws://", "wss://")):
         raise CommandError(
             f"a hub cannot listen on {arguments.url!r}: expected ws:// or wss://, for example "

@@ -77,10 +77,12 @@ class FlowRules:
     Attributes:
         depth: messages that may wait, the newest stay; None: as many as the data lane has room for.
         keep_all: never give way to another topic's messages while one without this has some to give.
+        notes: these are a few small messages of the server itself, which take no other topic's place.
     """
 
     depth: int | None = None
     keep_all: bool = False
+    notes: bool = False
 
 
 AS_MANY_AS_FIT = FlowRules()

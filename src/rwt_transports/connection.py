@@ -16,6 +16,7 @@ from .api import Link, OversizeAware, ValveAware, Wire, WireEvents
 from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from .errors import Refused
 from .http import HttpConversation, HttpRequest, HttpResponse, Routes
+from .incidents import report
 from .limits import Limits
 from .outbox import Outbox
 from .wires.deflate import Deflate, Deflating
@@ -67,7 +68,12 @@ class Reception:
     def tick(self, now: float) -> None:
         """Look after every time-out; called about twice a second with a monotonic time in seconds."""
         for connection in tuple(self.connections):
-            connection.tick(now)
+            try:
+                connection.tick(now)
+            except Exception:
+                # The others must not wait for ever because of one.
+                report("looking after %s failed; cutting it", connection)
+                connection.abort()
 
     def close(self, code: int, reason: str) -> None:
         """Ask every peer to go."""
@@ -154,7 +160,7 @@ class Connection:
         except Refused as refused:
             self.close(POLICY, refused.reason)
         except Exception:
-            logger.exception("the accept function failed for %s", self)
+            report("the accept function failed for %s", self)
             self.close(INTERNAL_ERROR, "internal error")
 
     # -- the driver's side ---------------------------------------------------------------------------------
@@ -251,7 +257,7 @@ class Connection:
         self.close(POLICY, reason)
 
     def _broken_inside(self) -> None:
-        logger.exception("an endpoint, a route or a wire failed; closing %s", self)
+        report("an endpoint, a route or a wire failed; closing %s", self)
         if self._conversation is not None:
             self._link.abort()
             return
@@ -336,7 +342,7 @@ class Connection:
             try:
                 await work()
             except Exception:
-                logger.exception("an HTTP answer failed; cutting %s", self)
+                report("an HTTP answer failed; cutting %s", self)
                 self._link.abort()
         self._scope = None
 
@@ -359,7 +365,7 @@ class Connection:
         except Refused as refused:
             refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
         except Exception:
-            logger.exception("the accept function failed for %s", self)
+            report("the accept function failed for %s", self)
             refusal = HttpResponse(b"internal error\n", 500)
         else:
             self.outbox.insert(mark, head)

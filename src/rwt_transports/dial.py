@@ -32,6 +32,7 @@ from .assignment import (
 from .close_codes import GOING_AWAY, INTERNAL_ERROR, POLICY, PROTOCOL_ERROR, TOO_BIG
 from .connect import connect, parse_connect_url
 from .errors import BadUrl, Refused, TransportError
+from .incidents import report
 from .limits import Limits
 
 logger = logging.getLogger("rwt_transports.dial")
@@ -295,7 +296,7 @@ class _Line:
         except Refused as refused:
             sink.close(POLICY, refused.reason)
         except Exception:
-            logger.exception("the accept function failed for a client at %s", info.address)
+            report("the accept function failed for a client at %s", info.address)
             sink.close(INTERNAL_ERROR, "internal error")
 
     def oversized(self, size: int, limit: int) -> None:

@@ -94,6 +94,8 @@ def test_a_robot_may_listen_as_well() -> None:
         connect(near) as direct,
     ):
         assert (_add(through, 1, 1), _add(direct, 2, 2)) == (2, 4)
+        with urllib.request.urlopen(f"{near.replace('ws', 'http', 1)}/metrics", timeout=10) as answer:
+            assert f'rwt_dial_clients{{hub="{hub}/robots/rosie"}} 1\n' in answer.read().decode()
 
 
 def _fails(*arguments: str) -> tuple[int, str]:

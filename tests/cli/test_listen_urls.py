@@ -163,22 +163,3 @@ def test_a_port_that_others_have_is_one_line() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         assert "is in use" in _fails(f"udp://127.0.0.1:{taken.getsockname()[1]}")
-
-
-def test_a_certificate_that_cannot_be_used_is_one_line(pem: tuple[Path, Path], tmp_path: Path) -> None:
-    certfile, keyfile = pem
-    empty = tmp_path / "empty.pem"
-    empty.touch()
-    other = tmp_path / "other.pem"
-    other.write_bytes(
-        ec.generate_private_key(ec.SECP256R1()).private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        )
-    )
-    for cert, key, expected in (
-        (certfile, tmp_path / "none.pem", "none.pem: cannot be read"),
-        (empty, keyfile, "cannot be used"),
-        (certfile, other, "do not belong together"),
-    ):
-        said = _fails("wss://127.0.0.1:0", "--set", f"tls.certfile={cert}", "--set", f"tls.keyfile={key}")
-        assert expected in said

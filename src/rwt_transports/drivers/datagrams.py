@@ -18,6 +18,7 @@ from anyio.abc import SocketAttribute, UDPSocket
 
 from ..api import Attach, Driven, Place
 from ..errors import ListenError
+from ..incidents import report
 from ..wires.json_datagrams import END
 from .sockets import unknown_host, why_not
 
@@ -57,7 +58,13 @@ class _Sessions:
             await self._awake.wait()
             self._awake = anyio.Event()
             while self._waiting:
-                await self._waiting.popleft().flush(self._socket)
+                link = self._waiting.popleft()
+                try:
+                    await link.flush(self._socket)
+                except Exception:
+                    # The other peers must not wait for ever because of one.
+                    report("writing to %s:%d failed; forgetting it", *link.address)
+                    link.abort()
 
     def wake(self, link: _Link) -> None:
         """There is something to take from this link."""
