@@ -101,7 +101,6 @@ def _transport_limits(settings: Settings) -> Limits:
     wished = settings.limits
     return Limits(
         message_bytes=settings.max_message_size,
-        deflate=settings.permessage_deflate,
         connections=wished.connections,
         handshake_seconds=wished.handshake_seconds,
         idle_http_seconds=wished.idle_http_seconds,

@@ -259,9 +259,6 @@ class Settings(Table):
     max_message_size: Annotated[Bytes, Field(description="largest message taken from a client, bytes")] = (
         64 * MIB
     )
-    permessage_deflate: Annotated[
-        bool, Field(description="whether to compress WebSocket messages for clients that offer it (RFC 7692)")
-    ] = False
     default_call_service_timeout: Annotated[
         SecondsOrNone,
         Field(description="seconds a service call may take when its caller says nothing; 0 waits for ever"),

@@ -18,7 +18,7 @@ class Frame:
     and parts once, and :meth:`framed` keeps the outcome for the next connection.
     """
 
-    __slots__ = ("_framed", "_framing", "_others", "binary", "parts", "size")
+    __slots__ = ("_framed", "_framing", "binary", "parts", "size")
 
     def __init__(self, *parts: Buffer, binary: bool = False) -> None:
         self.parts = parts
@@ -29,7 +29,6 @@ class Frame:
         self.size = size
         self._framing: object = None
         self._framed = b""
-        self._others: dict[object, bytes] | None = None
 
     @property
     def data(self) -> bytes:
@@ -38,19 +37,10 @@ class Frame:
 
     def framed(self, framing: Callable[[Frame], bytes]) -> bytes:
         """The bytes of this frame on a wire whose `framing` needs nothing but the frame; computed once."""
-        if self._framing is framing:
-            return self._framed
-        if self._framing is None:
+        if self._framing is not framing:
             self._framed = framing(self)
             self._framing = framing
-            return self._framed
-        # Peers of several wires hear the same: compressed and not, for example.
-        if self._others is None:
-            self._others = {}
-        framed = self._others.get(framing)
-        if framed is None:
-            framed = self._others[framing] = framing(self)
-        return framed
+        return self._framed
 
     def __repr__(self) -> str:
         kind = "binary" if self.binary else "text"

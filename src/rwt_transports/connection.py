@@ -19,7 +19,6 @@ from .http import HttpConversation, HttpRequest, HttpResponse, Routes
 from .incidents import report
 from .limits import Limits
 from .outbox import Outbox
-from .wires.deflate import Deflate, Deflating
 from .wires.spare import Spare
 
 logger = logging.getLogger("rwt_transports")
@@ -291,9 +290,7 @@ class Connection:
 
     # -- what HTTP asks (HttpEvents) -----------------------------------------------------------------------
 
-    def upgrade(
-        self, request: HttpRequest, head: bytes, rest: bytes, deflate: Deflate | None
-    ) -> HttpResponse | None:
+    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
         """Become a WebSocket, if the listener and the accept function have it."""
         reception = self._reception
         if reception.closing:
@@ -301,9 +298,6 @@ class Connection:
         if len(reception.connections) > reception.limits.connections:
             text = f"all {reception.limits.connections} connections of this server are taken (connections)\n"
             return HttpResponse(text.encode(), 503)
-        if isinstance(self._wire, Deflating):
-            self._wire.deflate(deflate)
-            self.outbox.reframe(self._wire.framing)
         target = f"{request.path}?{request.query}" if request.query else request.path
         refusal = self._open_after(
             PeerInfo(reception.transport, self._address, self._port, target, request.headers), head

@@ -13,7 +13,6 @@ import h11
 
 from .handshake import answer_handshake, wants_websocket
 from .limits import Limits
-from .wires.deflate import Deflate
 
 logger = logging.getLogger("rwt_transports.http")
 
@@ -107,9 +106,7 @@ class HttpEvents(Protocol):
     def answer(self, data: bytes) -> None:
         """Send these bytes."""
 
-    def upgrade(
-        self, request: HttpRequest, head: bytes, rest: bytes, deflate: Deflate | None
-    ) -> HttpResponse | None:
+    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
         """The peer may become a WebSocket: send `head`, feed it `rest`. A response refuses instead."""
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
@@ -228,9 +225,7 @@ class HttpConversation:
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
 
     def _upgrade(self, request: HttpRequest, target: str, pairs: list[tuple[str, str]]) -> None:
-        answer = None
-        if request.method == "GET":
-            answer = answer_handshake(target, pairs, deflate=self._limits.deflate)
+        answer = answer_handshake(target, pairs) if request.method == "GET" else None
         if answer is None or answer.status != 101:
             reason = answer.reason if answer else "a WebSocket is opened with GET"
             self._respond_text(
@@ -238,7 +233,7 @@ class HttpConversation:
             )
             return
         self._over = True
-        refusal = self._events.upgrade(request, answer.head, self._h11.trailing_data[0], answer.deflate)
+        refusal = self._events.upgrade(request, answer.head, self._h11.trailing_data[0])
         if refusal is not None:
             self._over = False
             self._respond(refusal)

@@ -19,8 +19,6 @@ class Limits:
         strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
             default: the endpoint gets the bytes as they came and answers, so that one bad message does not
             cost the connection.
-        deflate: agree to permessage-deflate (RFC 7692) where a WebSocket client offers it. Off by default: it
-            costs processor time for each message, and saves only on slow networks.
         connections: open connections of one listener. More are answered with HTTP 503 where the transport
             has HTTP, and cut otherwise; twice as many are always cut.
         handshake_seconds: from the first byte expected to the end of the request.
@@ -41,7 +39,6 @@ class Limits:
 
     message_bytes: int = 64 * MIB
     strict_utf8: bool = False
-    deflate: bool = False
     connections: int = 1024
     handshake_seconds: float = 10.0
     idle_http_seconds: float = 60.0

@@ -216,11 +216,6 @@ class Outbox:
         self._control.append(frame)
         self._control_bytes += frame.size
 
-    def reframe(self, framing: Framing) -> None:
-        """Make bytes of frames in this way from now on."""
-        self._framing = framing
-        self.whole = framing.whole
-
     # -- the connection's side -----------------------------------------------------------------------------
 
     def push(self, data: bytes) -> None:

@@ -113,26 +113,6 @@ def test_every_scheme_at_once(pem: tuple[Path, Path], tmp_path: Path) -> None:
     assert not path.exists()
 
 
-@pytest.mark.parametrize("allowed", [True, False])
-def test_compression_where_it_is_set(allowed: bool) -> None:
-    with (
-        _serving(
-            "ws://127.0.0.1:0", "--demo", "--set", f"permessage_deflate={str(allowed).lower()}", count=1
-        ) as (url,),
-        connect(url, compression="deflate") as wire,
-    ):
-        assert [each.name for each in wire.protocol.extensions] == ["permessage-deflate"] * allowed
-        wire.send('{"op":"subscribe","topic":"/map"}')
-        assert json.loads(wire.recv(timeout=5))["topic"] == "/map"
-        call = {"op": "call_service", "id": "x" * 1000, "service": "/add_two_ints", "args": [1, 2]}
-        for _ in range(3):
-            wire.send(json.dumps(call))
-        for _ in range(3):
-            while (answer := json.loads(wire.recv(timeout=5)))["op"] != "service_response":
-                pass
-            assert answer["values"] == {"sum": 3}
-
-
 def _fails(*arguments: str) -> str:
     done = subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 1

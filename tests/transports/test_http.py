@@ -9,7 +9,6 @@ import pytest
 
 from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
-from rwt_transports.wires.deflate import Deflate
 
 
 class Browser:
@@ -24,9 +23,7 @@ class Browser:
     def answer(self, data: bytes) -> None:
         self.sent += data
 
-    def upgrade(
-        self, request: HttpRequest, head: bytes, rest: bytes, deflate: Deflate | None
-    ) -> HttpResponse | None:
+    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
         raise AssertionError("nothing here upgrades")
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:

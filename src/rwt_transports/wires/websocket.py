@@ -25,12 +25,9 @@ from rwt_protocol.frames import Buffer, Frame
 from ..api import Framing, WireEvents
 from ..close_codes import INVALID_DATA, NO_STATUS, PROTOCOL_ERROR, TOO_BIG, may_travel
 from ..limits import Limits
-from .deflate import Deflate, Inflater, Malformed, TooLarge, deflating
 from .spare import Spare
 
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
-COMPRESSED = 0x40
-"""RSV1 on the first frame of a message: permessage-deflate (RFC 7692 section 6)."""
 
 DIRECT_BYTES = 32 * 1024
 """With less than this to come, receiving elsewhere and copying is cheaper than one more read."""
@@ -143,9 +140,8 @@ class WebSocketWire:
     """
 
     __slots__ = (
-        "_closing", "_ended", "_events", "_framing", "_inflater", "_max_size", "_parts", "_parts_first",
-        "_plain", "_server", "_skip", "_skip_last", "_skipping", "_spare", "_staged", "_strict", "_tail",
-        "_whole", "message",
+        "_closing", "_ended", "_events", "_max_size", "_parts", "_parts_binary", "_plain", "_server", "_skip",
+        "_skip_last", "_skipping", "_spare", "_staged", "_strict", "_tail", "_whole", "message",
     )  # fmt: skip
 
     def __init__(
@@ -168,24 +164,17 @@ class WebSocketWire:
         self._whole = True  # no fragmented message is under way
         self._plain = server  # the same, and frames are masked
         self._parts = bytearray()
-        self._parts_first = TEXT  # first byte of its first frame
+        self._parts_binary = False
         self._skipping = False  # the message under way is too large
         self._skip = 0  # bytes of the frame under way that are still to be thrown away
         self._skip_last = False  # that frame ends its message
         self._closing = False
         self._ended = False
-        self._framing = SERVER_FRAMING if server else CLIENT_FRAMING
-        self._inflater: Inflater | None = None
 
     @property
     def framing(self) -> Framing:
         """How outgoing frames become bytes."""
-        return self._framing
-
-    def deflate(self, agreed: Deflate | None) -> None:
-        """Compress messages as agreed in the handshake (RFC 7692), or do not."""
-        self._framing = SERVER_FRAMING if agreed is None else deflating(agreed.window_bits)
-        self._inflater = None if agreed is None else Inflater(agreed)
+        return SERVER_FRAMING if self._server else CLIENT_FRAMING
 
     # -- outgoing ------------------------------------------------------------------------------------------
 
@@ -290,8 +279,8 @@ class WebSocketWire:
     def _check(self, first: int, size: int, *, masked: bool) -> None:
         """The header rules of RFC 6455 sections 5.1, 5.2, 5.4 and 5.5."""
         opcode = first & 0x0F
-        if first & 0x70 and not self._may_be_compressed(first):
-            raise _Broken(PROTOCOL_ERROR, "a reserved bit is set and no extension was negotiated for it")
+        if first & 0x70:
+            raise _Broken(PROTOCOL_ERROR, "a reserved bit is set and no extension was negotiated")
         if opcode not in (CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG):
             raise _Broken(PROTOCOL_ERROR, f"opcode {opcode} is reserved")
         if masked is not self._server:
@@ -305,10 +294,6 @@ class WebSocketWire:
             raise _Broken(PROTOCOL_ERROR, "a continuation frame without a message to continue")
         elif opcode != CONTINUATION and not self._whole:
             raise _Broken(PROTOCOL_ERROR, "a new message before the last fragment of the one before")
-
-    def _may_be_compressed(self, first: int) -> bool:
-        """RSV1 alone, on the first frame of a message, once that was agreed (RFC 7692 section 6)."""
-        return self._inflater is not None and first & 0x7F in (COMPRESSED | TEXT, COMPRESSED | BINARY)
 
     def _read_any(self, data: bytes, first: int, key: bytes, start: int, size: int) -> int:
         """Take a checked frame of any kind; returns where the next one starts, as far as it is here."""
@@ -336,7 +321,7 @@ class WebSocketWire:
         total = len(self._parts) + size
         if total <= self._max_size:
             return True
-        if self._closing or self._is_needed(first) or not self._events.oversized(total):
+        if self._closing or not self._events.oversized(total):
             raise _Broken(
                 TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
             )
@@ -344,12 +329,6 @@ class WebSocketWire:
         self._begin(first)
         self._parts = bytearray()
         return False
-
-    def _is_needed(self, first: int) -> bool:
-        """Whether later messages may refer to what the one that begins or goes on with this frame holds."""
-        inflater = self._inflater
-        started_with = first if self._whole else self._parts_first
-        return inflater is not None and inflater.keeps_context and started_with & COMPRESSED != 0
 
     def _skip_some(self, position: int, end: int) -> int:
         count = min(self._skip, end - position)
@@ -403,44 +382,25 @@ class WebSocketWire:
     def _data_frame(self, first: int, payload: bytes) -> None:
         last = first > 127
         if last and self._whole:
-            self._deliver_any(first, payload)
+            self._deliver(payload, first & 0x0F == BINARY)
             return
         self._begin(first)
         self._parts += payload
         if last:
             whole = bytes(self._parts)
             self._end_message()
-            self._deliver_any(self._parts_first, whole)
+            self._deliver(whole, self._parts_binary)
 
     def _begin(self, first: int) -> None:
         """A data frame that is not a whole message was taken or skipped."""
         if self._whole:
-            self._parts_first = first
+            self._parts_binary = first & 0x0F == BINARY
             self._whole = self._plain = False
 
     def _end_message(self) -> None:
         self._parts = bytearray()
         self._whole = True
         self._plain = self._server
-
-    def _deliver_any(self, first: int, payload: bytes) -> None:
-        """Hand a message over, inflated if its first frame says that it is compressed."""
-        inflater = self._inflater
-        if inflater is not None and first & COMPRESSED:
-            try:
-                payload = inflater.inflate(payload, self._max_size)
-            except TooLarge:
-                self._bomb(first, len(payload))
-                return
-            except Malformed:
-                raise _Broken(INVALID_DATA, "a message is not compressed as RFC 7692 wants it") from None
-        self._deliver(payload, first & 0x0F == BINARY)
-
-    def _bomb(self, first: int, compressed: int) -> None:
-        """A message becomes too large when it is inflated; it is refused like any other that is too large."""
-        if self._closing or self._is_needed(first) or not self._events.oversized(self._max_size + 1):
-            reason = f"a message of {compressed} bytes inflates to more than {self._max_size} (message_bytes)"
-            raise _Broken(TOO_BIG, reason)
 
     def _deliver(self, payload: bytes, binary: bool) -> None:
         if self._strict and not binary:
