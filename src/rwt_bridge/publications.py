@@ -13,12 +13,13 @@ from rwt_graph.errors import TypeConflict
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Callable, Hashable
 
     from rwt_bridge.ledger import Ledger
     from rwt_graph.api import Participant, Publisher
     from rwt_graph.clock import Clock, Timer
     from rwt_graph.qos import QoS
+    from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.ops.topics import Qos
 
@@ -27,7 +28,7 @@ class Publication:
     """One shared publisher, who uses it, and the timer that ends it.
 
     Attributes:
-        publish: the publisher's own; whoever calls it counts the message and tells `deadline` of it.
+        publish: hands on a message, which its caller counts.
         counts: what is counted of the topic.
         deadline: watches that clients publish as often as they said they would.
     """
@@ -48,7 +49,7 @@ class Publication:
 
     def __init__(self, publisher: Publisher, clock: Clock, ledger: Ledger) -> None:
         self.publisher = publisher
-        self.publish = publisher.publish
+        self.publish: Callable[[Payload], None] = publisher.publish
         self.topic = publisher.topic
         self.type = publisher.type
         self.users: set[Hashable] = set()
@@ -59,6 +60,13 @@ class Publication:
         self.counts = ledger.use_topic(publisher.topic)
         seconds = publisher.qos.deadline
         self.deadline = DeadlineWatch(clock, seconds, self._late) if seconds else None
+        if self.deadline is not None:
+            self.publish = self._publish_in_time
+
+    def _publish_in_time(self, payload: Payload) -> None:
+        if self.deadline is not None:
+            self.deadline.met()
+        self.publisher.publish(payload)
 
     def _late(self) -> None:
         if not self.users:

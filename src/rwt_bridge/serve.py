@@ -16,6 +16,7 @@ from rwt_bridge.pages import routes
 from rwt_bridge.settings import Settings
 from rwt_bridge.tls import client_tls, server_tls
 from rwt_transports.dial import dial
+from rwt_transports.extensions import Deflate
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
@@ -112,4 +113,5 @@ def _transport_limits(settings: Settings) -> Limits:
         data_frames=wished.data_frames,
         control_bytes=wished.control_bytes,
         control_frames=wished.control_frames,
+        deflate=Deflate(settings.deflate),
     )

@@ -195,7 +195,7 @@ class SentGoal:
     def on_feedback(self, op: ActionFeedback) -> None:
         """Feedback has come (ACT-02)."""
         if isinstance(op.values, RawJson):
-            self.goal.take_feedback(self._feedback.read(op.values.proven().data))
+            self.goal.take_feedback(self._feedback.read(op.values))
 
     def on_result(self, op: ActionResult) -> None:
         """The result has come (ACT-03, ACT-04)."""
@@ -204,7 +204,7 @@ class SentGoal:
             self.goal.end(GoalFailed(text))
             return
         try:
-            message = self._result.read(op.values.proven().data)
+            message = self._result.read(op.values)
         except MisfitMessage as error:
             self.goal.end(error)
         else:

@@ -57,7 +57,16 @@ def _converter(shape: shapes.Shape) -> Convert | None:
             return None
 
 
-def _octets(data: bytes) -> object:
+def octets_of(message_type: MessageType) -> tuple[tuple[str, str], ...]:
+    """Name and attribute of each field that holds any number of octets."""
+    return tuple(
+        (slot.name, slot.attribute)
+        for slot in message_type.slots
+        if isinstance(slot.shape, shapes.Octets) and slot.shape.length is None
+    )
+
+
+def _octets(data: bytes | memoryview) -> object:
     import numpy  # heavy, and only for those who ask for it
 
     return numpy.frombuffer(data, dtype=numpy.uint8)

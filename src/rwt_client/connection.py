@@ -21,6 +21,7 @@ from rwt_protocol.errors import Level
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.frames import Accept
 from rwt_protocol.session import WireLimits
+from rwt_transports.background import background_tasks
 from rwt_transports.connect import ConnectOptions
 from rwt_transports.connect import connect as connect_transport
 from rwt_transports.errors import BadUrl, TransportError
@@ -97,24 +98,17 @@ async def connect(
     line = Line(status_level, WireLimits(bounds.message_bytes, fragments=fragments))
     dial = _dial(target, bounds, timeout, headers, tls)
     keeper = _Keeper(line, dial, reconnect)
-    failure: Exception | None = None
-    async with anyio.create_task_group() as tasks:
-        name = target if isinstance(target, str) else "memory"
+    name = target if isinstance(target, str) else "memory"
+    async with background_tasks() as tasks:
+        robot = Robot(name, line, tasks, keeper.drain, timeout=timeout, arrays=arrays)
         try:
-            robot = Robot(name, line, tasks, keeper.drain, timeout=timeout, arrays=arrays)
             await _begin(keeper, tasks)
             await robot.identify(ros_version, fetch_types)
             yield robot
-        except Exception as error:
-            # Raised again below, so that the caller gets the exception itself and not a group around it.
-            failure = error
         finally:
             with anyio.move_on_after(_FAREWELL_SECONDS):
                 await keeper.drain()
             line.close(ConnectionClosed("the connection was closed by this program"))
-            tasks.cancel_scope.cancel()
-    if failure is not None:
-        raise failure
 
 
 async def _begin(keeper: _Keeper, tasks: TaskGroup) -> None:

@@ -8,8 +8,10 @@ what it wants. Everything here is synchronous and runs on the event loop's threa
 from __future__ import annotations
 
 import logging
+import re
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
 import anyio
@@ -19,10 +21,11 @@ from rwt_client.cbor import Unreadable, read_cbor
 from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.reading import Arrived
-from rwt_protocol.errors import Level
+from rwt_protocol.errors import Level, MalformedPayload
 from rwt_protocol.frames import DropReason, Flow, PeerInfo, Sink
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
 from rwt_protocol.profiles import COMPAT
+from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal, Session, WireLimits
 
 if TYPE_CHECKING:
@@ -30,8 +33,13 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("rwt_client")
 
+SMALL: Final = 256
+"""JSON frames of fewer bytes are parsed twice, which costs less than looking for their payload."""
+
 LARGE: Final = 32 * 1024
 """JSON frames of more bytes are read by the session, which does not look at their payload."""
+
+_CLOSING_BRACE: Final = ord("}")
 
 _MAPS: Final = frozenset(range(0xA0, 0xC0))
 """First bytes of a CBOR map."""
@@ -68,6 +76,22 @@ class _Envelope(msgspec.Struct, gc=False):
 _read_envelope = msgspec.json.Decoder(_Envelope).decode
 _NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
+_HEAD: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?')
+"""How servers begin a published message. What follows up to the last brace is the message, if it is one JSON
+value; whoever decodes it finds out, and otherwise asks for the proof."""
+
+
+def _prove(frame: bytes) -> bytes:
+    """The message that a parse of the whole frame finds.
+
+    Raises:
+        MalformedPayload: there is none.
+    """
+    try:
+        return bytes(_read_envelope(frame).msg)
+    except _NOT_AN_ENVELOPE:
+        raise MalformedPayload("the frame is not one JSON object") from None
+
 
 class Line:
     """The line of one client.
@@ -78,13 +102,12 @@ class Line:
 
     Attributes:
         events: what happens to the connection.
-        destinations: by the topic's name as it was subscribed to.
         dispatcher: what to do with everything but published messages.
     """
 
     __slots__ = (
-        "_closed", "_count", "_ended", "_level", "_limits", "_parts", "_session", "_sink", "_ups",
-        "destinations", "dispatcher", "events",
+        "_closed", "_count", "_destinations", "_ended", "_level", "_limits", "_parts", "_session", "_sink",
+        "_ups", "dispatcher", "events",
     )  # fmt: skip
 
     def __init__(self, level: Level | None, limits: WireLimits) -> None:
@@ -98,7 +121,8 @@ class Line:
         self._count = 0
         self._ups = 0
         self.events = Events()
-        self.destinations: dict[str, Destination] = {}
+        # By the bytes of the topic's name, as frames have them.
+        self._destinations: dict[bytes, Destination] = {}
         self.dispatcher: Dispatcher[None] | None = None
 
     # -- for the parts -------------------------------------------------------------------------------------
@@ -128,6 +152,13 @@ class Line:
         if self._closed is not None:
             raise self._closed
         self._parts[id] = part
+
+    def listen(self, topic: str, destination: Destination | None) -> None:
+        """Pass the messages of a topic, by its name on the wire, to `destination`; None: to nobody."""
+        if destination is None:
+            self._destinations.pop(topic.encode(), None)
+        else:
+            self._destinations[topic.encode()] = destination
 
     def remove(self, id: str) -> None:  # as on the wire
         """Forget the part of that id."""
@@ -218,19 +249,30 @@ class Line:
         """One message has arrived."""
         if binary and data[:1] and data[0] in _MAPS and self._receive_cbor(data):
             return
-        if len(data) <= LARGE:
-            try:
-                found = _read_envelope(data)
-            except _NOT_AN_ENVELOPE:
-                # Not valid, or another op with a member of that name: the session tells.
-                found = None
-            if found is not None and found.op == "publish" and found.msg:
-                destination = self.destinations.get(found.topic)
-                if destination is not None:
-                    destination.deliver(bytes(found.msg), len(data))
-                return
+        if len(data) <= LARGE and self._receive_small(data):
+            return
         for op in self._session.decode(data, binary, time.monotonic()):
             self._take(op)
+
+    def _receive_small(self, data: bytes) -> bool:
+        """Take a published message in a small frame; False if it is anything else, or not valid."""
+        head = _HEAD.match(data) if len(data) > SMALL else None
+        if head is not None and data[-1] == _CLOSING_BRACE:
+            destination = self._destinations.get(head[1])
+            if destination is not None:
+                destination.deliver(RawJson(data[head.end() : -1], partial(_prove, data)), len(data))
+                return True
+        try:
+            found = _read_envelope(data)
+        except _NOT_AN_ENVELOPE:
+            # Another op with a member of that name, perhaps: the session tells.
+            return False
+        if found.op != "publish" or not found.msg:
+            return False
+        destination = self._destinations.get(found.topic.encode())
+        if destination is not None:
+            destination.deliver(RawJson(bytes(found.msg)), len(data))
+        return True
 
     def _receive_cbor(self, data: bytes) -> bool:
         """Take a published message in CBOR; False if it is anything else."""
@@ -241,7 +283,7 @@ class Line:
         if not isinstance(found, dict) or found.get("op") != "publish":
             return False
         message, topic = found.get("msg"), found.get("topic")
-        destination = self.destinations.get(topic) if isinstance(topic, str) else None
+        destination = self._destinations.get(topic.encode()) if isinstance(topic, str) else None
         if destination is not None and isinstance(message, dict):
             destination.deliver(message, len(data))
         return True
@@ -263,9 +305,9 @@ class Line:
                 self.send_if_connected(answer)
 
     def _take_publish(self, op: Publish) -> None:
-        destination = self.destinations.get(op.topic)
+        destination = self._destinations.get(op.topic.encode())
         if destination is not None:
-            destination.deliver(op.msg.data, len(op.msg.data))
+            destination.deliver(op.msg, len(op.msg.data))
 
     def _take_status(self, op: Status) -> None:
         """A complaint goes to the part it is about, and else to whoever listens to events (STA-03)."""

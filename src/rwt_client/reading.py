@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from rwt_client.arrays import ArrayKind, to_numpy
+from rwt_client.arrays import ArrayKind, octets_of, to_numpy
 from rwt_client.cbor import TypedArray
 from rwt_client.errors import MisfitMessage
 from rwt_interfaces import Payload, PayloadError
+from rwt_protocol.errors import MalformedPayload
+from rwt_protocol.rawjson import RawJson
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 Message = Any
 """A message: an instance of its type's class, whose fields are those of its definition."""
 
-Arrived = bytes | memoryview | dict[str, object]
+Arrived = RawJson | dict[str, object]
 """A message as it came: JSON text, or what a CBOR map held."""
 
 _REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, PayloadError)
@@ -35,7 +37,7 @@ class MessageReader:
             message takes the slower way that understands both spellings.
     """
 
-    __slots__ = ("_decode", "_finish", "_numpy", "_trusted", "type")
+    __slots__ = ("_decode", "_finish", "_numpy", "_octets", "_trusted", "type")
 
     def __init__(
         self, message_type: MessageType, arrays: ArrayKind = "list", *, trusted: bool = True
@@ -45,6 +47,7 @@ class MessageReader:
         self._numpy = arrays == "numpy"
         self._finish = to_numpy(message_type) if self._numpy else None
         self._trusted = trusted
+        self._octets = octets_of(message_type) if self._numpy else ()
 
     def read(self, arrived: Arrived) -> Message:
         """The message.
@@ -56,24 +59,34 @@ class MessageReader:
             message = self._from_plain(arrived)
         elif self._trusted:
             try:
-                message = self._decode(arrived)
+                message = self._decode(arrived.data)
             except _REJECTIONS:
                 message = self._leniently(arrived)
         else:
             message = self._leniently(arrived)
         return message if self._finish is None else self._finish(message)
 
-    def _leniently(self, text: bytes | memoryview) -> msgspec.Struct:
+    def _leniently(self, arrived: RawJson) -> msgspec.Struct:
         try:
-            return Payload.from_json(self.type, text).value()
+            return Payload.from_json(self.type, arrived.proven().data).value()
         except PayloadError as error:
             raise self._misfit(error) from None
+        except MalformedPayload as error:
+            raise MisfitMessage(f"not {self.type.name}: {error}") from None
 
     def _from_plain(self, plain: dict[str, object]) -> msgspec.Struct:
+        # An image's pixels stay where they are: they are no part of what is checked and copied.
+        views = {
+            attribute: plain.pop(name)
+            for name, attribute in self._octets
+            if isinstance(plain.get(name), memoryview)
+        }
         try:
             found: msgspec.Struct = self.type.completer(_with_arrays(plain, self._numpy), time.time_ns)
         except PayloadError as error:
             raise self._misfit(error) from None
+        for attribute, view in views.items():
+            setattr(found, attribute, view)
         return found
 
     def _misfit(self, error: PayloadError) -> MisfitMessage:

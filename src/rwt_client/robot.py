@@ -239,7 +239,7 @@ class Robot:
         service_type = await self.types.service(type_name or await self.types.of_service(service))
         args = RawJson(payload_of(service_type.request, {} if request is None else request).json())
         answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
-        return self.types.reader(service_type.response, self._arrays).read(answer.proven().data)
+        return self.types.reader(service_type.response, self._arrays).read(answer)
 
     async def advertise_service(
         self, service: str, type_name: str, handler: ServiceHandler

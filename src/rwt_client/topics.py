@@ -77,13 +77,28 @@ class TopicSubscriptions:
 class Hub:
     """What all subscriptions of a client share."""
 
-    __slots__ = ("cbor_offered", "line", "tasks", "types")
+    __slots__ = ("_topics", "cbor_offered", "line", "tasks", "types")
 
     def __init__(self, line: Line, types: LiveTypes, tasks: TaskGroup) -> None:
         self.line = line
         self.types = types
         self.tasks = tasks
         self.cbor_offered = True
+        self._topics: dict[str, TopicSubscriptions] = {}
+
+    def add(self, subscription: Subscription) -> None:
+        """Pass the messages of its topic to a subscription."""
+        topic = self._topics.setdefault(subscription.name, TopicSubscriptions())
+        topic.subscriptions = (*topic.subscriptions, subscription)
+        self.line.listen(subscription.name, topic)
+
+    def remove(self, subscription: Subscription) -> None:
+        """Pass nothing more to a subscription."""
+        topic = self._topics[subscription.name]
+        topic.subscriptions = tuple(each for each in topic.subscriptions if each is not subscription)
+        if not topic.subscriptions:
+            del self._topics[subscription.name]
+            self.line.listen(subscription.name, None)
 
     def compression(self, wanted: Compression, message_type: MessageType) -> Literal["none", "png", "cbor"]:
         """What to ask for."""
@@ -155,10 +170,7 @@ class Subscription:
         self._reader = types.reader(message_type, self._options.arrays)
         line = self._hub.line
         line.add(self._id, self)
-        destination = line.destinations.get(self.name)
-        if not isinstance(destination, TopicSubscriptions):
-            destination = line.destinations[self.name] = TopicSubscriptions()
-        destination.subscriptions = (*destination.subscriptions, self)
+        self._hub.add(self)
         if self._callback is not None and not self._direct:
             self._hub.tasks.start_soon(self._call_back)
         if line.connected:
@@ -175,11 +187,7 @@ class Subscription:
             return
         line = self._hub.line
         line.remove(self._id)
-        destination = line.destinations.get(self.name)
-        if isinstance(destination, TopicSubscriptions):
-            destination.subscriptions = tuple(each for each in destination.subscriptions if each is not self)
-            if not destination.subscriptions:
-                del line.destinations[self.name]
+        self._hub.remove(self)
         line.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
 
     async def get(self, timeout: float | None = None) -> Message:  # noqa: ASYNC109 - raises our own error

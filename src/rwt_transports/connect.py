@@ -24,6 +24,7 @@ from websockets.uri import WebSocketURI
 from rwt_protocol.frames import Accept, Buffer
 
 from .api import Driven, Link
+from .background import background_tasks
 from .connection import Connection, MakeWire, Reception
 from .drivers.anyio_stream import serve_stream
 from .drivers.asyncio_protocol import client_link
@@ -288,8 +289,7 @@ async def connect(
     dialed = Dialed(
         target, Reception(accept, target.scheme.make_wire, chosen, None, target.name), headers or {}
     )
-    failure: Exception | None = None
-    async with anyio.create_task_group() as tasks:
+    async with background_tasks() as tasks:
         try:
             with anyio.move_on_after(timeout) as patience:
                 await _open(dialed, context, tasks)
@@ -300,15 +300,9 @@ async def connect(
                 raise dialed.error
             tasks.start_soon(_tick, dialed.reception)
             yield dialed
-        except Exception as error:
-            # Raised again below, so that the caller gets the exception itself and not a group around it.
-            failure = error
         finally:
             with anyio.CancelScope(shield=True):
                 await _close(dialed.reception, chosen.close_seconds)
-            tasks.cancel_scope.cancel()
-    if failure is not None:
-        raise failure
 
 
 async def _close(reception: Reception, patience: float) -> None:

@@ -15,10 +15,13 @@ from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
 from .api import Link, OversizeAware, ValveAware, Wire, WireEvents
 from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from .errors import Refused
+from .extensions import DeflateTerms
+from .handshake import HandshakeAnswer
 from .http import HttpConversation, HttpRequest, HttpResponse, Routes
 from .incidents import report
 from .limits import Limits
 from .outbox import Outbox
+from .wires.deflate import deflate_server
 from .wires.spare import Spare
 
 logger = logging.getLogger("rwt_transports")
@@ -167,6 +170,7 @@ class Connection:
     def receive(self, data: bytes) -> None:
         """Bytes arrived."""
         self._alive = True
+        self.outbox.received += len(data)
         try:
             if self._conversation is not None:
                 self._conversation.feed(data)
@@ -182,6 +186,7 @@ class Connection:
     def filled(self, count: int) -> None:
         """`count` bytes were received into :meth:`space`."""
         self._alive = True
+        self.outbox.received += count
         try:
             self._wire.filled(count)
         except Exception:
@@ -290,7 +295,7 @@ class Connection:
 
     # -- what HTTP asks (HttpEvents) -----------------------------------------------------------------------
 
-    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
+    def upgrade(self, request: HttpRequest, answer: HandshakeAnswer, rest: bytes) -> HttpResponse | None:
         """Become a WebSocket, if the listener and the accept function have it."""
         reception = self._reception
         if reception.closing:
@@ -298,13 +303,21 @@ class Connection:
         if len(reception.connections) > reception.limits.connections:
             text = f"all {reception.limits.connections} connections of this server are taken (connections)\n"
             return HttpResponse(text.encode(), 503)
+        self._agree(answer.deflate)
         target = f"{request.path}?{request.query}" if request.query else request.path
         refusal = self._open_after(
-            PeerInfo(reception.transport, self._address, self._port, target, request.headers), head
+            PeerInfo(reception.transport, self._address, self._port, target, request.headers), answer.head
         )
         if refusal is None and rest:
             self._wire.feed(rest)
         return refusal
+
+    def _agree(self, terms: DeflateTerms | None) -> None:
+        """Speak as the handshake has agreed; nothing has gone through the wire yet."""
+        reception = self._reception
+        if terms is not None:
+            self._wire = deflate_server(terms, self, reception.limits, reception.spare)
+        self.outbox.speak(self._wire.framing)
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
         """Run an HTTP handler in a task that ends with the connection."""

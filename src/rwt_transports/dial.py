@@ -29,6 +29,7 @@ from .assignment import (
     decode_assignment,
     is_robot_name,
 )
+from .background import background_tasks
 from .close_codes import GOING_AWAY, INTERNAL_ERROR, POLICY, PROTOCOL_ERROR, TOO_BIG
 from .connect import connect, parse_connect_url
 from .errors import BadUrl, Refused, TransportError
@@ -125,20 +126,13 @@ async def dial(
             yield
 
     robot = _Robot(dialed, accept, back_off or BackOff(), open_one)
-    failure: Exception | None = None
-    async with anyio.create_task_group() as tasks:
+    async with background_tasks() as tasks:
         tasks.start_soon(robot.run, tasks)
         try:
             yield dialed
-        except Exception as error:
-            # Raised again below, so that the caller gets the exception itself and not a group around it.
-            failure = error
         finally:
             with anyio.move_on_after((limits or Limits()).close_seconds, shield=True):
                 await robot.leave()
-            tasks.cancel_scope.cancel()
-    if failure is not None:
-        raise failure
 
 
 def check_dial_url(url: str) -> str:

@@ -10,6 +10,7 @@ from ssl import SSLContext
 
 import anyio
 
+from .background import background_tasks
 from .hub import GRACE_SECONDS, Hub, Robot, hub_routes
 from .limits import Limits
 from .listener import listen
@@ -57,21 +58,12 @@ async def open_hub(
         ListenError: the address cannot be had.
     """
     hub = Hub(tokens, grace)
-    failure: Exception | None = None
     async with (
         listen(url, hub.accept, routes=hub_routes(hub), limits=limits, tls=tls) as listener,
-        anyio.create_task_group() as tasks,
+        background_tasks() as tasks,
     ):
         tasks.start_soon(_tick, hub)
-        try:
-            yield OpenHub(listener.url, hub)
-        except Exception as error:
-            # Raised again below, so that the caller gets the exception itself and not a group around it.
-            failure = error
-        finally:
-            tasks.cancel_scope.cancel()
-    if failure is not None:
-        raise failure
+        yield OpenHub(listener.url, hub)
 
 
 async def _tick(hub: Hub) -> None:

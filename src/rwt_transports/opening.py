@@ -29,7 +29,7 @@ class Opening:
         request: what to send first.
     """
 
-    __slots__ = ("_head", "_protocol", "_where", "request")
+    __slots__ = ("_head", "_protocol", "_refusal", "_silent", "_where", "request")
 
     def __init__(self, target: WebSocketURI, headers: Mapping[str, str]) -> None:
         self._where = f"{target.host}:{target.port}"
@@ -40,6 +40,8 @@ class Opening:
         self._protocol.send_request(request)
         self.request = b"".join(self._protocol.data_to_send())
         self._head = b""
+        self._silent = True
+        self._refusal = False
 
     def feed(self, data: bytes) -> bytes | None:
         """Take what arrived.
@@ -50,6 +52,11 @@ class Opening:
         Raises:
             ConnectError: the server does not open a WebSocket here, with the reason that it gave.
         """
+        self._silent = False
+        if self._refusal:
+            self._protocol.receive_data(data)
+            self._refused()
+            return None
         self._head += data
         head, found, rest = self._head.partition(_END_OF_HEAD)
         if not found:
@@ -62,8 +69,8 @@ class Opening:
                 raise ConnectError(f"{self._where} answers the WebSocket handshake wrongly")
             return rest
         # A refusal: its body, where the server says why, may still be arriving.
+        self._refusal = True
         self._protocol.receive_data(self._head)
-        self._head = b""
         self._refused()
         return None
 
@@ -73,8 +80,9 @@ class Opening:
         Raises:
             ConnectError: always; with the server's reason if there was one.
         """
-        self._protocol.receive_eof()
-        self._refused()
+        if not self._silent:
+            self._protocol.receive_eof()
+            self._refused()
         raise ConnectError(f"{self._where} hung up during the WebSocket handshake")
 
     def _refused(self) -> None:

@@ -23,6 +23,8 @@ from rwt_protocol.frames import (
     Traffic,
 )
 
+from .background import background_tasks
+
 
 class _End:
     """What one of the two writes to; satisfies :class:`rwt_protocol.frames.Sink`."""
@@ -107,26 +109,24 @@ async def connect_pair(near: Accept, far: Accept) -> AsyncIterator[None]:
     """Join the endpoints that two accept functions make, for the length of the block.
 
     The block goes on when either side closes: the endpoints' `closed` tells. Leaving it closes with 1000.
+
+    Args:
+        near: the side that connects.
+        far: the side that is connected to; it is asked first, and may raise
+            :exc:`~rwt_transports.errors.Refused`.
     """
     awake = anyio.Event()
     ours, theirs = _End(awake), _End(awake)
-    theirs.other = near(ours, PeerInfo("memory"))
     ours.other = far(theirs, PeerInfo("memory"))
-    failure: Exception | None = None
-    async with anyio.create_task_group() as tasks:
+    theirs.other = near(ours, PeerInfo("memory"))
+    async with background_tasks() as tasks:
         tasks.start_soon(_pump, ours, theirs)
         try:
             yield
-        except Exception as error:
-            # Raised again below, so that the caller gets the exception itself and not a group around it.
-            failure = error
         finally:
             ours.close(1000, "")
             # The other side still gets what was sent before.
             _end(ours, theirs, ours.deliver() or (1000, ""))
-            tasks.cancel_scope.cancel()
-    if failure is not None:
-        raise failure
 
 
 async def _pump(ours: _End, theirs: _End) -> None:

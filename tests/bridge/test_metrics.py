@@ -113,13 +113,11 @@ def test_topics(client: Client, other: Client, page: Callable[[], Page]) -> None
 
 def test_clients(client: Client, other: Client, page: Callable[[], Page]) -> None:
     client.say("subscribe", topic="/n", type=INT)
-    client.traffic = Traffic(3, 400, 2, 300, {DropReason.BACKLOG: 7})
+    client.traffic = Traffic(3, 400, 2, 300, {DropReason.BACKLOG: 7}, 50)
     read = page()
     assert read.value("rwt_clients") == 2
     assert read.value("rwt_client_received_messages_total", client="1") == 1
-    assert read.value("rwt_client_received_bytes_total", client="1") == len(
-        json.dumps({"op": "subscribe", "topic": "/n", "type": INT})
-    )
+    assert read.value("rwt_client_received_bytes_total", client="1") == 50
     assert read.value("rwt_client_sent_messages_total", client="1") == 3
     assert read.value("rwt_client_sent_bytes_total", client="1") == 400
     assert read.value("rwt_client_queued_messages", client="1") == 2
@@ -129,7 +127,7 @@ def test_clients(client: Client, other: Client, page: Callable[[], Page]) -> Non
 
 
 def test_totals_outlive_their_clients(client: Client, other: Client, page: Callable[[], Page]) -> None:
-    client.traffic = Traffic(3, 400)
+    client.traffic = Traffic(3, 400, received_bytes=60)
     other.traffic = Traffic(1, 50)
     client.say("unsubscribe", topic="/n")
     before = page()
@@ -137,7 +135,7 @@ def test_totals_outlive_their_clients(client: Client, other: Client, page: Calla
     after = page()
     for name in ("received_messages", "received_bytes", "sent_messages", "sent_bytes"):
         assert before.value(f"rwt_{name}_total") == after.value(f"rwt_{name}_total")
-    assert after.value("rwt_sent_bytes_total") == 450
+    assert after.value("rwt_sent_bytes_total") == 450 and after.value("rwt_received_bytes_total") == 60
     assert after.value("rwt_connections_total") == 2 and after.value("rwt_clients") == 1
     assert after.value("rwt_client_sent_messages_total", client="1") is None
 

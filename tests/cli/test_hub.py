@@ -79,6 +79,7 @@ def test_a_robot_behind_a_hub() -> None:
                     with pytest.raises(ConnectionClosed) as closed:
                         wire.recv(timeout=10)
                     assert closed.value.rcvd is not None and closed.value.rcvd.code == 1001
+            assert process.wait(timeout=10) == 0
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(f"{url.replace('ws', 'http', 1)}/rosie", timeout=10)
         assert hub.poll() is None
