@@ -41,6 +41,7 @@ class Reception:
         transport: the URL scheme, for :class:`~rwt_protocol.frames.PeerInfo`.
         single: whether everything ends with the one peer that there is.
         idle_seconds: silence after which a peer is forgotten; 0 never.
+        carries: bytes of the largest message that can be sent; 0 for any.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
         connections: those that are open.
@@ -53,6 +54,7 @@ class Reception:
     transport: str
     single: bool = False
     idle_seconds: float = 0.0
+    carries: int = 0
     tasks: TaskGroup | None = None
     ended: anyio.Event = field(default_factory=anyio.Event)
     spare: Spare = field(default_factory=Spare)
@@ -158,7 +160,8 @@ class Connection:
 
     def _open_at_once(self) -> None:
         try:
-            self._open(PeerInfo(self._reception.transport, self._address, self._port))
+            reception = self._reception
+            self._open(PeerInfo(reception.transport, self._address, self._port, carries=reception.carries))
         except Refused as refused:
             self.close(POLICY, refused.reason)
         except Exception:

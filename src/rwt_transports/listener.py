@@ -83,6 +83,7 @@ async def listen(
         target.name,
         single=scheme.single,
         idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,
+        carries=scheme.carries,
     )
     mover = driver or (scheme.make_driver or fastest_driver)()
     failure: Exception | None = None

@@ -12,7 +12,7 @@ from .connection import MakeWire
 from .drivers.datagrams import DatagramDriver
 from .drivers.standard_streams import StandardStreamsDriver
 from .errors import BadUrl
-from .wires.json_datagrams import json_datagrams
+from .wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
 from .wires.json_stream import json_lines, json_over_tcp
 from .wires.websocket import websocket_server
 
@@ -32,6 +32,7 @@ class Scheme:
         unix: whether it names a path instead of host and port.
         make_driver: makes the one driver that can serve it; None: any driver of byte streams.
         single: whether there is one peer, with which the listener ends; it names no place.
+        carries: bytes of the largest message that can be sent; 0 for any.
         expires: whether a silent peer is forgotten, since nothing else says that it has gone.
     """
 
@@ -43,6 +44,7 @@ class Scheme:
     make_driver: Callable[[], Driver] | None = None
     single: bool = False
     expires: bool = False
+    carries: int = 0
 
 
 SCHEMES = {
@@ -51,7 +53,13 @@ SCHEMES = {
     "tcp": Scheme(json_over_tcp, "tcp://127.0.0.1:9091"),
     "tcps": Scheme(json_over_tcp, "tcps://0.0.0.0:9091", tls=True),
     "unix": Scheme(json_lines, "unix:///run/user/1000/robot.sock", unix=True),
-    "udp": Scheme(json_datagrams, "udp://127.0.0.1:9092", make_driver=DatagramDriver, expires=True),
+    "udp": Scheme(
+        json_datagrams,
+        "udp://127.0.0.1:9092",
+        make_driver=DatagramDriver,
+        expires=True,
+        carries=DATAGRAM_BYTES,
+    ),
     "stdio": Scheme(json_lines, "stdio:", make_driver=StandardStreamsDriver, single=True),
 }
 

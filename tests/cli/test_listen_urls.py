@@ -113,6 +113,31 @@ def test_every_scheme_at_once(pem: tuple[Path, Path], tmp_path: Path) -> None:
     assert not path.exists()
 
 
+def test_a_reply_that_does_not_fit_a_datagram_says_so() -> None:
+    names = [f"/{at:03}{'a' * 500}" for at in range(180)]
+    with (
+        _serving("udp://127.0.0.1:0", count=1) as (url,),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams,
+    ):
+        datagrams.settimeout(5)
+        datagrams.connect(("127.0.0.1", _port(url)))
+        for at in range(0, len(names), 90):
+            offers = [
+                {"op": "advertise", "topic": name, "type": "std_msgs/String"} for name in names[at : at + 90]
+            ]
+            datagrams.send("".join(map(json.dumps, offers)).encode())
+        call = {"op": "call_service", "id": "1", "service": "/rosapi/topics"}
+        datagrams.send(json.dumps(call).encode())
+        answer = json.loads(datagrams.recv(65_535))
+        assert answer["result"] is False
+        assert "udp carries 65507" in answer["values"]
+        datagrams.send(json.dumps({**call, "fragment_size": 40_000}).encode())
+        pieces = [json.loads(datagrams.recv(65_535)) for _ in range(3)]
+        assert [(piece["op"], piece["num"]) for piece in pieces] == [("fragment", at) for at in range(3)]
+        whole = json.loads("".join(piece["data"] for piece in pieces))
+        assert set(names) <= set(whole["values"]["topics"])
+
+
 def _fails(*arguments: str) -> str:
     done = subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 1
