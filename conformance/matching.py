@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field
 
 from conformance.cbor import same_float, typed_array
-from conformance.values import Json, NarrowFloat, NotJson, Tagged, Value, as_text, as_value, read_json
+from conformance.values import Json, NarrowFloat, NotJson, Tagged, Value, as_text, as_value, read_json, shorten
 
 KINDS = ("anything", "string", "text", "number", "int", "bool", "object", "array", "null")
 """What `$any` can ask for; `text` is a string that is not empty."""
@@ -104,7 +104,7 @@ class Difference:
 
     def __str__(self) -> str:
         where = f"at {self.path}: " if self.path else ""
-        return f"{where}expected {self.expected}, got {self.got}"
+        return f"{where}expected {shorten(self.expected)}, got {shorten(self.got)}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,9 +32,8 @@ from conformance.unwrap import (
     first_fault_of_fragment,
     join_fragments,
     open_png,
-    shorten,
 )
-from conformance.values import Json, Value, as_text, as_value
+from conformance.values import Json, Value, as_text, as_value, shorten
 from conformance.wires import Dial, Wire, WireClosed, WireError
 
 _PROBE_AGAIN = 0.5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -19,7 +19,87 @@ Probe = Literal["loopback", "get_time"]
 FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth")
 """Optional things inside profiles that a target declares by name; cases ask for them in `needs`."""
 
-WIRE_FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth")
+WIRE_FEATURES = ("messages", "stream", "several-clients")
+"""Features that follow from the URL and that no target declares."""
+
+
+class TargetError(ValueError):
+    """A target file that cannot be used; the text says which, where and what is expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A server under test.
+
+    Attributes:
+        name: for the reports.
+        ros: 1 or 2; decides how times look and which cases are asked.
+        type_names: whether introspection reports `pkg/Name` or `pkg/msg/Name`.
+        profiles: the parts of the protocol it claims.
+        features: optional things it claims.
+        settle: seconds until what one client did can be seen by another (discovery).
+        timeout: seconds to wait for a frame.
+        probe: how to ask whether a connection is alive.
+        auth_secret: what the AUTH cases compute the mac with, and other cases log in with.
+        expected: case id or glob → why it fails; a stale entry is an error.
+    """
+
+    name: str = "unnamed server"
+    ros: int = 2
+    type_names: Literal["two", "three"] = "three"
+    profiles: tuple[str, ...] = ("CORE",)
+    features: tuple[str, ...] = ()
+    settle: float = 0.05
+    timeout: float = 2.0
+    probe: Probe = "loopback"
+    auth_secret: str | None = None
+    expected: Mapping[str, str] = field(default_factory=dict)
+
+    def asked(self, case: Case) -> bool:
+        """Whether the case makes sense for this ROS generation."""
+        return self.ros in case.ros
+
+    def missing(self, case: Case, wire_features: frozenset[str]) -> tuple[str, ...]:
+        """What the case needs and the target does not declare."""
+        has = {*self.features, *self.profiles, *wire_features}
+        needed = [] if case.profile in self.profiles else [f"profile {case.profile}"]
+        return (*needed, *(name for name in case.needs if name not in has))
+
+    def reason(self, case_id: str) -> str | None:
+        """Why the case is expected to fail, or None."""
+        return next((why for key, why in self.expected.items() if fnmatch.fnmatchcase(case_id, key)), None)
+
+
+def shipped() -> tuple[str, ...]:
+    """Names of the targets that come with the suite."""
+    return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
+
+
+def find_target(name: str) -> Target:
+    """A target by file name, or by the name of a shipped one.
+
+    Raises:
+        TargetError: there is none, or it cannot be used.
+    """
+    path = Path(name)
+    if not path.suffix and name in shipped():
+        path = SHIPPED / f"{name}.toml"
+    try:
+        fields = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise TargetError(f"{name}: cannot be read; shipped targets are {', '.join(shipped())}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise TargetError(f"{path}: not TOML: {error}") from error
+    return _Fields(str(path), fields).target()
+
+
+class _Fields:
+    """The fields of one target file, read one by one."""
+
+    _KNOWN = (
+        "name", "ros", "type_names", "profiles", "features", "settle", "timeout", "probe", "auth_secret",
+        "expected_failures",
+    )  # fmt: skip
 
     def __init__(self, path: str, fields: dict[str, object]) -> None:
         self._path = path

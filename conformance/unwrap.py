@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from conformance.cbor import NotCbor, read_cbor
 from conformance.matching import Difference
 from conformance.png import NotPng, read_data
-from conformance.values import NotJson, Value, as_text, as_value, read_json
+from conformance.values import NotJson, Value, as_text, as_value, read_json, shorten
 
 
 def decode_text(raw: str | bytes) -> Value | Difference:
@@ -29,11 +29,6 @@ def decode_cbor(raw: str | bytes) -> Value | Difference:
         return read_cbor(raw)
     except NotCbor as error:
         return Difference("", "CBOR", f"{raw[:40].hex()} ({error})")
-
-
-def shorten(text: str) -> str:
-    """A frame's text for one line."""
-    return text if len(text) <= 300 else f"{text[:240]}… ({len(text)} characters)"
 
 
 def open_png(frame: Value) -> str | Difference:

@@ -70,3 +70,8 @@ def _printable(value: Value) -> Json:
     if isinstance(value, dict):
         return {key: _printable(item) for key, item in value.items()}
     return value
+
+
+def shorten(text: str) -> str:
+    """The text of a frame for one line."""
+    return text if len(text) <= 300 else f"{text[:240]}… ({len(text)} characters)"
