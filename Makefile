@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 
-.PHONY: demo test lint types unit bench clean
+.PHONY: demo test lint types unit bench load soak fuzz clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -45,6 +45,19 @@ test: lint types unit
 # Whole-process figures beside a yardstick, as ratios; needs Linux. `make bench ARGS=--quick` is the short run.
 bench: $(STAMP)
 	$(BIN)/python -m bench $(ARGS)
+
+# A thousand clients, ten of them stopped dead; about a minute, needs Linux.
+load: $(STAMP)
+	$(BIN)/python -m bench.load_1000 $(ARGS)
+
+# Ten minutes of clients that come and go; `make soak ARGS='--seconds 60'` is a shorter run. Needs Linux.
+soak: $(STAMP)
+	$(BIN)/python -m bench.soak $(ARGS)
+
+# Fuzzing guided by coverage, two minutes; `make fuzz ARGS='--seconds 600 session bridge'` for more of some.
+fuzz: $(STAMP)-dev
+	$(BIN)/python -m pip install --quiet --group fuzz
+	$(BIN)/python -m tests.fuzz $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(CLIENTS)/node_modules

@@ -2,6 +2,16 @@
 
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.serve import Server, serve
-from rwt_bridge.settings import Settings, SettingsError, read_settings
+from rwt_bridge.settings import Settings, SettingsError
+from rwt_bridge.settings_sources import LoadedSettings, load_settings, read_settings
 
-__all__ = ["Bridge", "Server", "serve", "Settings", "SettingsError", "read_settings"]
+__all__ = [
+    "Bridge",
+    "Server",
+    "serve",
+    "Settings",
+    "SettingsError",
+    "LoadedSettings",
+    "load_settings",
+    "read_settings",
+]

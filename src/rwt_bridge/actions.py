@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_bridge.quotas import require_advertisement, require_call
 from rwt_bridge.services import split_suffix
 from rwt_bridge.typecheck import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.api import GoalEvents, GoalStatus
@@ -33,6 +34,7 @@ class SentGoal:
         self.action = resolve(split_suffix(op.action)[0])
         events = GoalEvents(on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None)
         peer.goals.add(self)
+        peer.bridge.ledger.goals += 1
         self._goal: ClientGoal = peer.bridge.participant.send_goal(self.action, goal, events)
 
     @property
@@ -84,14 +86,21 @@ class SentGoal:
 
 
 def on_send_action_goal(peer: Peer, op: SendActionGoal) -> None:
-    """Send a goal to an action of the graph (ACT-01 … ACT-05)."""
+    """Send a goal to an action of the graph (ACT-01 … ACT-05).
+
+    Its type must exist (ACT-04), and may be another than the server's: one action goes by several packages'
+    names, and whether the goal fits is told by its fields.
+    """
     name, suffix = split_suffix(op.action)
     if suffix is not None and op.id is None:
         op = op.model_copy(update={"id": suffix})
     action = resolve(name)
+    peer.role.require("goals", action)
     info = peer.bridge.graph.action(action)
     if info is None:
         raise Refused(f"Action {action} does not exist")
+    peer.bridge.graph.registry.action(op.action_type)
+    require_call(peer, op.op)
     SentGoal(peer, op, arguments_of(info.type.goal, op.args, "send_action_goal.args", peer.bridge.now))
 
 
@@ -106,6 +115,7 @@ def on_cancel_action_goal(peer: Peer, op: ops.CancelActionGoal) -> None:
         if goal.id == op.id and goal.action == action:
             goal.cancel()
             return
+    peer.role.require("goals", action)
     orphan = peer.bridge.orphaned_goal(peer.info.address, action, op.id)
     if orphan is None:
         raise Refused(f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning")
@@ -115,7 +125,7 @@ def on_cancel_action_goal(peer: Peer, op: ops.CancelActionGoal) -> None:
 class ProvidedAction:
     """One action that a client offers, and the goals it works on."""
 
-    def __init__(self, peer: Peer, name: str, type: ActionType) -> None:  # noqa: A002
+    def __init__(self, peer: Peer, name: str, type: ActionType) -> None:
         self._peer = peer
         self._name = name
         self._type = type
@@ -133,7 +143,7 @@ class ProvidedAction:
         goal.on_cancel = lambda: self._peer.send(CancelActionGoal(action=self._name, id=id_))
         goal.on_end = lambda _: self._forget(id_)
         goal.accept()
-        self._peer.send(
+        sent = self._peer.send_if_small(
             SendActionGoal(
                 action=self._name,
                 action_type=self._peer.bridge.graph.registry.type_name(self._type),
@@ -142,6 +152,9 @@ class ProvidedAction:
                 id=id_,
             )
         )
+        if not sent:
+            reason = "the goal is too large for its server (limits.outgoing_message_bytes)"
+            goal.finish(GoalStatus.ABORTED, Payload.from_json(self._type.result, b"{}"), reason)
 
     def _forget(self, id_: str) -> None:
         self._goals.pop(id_, None)
@@ -191,8 +204,11 @@ class ProvidedAction:
 
 def on_advertise_action(peer: Peer, op: ops.AdvertiseAction) -> None:
     """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
-    action_type = peer.bridge.graph.registry.action(op.type)
     name = resolve(op.action)
+    peer.role.require("provide", name)
+    action_type = peer.bridge.graph.registry.action(op.type)
+    if name not in peer.actions:
+        require_advertisement(peer, op.op)
     provided = ProvidedAction(peer, op.action, action_type)
     previous = peer.actions.pop(name, None)
     if previous is not None:

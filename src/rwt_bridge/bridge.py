@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Never
 
 from rwt_bridge import actions, control, services, topics
+from rwt_bridge.admission import Admission
+from rwt_bridge.census import Census
+from rwt_bridge.doorstep import Doorstep
 from rwt_bridge.fanout import Fanout
+from rwt_bridge.ledger import Ledger
+from rwt_bridge.logs import write
+from rwt_bridge.loop_lag import LoopLag
 from rwt_bridge.peer import Peer
 from rwt_bridge.publications import Publications
 from rwt_graph.errors import GraphError
 from rwt_interfaces.errors import InterfaceError
 from rwt_protocol import ops
 from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import SentGoal
+    from rwt_bridge.policy import Role
     from rwt_bridge.settings import Settings
     from rwt_graph.api import Graph
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.frames import PeerInfo, Sink
-
-logger = logging.getLogger("rwt.bridge")
+    from rwt_protocol.frames import Endpoint, PeerInfo, Sink
 
 #: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
 _MOST_ORPHANS = 1000
@@ -57,14 +64,28 @@ class Bridge:
         participant: the node under which all clients act, `/rosbridge_websocket`.
         publications: the publishers that clients share.
         dispatcher: which handler does which op.
+        admission: who comes in, and as what.
+        ledger: what is counted.
+        census: who is connected, told to the graph.
+        loop_lag: how late the event loop is.
+
+    Raises:
+        SettingsError: a file that the settings name cannot be used.
     """
 
     def __init__(self, graph: Graph, settings: Settings) -> None:
         self.graph = graph
         self.participant = graph.participant("/rosbridge_websocket")
-        self.publications = Publications(self.participant, graph.clock, settings.unregister_timeout)
+        self.ledger = Ledger()
+        self.census = Census(self.participant, graph.registry, graph.clock)
+        self.loop_lag = LoopLag(graph.clock)
+        self.publications = Publications(
+            self.participant, graph.clock, settings.unregister_timeout, self.ledger
+        )
         self.now = graph.clock.time_ns
         self._settings = settings
+        self.limits = settings.limits
+        self.admission = Admission(settings, time.time)
         self._fanouts: dict[str, Fanout] = {}
         self._peers: set[Peer] = set()
         self._count = 0
@@ -74,30 +95,66 @@ class Bridge:
         )
 
     @property
+    def peers(self) -> tuple[Peer, ...]:
+        """The clients that are connected, in the order they came."""
+        return tuple(sorted(self._peers, key=lambda peer: peer.number))
+
+    @property
+    def fanouts(self) -> Mapping[str, Fanout]:
+        """The topics that clients listen to, by absolute name."""
+        return self._fanouts
+
+    @property
     def client_count(self) -> int:
         """How many clients are connected."""
         return len(self._peers)
 
-    def accept(self, sink: Sink, info: PeerInfo) -> Peer:
-        """Take in a new client."""
-        limits = WireLimits(max_message_size=self._settings.max_message_size)
-        session = Session(PROFILES[self._settings.profile], limits=limits)
+    def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool = True) -> Endpoint:
+        """Take in a new client.
+
+        Args:
+            sink: where to write to it.
+            info: what the transport knows of it.
+            loopback: whether it came over a listener that is only reached from this machine.
+
+        Raises:
+            Refused: it may not come in.
+        """
+        role = self.admission.admit(info, loopback=loopback)
+        session = Session(PROFILES[self._settings.profile], limits=_wire_limits(self._settings))
+        if role is not None:
+            return self.join(sink, info, session, role)
+        rosauth = self.admission.rosauth
+        assert rosauth is not None, "admit lets nobody in without a role unless `auth` can give one"
+        return Doorstep(self, sink, info, session, rosauth, self._settings.auth.seconds)
+
+    def join(self, sink: Sink, info: PeerInfo, session: Session, role: Role) -> Peer:
+        """Make a client of a connection whose role is known."""
         self._count += 1
-        peer = Peer(self, self._count, sink, info, session)
+        peer = Peer(self, self._count, sink, info, session, role)
         self._peers.add(peer)
-        logger.info("client %d joined from %s over %s", peer.number, info.address or "?", info.transport)
+        where = info.address or "?"
+        write(
+            logging.INFO, "client %d joined from %s over %s", peer.number, where, info.transport,
+            client=peer.number,
+        )  # fmt: skip
+        self.ledger.clients += 1
+        self.census.joined(peer.number, info.address)
         return peer
 
     def left(self, peer: Peer) -> None:
         """Forget a client; its goals run on, and can still be cancelled from the same address."""
         self._peers.discard(peer)
+        self.ledger.left(peer)
+        self.census.left(peer.number)
+        self.admission.left(peer.info)
         for goal in peer.goals:
             goal.orphan()
             self._orphans[goal] = peer.info.address
         while len(self._orphans) > _MOST_ORPHANS:
             del self._orphans[next(iter(self._orphans))]
 
-    def fanout(self, topic: str, type: MessageType) -> Fanout:  # noqa: A002
+    def fanout(self, topic: str, type: MessageType) -> Fanout:
         """The fan-out of a topic, made if nobody listens yet.
 
         Raises:
@@ -105,7 +162,9 @@ class Bridge:
         """
         fanout = self._fanouts.get(topic)
         if fanout is None:
-            fanout = self._fanouts[topic] = Fanout(self.participant, topic, type)
+            fanout = self._fanouts[topic] = Fanout(
+                self.participant, topic, type, self.ledger.use_topic(topic)
+            )
         else:
             fanout.check_type(type)
         return fanout
@@ -114,6 +173,7 @@ class Bridge:
         """End a fan-out that nobody listens to any more."""
         if fanout.is_empty and self._fanouts.get(fanout.topic) is fanout:
             del self._fanouts[fanout.topic]
+            self.ledger.release_topic(fanout.counts)
             fanout.close()
 
     def call_timeout(self, wished: float | None) -> float | None:
@@ -134,9 +194,19 @@ class Bridge:
 
     def close(self) -> None:
         """Leave the graph."""
+        self.loop_lag.close()
         self.publications.close()
         self.participant.close()
 
 
-def _log_error(op: ops.Op, error: Exception) -> None:
-    logger.error("internal error in %s", op.op, exc_info=error)
+def _wire_limits(settings: Settings) -> WireLimits:
+    """The bounds that a session keeps."""
+    wished = settings.limits
+    fragments = FragmentLimits(
+        wished.fragmented_messages, wished.fragment_characters, wished.fragment_seconds
+    )
+    return WireLimits(settings.max_message_size, wished.max_depth, fragments)
+
+
+def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:
+    write(logging.ERROR, "internal error in %s", op.op, client=peer.number, op_id=op.id, error=error)

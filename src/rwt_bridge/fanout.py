@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
-from rwt_bridge.gate import Gate
 from rwt_graph.errors import TypeConflict
-from rwt_protocol.frames import Frame, Lane
+from rwt_protocol.frames import Frame
 
 if TYPE_CHECKING:
     from rwt_bridge.encodings import Encoder, Encoding
+    from rwt_bridge.gate import Gate
+    from rwt_bridge.ledger import EncodingCounts, TopicCounts
     from rwt_graph.api import Participant, Sample, Subscription
-    from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.frames import Sink
 
 
 class _Encoded:
     """One sample in one encoding, encoded when the first gate lets it through."""
 
-    __slots__ = ("_encode", "_frame", "_sample")
+    __slots__ = ("_channel", "_frame", "sample")
 
-    def __init__(self, encode: Encoder, sample: Sample) -> None:
-        self._encode = encode
-        self._sample = sample
-        self._frame: Frame | None = None
+    def __init__(self, channel: Channel, sample: Sample, frame: Frame | None = None) -> None:
+        self._channel = channel
+        self._frame = frame
+        self.sample = sample
 
     def frame(self) -> Frame:
         if self._frame is None:
-            self._frame = self._encode(self._sample)
+            self._frame = self._channel.encode(self.sample)
+        counts = self._channel.counts
+        counts.messages += 1
+        counts.bytes += self._frame.size
         return self._frame
 
 
@@ -37,16 +39,20 @@ class Channel:
     """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
 
     A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels.
+
+    Attributes:
+        counts: what went through, together with the topic's other channels of this encoding.
     """
 
-    def __init__(self, encode: Encoder) -> None:
+    def __init__(self, encode: Encoder, counts: EncodingCounts) -> None:
         self._encode = encode
+        self.counts = counts
         self._gates: list[Gate] = []
         self._direct: tuple[Callable[[Frame], None], ...] = ()
         self._gated: tuple[Gate, ...] = ()
 
-    def __bool__(self) -> bool:
-        return bool(self._gates)
+    def __len__(self) -> int:
+        return len(self._gates)
 
     def add(self, gate: Gate) -> None:
         """Let a gate take part from the next sample on."""
@@ -63,42 +69,69 @@ class Channel:
         self._direct = tuple(gate.send for gate in self._gates if gate.is_open)
         self._gated = tuple(gate for gate in self._gates if not gate.is_open)
 
+    def encode(self, sample: Sample) -> Frame:
+        """The frame of one sample, made now."""
+        self.counts.encodes += 1
+        return self._encode(sample)
+
     def deliver(self, sample: Sample) -> None:
         """Send one sample through every gate."""
-        if self._direct:
-            frame = self._encode(sample)
-            for send in self._direct:
+        if sample.expires_ns:
+            self._offer(_Encoded(self, sample), self._gates)
+            return
+        frame: Frame | None = None
+        direct = self._direct
+        if direct:
+            frame = self.encode(sample)
+            counts = self.counts
+            counts.messages += len(direct)
+            counts.bytes += frame.size * len(direct)
+            for send in direct:
                 send(frame)
-            if self._gated:
-                encoded = _Encoded(lambda _: frame, sample)
-                for gate in self._gated:
-                    gate.offer(encoded)
-        elif self._gated:
-            encoded = _Encoded(self._encode, sample)
-            for gate in self._gated:
-                gate.offer(encoded)
+        if self._gated:
+            self._offer(_Encoded(self, sample, frame), self._gated)
+
+    def _offer(self, encoded: _Encoded, gates: Iterable[Gate]) -> None:
+        for gate in gates:
+            gate.offer(encoded)
 
     def replay(self, sample: Sample, gate: Gate) -> None:
         """Send one kept sample to one gate (SUB-13)."""
-        gate.offer(_Encoded(self._encode, sample))
+        gate.offer(_Encoded(self, sample))
 
 
 class Fanout:
-    """All clients of one topic, behind one subscription in the graph."""
+    """All clients of one topic, behind one subscription in the graph.
 
-    def __init__(self, participant: Participant, topic: str, type: MessageType) -> None:  # noqa: A002
+    Attributes:
+        counts: what is counted of the topic.
+    """
+
+    def __init__(
+        self,
+        participant: Participant,
+        topic: str,
+        type: MessageType,
+        counts: TopicCounts,
+    ) -> None:
         self.topic = topic
         self.type = type
+        self.counts = counts
         self._channels: dict[tuple[str, str], Channel] = {}
         self._active: tuple[Channel, ...] = ()
         self.subscription: Subscription = participant.subscribe(topic, self._deliver, type)
+
+    @property
+    def subscriptions(self) -> int:
+        """How many clients listen, those of each spelling of the name counted by themselves."""
+        return sum(map(len, self._active))
 
     @property
     def is_empty(self) -> bool:
         """Whether nobody listens any more."""
         return not self._channels
 
-    def check_type(self, type: MessageType) -> None:  # noqa: A002
+    def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
         if type.name != self.type.name:
             raise TypeConflict(
@@ -111,7 +144,9 @@ class Fanout:
         key = (name, encoding.name)
         channel = self._channels.get(key)
         if channel is None:
-            channel = self._channels[key] = Channel(encoding.encoder(name))
+            channel = self._channels[key] = Channel(
+                encoding.encoder(name), self.counts.encoding(encoding.name)
+            )
             self._active = tuple(self._channels.values())
         channel.add(gate)
         return channel
@@ -132,14 +167,3 @@ class Fanout:
     def _deliver(self, sample: Sample) -> None:
         for channel in self._active:
             channel.deliver(sample)
-
-
-def open_gate(clock: Clock, sink: Sink, topic: str) -> Gate:
-    """A gate whose frames go to `sink` in the data lane, in the flow of `topic`."""
-    send = sink.send
-    lane = Lane.DATA
-
-    def send_data(frame: Frame) -> None:
-        send(frame, lane, topic)
-
-    return Gate(clock, send_data)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_bridge.metrics import metrics
+from rwt_protocol.frames import PeerInfo
+from rwt_transports.errors import Refused
+from rwt_transports.http import Handler, HttpRequest, HttpResponse, Routes
 
 if TYPE_CHECKING:
     from rwt_bridge.bridge import Bridge
+    from rwt_bridge.policy import Role
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -38,12 +42,29 @@ roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
 def routes(bridge: Bridge) -> Routes:
     """The routes that every bridge has."""
     routes = Routes()
-    routes.get("/", lambda request: _index(bridge, request))
+    routes.get("/", readable(bridge, lambda request, role: _index(bridge, request, role)))
     routes.get("/healthz", lambda request: _health(bridge))
+    routes.get("/metrics", readable(bridge, lambda request, role: _metrics(bridge, role)))
     return routes
 
 
-def _index(bridge: Bridge, request: HttpRequest) -> HttpResponse:
+def readable(bridge: Bridge, page: Callable[[HttpRequest, Role], HttpResponse]) -> Handler:
+    """A page that tells something of the robot: only for those who may come in, and by what they may see."""
+
+    def handler(request: HttpRequest) -> HttpResponse:
+        target = f"{request.path}?{request.query}"
+        try:
+            role = bridge.admission.role_of(PeerInfo("http", request.address, 0, target, request.headers))
+        except Refused as refused:
+            return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+        if role is None:
+            return HttpResponse(b"this page is for clients that authenticate by a token (auth.tokens)\n", 401)
+        return page(request, role)
+
+    return handler
+
+
+def _index(bridge: Bridge, request: HttpRequest, role: Role) -> HttpResponse:
     """What is running, and what to connect."""
     graph = bridge.graph
     host, _, port = request.headers.get("host", "localhost:9090").rpartition(":")
@@ -58,12 +79,30 @@ def _index(bridge: Bridge, request: HttpRequest) -> HttpResponse:
         host=html.escape(host),
         port=html.escape(port),
         topics=_rows(
-            (topic.name, registry.type_name(topic.type) if topic.type else "") for topic in graph.topics()
+            (topic.name, registry.type_name(topic.type) if topic.type else "")
+            for topic in graph.topics()
+            if role.sees_topic(topic.name)
         ),
-        services=_rows((service.name, registry.type_name(service.type)) for service in graph.services()),
-        actions=_rows((action.name, registry.type_name(action.type)) for action in graph.actions()),
+        services=_rows(
+            (service.name, registry.type_name(service.type))
+            for service in graph.services()
+            if role.sees_service(service.name)
+        ),
+        actions=_rows(
+            (action.name, registry.type_name(action.type))
+            for action in graph.actions()
+            if role.sees_action(action.name)
+        ),
     )
     return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
+
+
+def _metrics(bridge: Bridge, role: Role) -> HttpResponse:
+    """The counters, which name every topic: only for a role that may subscribe to them all."""
+    if not role.sees_every_topic:
+        why = f"role {role.name!r} may not see every topic (roles.{role.name}.subscribe)\n"
+        return HttpResponse(why.encode(), 403)
+    return metrics(bridge)
 
 
 def _rows(pairs: Iterable[tuple[str, str]]) -> str:

@@ -5,21 +5,24 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
+from rwt_bridge.ledger import UNKNOWN
+from rwt_bridge.logs import one_line, write
+from rwt_bridge.quotas import message_rate, too_large
 from rwt_bridge.topics import release_publishers
-from rwt_protocol.ops import ActionResult, ServiceResponse, Status
+from rwt_protocol.ops import OPS, ActionResult, ServiceResponse, Status
 from rwt_protocol.session import Refusal
+from rwt_transports.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt_bridge.actions import ProvidedAction, SentGoal
     from rwt_bridge.bridge import Bridge
+    from rwt_bridge.policy import Role
+    from rwt_bridge.publications import Publication
     from rwt_bridge.services import ClientCall, ProvidedService
     from rwt_bridge.subscriptions import ClientSubscription
-    from rwt_graph.api import Publisher
-    from rwt_protocol.frames import PeerInfo, Sink
+    from rwt_protocol.frames import Frame, PeerInfo, Sink
     from rwt_protocol.ops import Op
     from rwt_protocol.session import Session
-
-logger = logging.getLogger("rwt.bridge")
 
 _LOG_LEVELS = {
     "error": logging.WARNING,
@@ -28,22 +31,30 @@ _LOG_LEVELS = {
     "none": logging.DEBUG,
 }
 
-#: Characters of one line of the log that a client has a say in.
-_LONGEST_LINE = 500
-
 
 class Peer:
-    """One client. A new connection is a new, empty peer (DIS-06)."""
+    """One client. A new connection is a new, empty peer (DIS-06).
 
-    def __init__(self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session) -> None:
+    Attributes:
+        messages: how many have come from it.
+        bytes: how many were in them.
+    """
+
+    def __init__(
+        self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session, role: Role
+    ) -> None:
         self.bridge = bridge
         self.number = number
         self.sink = sink
         self.info = info
         self.session = session
+        self.role = role
+        self.messages = 0
+        self.bytes = 0
+        self._rate = message_rate(bridge.limits)
         self.advertised: dict[str, set[str | int | None]] = {}
         self.implicit: set[str] = set()
-        self.publishers: dict[str, Publisher] = {}
+        self.publishers: dict[str, Publication] = {}
         self.subscriptions: dict[str, ClientSubscription] = {}
         self.services: dict[str, ProvidedService] = {}
         self.actions: dict[str, ProvidedAction] = {}
@@ -52,13 +63,21 @@ class Peer:
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one message from the wire, run what it holds, and answer what is refused."""
-        for item in self.session.decode(data, binary, self.bridge.graph.clock.monotonic()):
+        self.messages += 1
+        self.bytes += len(data)
+        now = self.bridge.graph.clock.monotonic()
+        if self._rate is not None and not self._rate.take(now):
+            self._flooded()
+            return
+        for item in self.session.decode(data, binary, now):
             if isinstance(item, Refusal):
+                self.bridge.ledger.refuse(item.op if item.op in OPS else UNKNOWN)
                 self.log(logging.WARNING, item.reason, item.id)
                 answer = item.answer
             else:
                 answer = self.bridge.dispatcher.dispatch(self, item)
                 if answer is not None:
+                    self.bridge.ledger.refuse(item.op)
                     self._log_answer(answer)
             if answer is not None:
                 self._answer(answer)
@@ -68,6 +87,13 @@ class Peer:
         reason = f"a message of {size} bytes was skipped: max_message_size is {limit}"
         self.log(logging.WARNING, reason)
         self._answer(Status(level="error", msg=reason))
+
+    def _flooded(self) -> None:
+        """Too many messages: the client has to go, since reading on would serve it before all others."""
+        rate = self.bridge.limits.messages_per_second
+        reason = f"more than {rate} messages a second (limits.messages_per_second)"
+        self.log(logging.WARNING, reason)
+        self.sink.close(POLICY, reason)
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
@@ -82,11 +108,37 @@ class Peer:
             if call.pending is not None:
                 call.pending.cancel()
         self.bridge.left(self)
-        logger.info("client %d left: %d %s", self.number, code, reason)
+        write(logging.INFO, "client %d left: %d %s", self.number, code, reason, client=self.number)
 
     def send(self, op: Op) -> None:
-        """Send one op in the control lane."""
-        self.sink.send(self.session.encode(op))
+        """Send one op in the control lane; one that is too large is left out, and the client told so."""
+        self.send_if_small(op)
+
+    def send_if_small(self, op: Op) -> bool:
+        """As :meth:`send`; whether it was sent.
+
+        The client is told so: of a result in its place, of anything else by a `status`.
+        """
+        frame = self.session.encode(op)
+        reason = too_large(self, frame)
+        if reason is None:
+            self.sink.send(frame)
+            return True
+        self.log(logging.WARNING, f"{op.op}: {reason}", op.id)
+        if isinstance(op, ActionResult):
+            self._answer(op.model_copy(update={"values": reason, "result": False}))
+        else:
+            self._answer(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
+        return False
+
+    def warning(self, text: str) -> Frame | None:
+        """A `status` about something that no op caused; None if this client does not want to hear it."""
+        return self.session.answer(Status(level="warning", msg=text))
+
+    def take_role(self, role: Role) -> None:
+        """Act as another role from now on; what is open stays open, and publishing is asked anew."""
+        self.role = role
+        self.publishers.clear()
 
     def forget_publisher(self, topic: str) -> None:
         """Look the topic's publisher up again at the next publish."""
@@ -94,9 +146,8 @@ class Peer:
 
     def log(self, level: int, text: str, id_: object = None) -> None:
         """One line in the log, with the client's number and the op's id."""
-        if logger.isEnabledFor(level):
-            note = "" if id_ is None else f" [id: {id_}]"
-            logger.log(level, "[client %d]%s %s", self.number, note, _one_line(text))
+        note = "" if id_ is None else f" [id: {one_line(str(id_))}]"
+        write(level, "[client %d]%s %s", self.number, note, one_line(text), client=self.number, op_id=id_)
 
     def _answer(self, op: Op) -> None:
         """Send what answers a refused op; a `status` only if this client wants to hear it."""
@@ -110,9 +161,3 @@ class Peer:
             self.log(_LOG_LEVELS[op.level], op.msg, op.id)
         elif isinstance(op, ServiceResponse | ActionResult):
             self.log(logging.INFO, str(op.values), op.id)
-
-
-def _one_line(text: str) -> str:
-    """A text of the client's own making, cut and without line breaks, so that it cannot forge log lines."""
-    line = text if text.isprintable() else text.encode("unicode_escape").decode()
-    return line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}…"

@@ -2,28 +2,89 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING
 
+from rwt_bridge.deadline import DeadlineWatch
+from rwt_bridge.logs import write
+from rwt_bridge.losses import LOG_SECONDS
+from rwt_bridge.qos import disagreement
 from rwt_graph.errors import TypeConflict
+from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
+    from rwt_bridge.ledger import Ledger
     from rwt_graph.api import Participant, Publisher
     from rwt_graph.clock import Clock, Timer
     from rwt_graph.qos import QoS
+    from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
+    from rwt_protocol.ops.topics import Qos
 
 
-class _Publication:
-    """One shared publisher, who uses it, and the timer that ends it."""
+class Publication:
+    """One shared publisher, who uses it, and the timer that ends it.
 
-    __slots__ = ("linger", "publisher", "users")
+    Attributes:
+        counts: what is counted of the topic.
+        deadline: watches that clients publish as often as they said they would.
+    """
 
-    def __init__(self, publisher: Publisher) -> None:
+    __slots__ = (
+        "_clock",
+        "_ledger",
+        "_logged",
+        "counts",
+        "deadline",
+        "linger",
+        "publisher",
+        "topic",
+        "type",
+        "users",
+    )
+
+    def __init__(self, publisher: Publisher, clock: Clock, ledger: Ledger) -> None:
         self.publisher = publisher
+        self.topic = publisher.topic
+        self.type = publisher.type
         self.users: set[Hashable] = set()
         self.linger: Timer | None = None
+        self._clock = clock
+        self._ledger = ledger
+        self._logged = float("-inf")
+        self.counts = ledger.use_topic(publisher.topic)
+        seconds = publisher.qos.deadline
+        self.deadline = DeadlineWatch(clock, seconds, self._late) if seconds else None
+
+    def publish(self, payload: Payload, size: int) -> None:
+        """Hand on a message that was `size` bytes long."""
+        counts = self.counts
+        counts.received += 1
+        counts.received_bytes += size
+        if self.deadline is not None:
+            self.deadline.met()
+        self.publisher.publish(payload)
+
+    def _late(self) -> None:
+        if not self.users:
+            return
+        self._ledger.missed_deadlines += 1
+        now = self._clock.monotonic()
+        if now - self._logged >= LOG_SECONDS:
+            self._logged = now
+            seconds = self.publisher.qos.deadline
+            write(logging.INFO, "nothing came for %s within its deadline of %g s", self.topic, seconds)
+
+    def close(self) -> None:
+        """Leave the topic."""
+        if self.linger is not None:
+            self.linger.cancel()
+        if self.deadline is not None:
+            self.deadline.close()
+        self._ledger.release_topic(self.counts)
+        self.publisher.close()
 
 
 class Publications:
@@ -33,39 +94,64 @@ class Publications:
     its topic, and latched samples outlive a page reload (UNA-04, DIS-02).
     """
 
-    def __init__(self, participant: Participant, clock: Clock, linger: float) -> None:
+    def __init__(self, participant: Participant, clock: Clock, linger: float, ledger: Ledger) -> None:
+        self._ledger = ledger
         self._participant = participant
         self._clock = clock
         self._linger = linger
-        self._by_topic: dict[str, _Publication] = {}
+        self._by_topic: dict[str, Publication] = {}
 
     def __contains__(self, topic: str) -> bool:
         return topic in self._by_topic
 
-    def acquire(self, topic: str, type: MessageType, qos: QoS | None, user: Hashable) -> Publisher:  # noqa: A002
+    def acquire(
+        self,
+        topic: str,
+        type: MessageType,
+        qos: QoS | None,
+        user: Hashable,
+        wish: Qos | None = None,
+    ) -> Publication:
         """Use the topic's publisher, made with `qos` if there is none yet: the first use decides (ADV-07).
+
+        Args:
+            wish: policies that the publisher has to have (ADV-11). One that nobody else uses is replaced.
 
         Raises:
             TypeConflict: the topic has another type.
+            Refused: others use the publisher, and it has other policies.
         """
         publication = self._by_topic.get(topic)
+        if publication is not None and wish is not None and not self._offers(publication, wish, user):
+            self._end(topic, publication)
+            publication = None
         if publication is None:
             publisher = (
                 self._participant.advertise(topic, type)
                 if qos is None
                 else self._participant.advertise(topic, type, qos)
             )
-            publication = self._by_topic[topic] = _Publication(publisher)
-        elif publication.publisher.type.name != type.name:
+            publication = self._by_topic[topic] = Publication(publisher, self._clock, self._ledger)
+        elif publication.type.name != type.name:
             raise TypeConflict(
                 f"tried to register topic {topic} with type {type.name} "
-                f"but it is already established with type {publication.publisher.type.name}"
+                f"but it is already established with type {publication.type.name}"
             )
         if publication.linger is not None:
             publication.linger.cancel()
             publication.linger = None
         publication.users.add(user)
-        return publication.publisher
+        return publication
+
+    def _offers(self, publication: Publication, wish: Qos, user: Hashable) -> bool:
+        """Whether a publisher has the policies of `wish`; False if it has not, and may be replaced."""
+        problem = disagreement(wish, publication.publisher.qos)
+        if problem and publication.users - {user}:
+            raise Refused(
+                f"advertise.qos: {publication.topic} is published here with other policies: {problem}; "
+                "leave `qos` out to publish with these"
+            )
+        return not problem
 
     def release(self, topic: str, user: Hashable) -> None:
         """Stop using the topic's publisher; unknown topics and users are ignored."""
@@ -79,11 +165,9 @@ class Publications:
     def close(self) -> None:
         """End every publisher at once."""
         for topic, publication in list(self._by_topic.items()):
-            if publication.linger is not None:
-                publication.linger.cancel()
             self._end(topic, publication)
 
-    def _end(self, topic: str, publication: _Publication) -> None:
+    def _end(self, topic: str, publication: Publication) -> None:
         if self._by_topic.get(topic) is publication:
             del self._by_topic[topic]
-        publication.publisher.close()
+        publication.close()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_bridge.quotas import require_advertisement, require_call, too_large
+from rwt_bridge.rosapi_view import narrowed
 from rwt_bridge.typecheck import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.errors import CallFailed
 from rwt_graph.names import resolve
@@ -13,6 +15,7 @@ from rwt_protocol.ops import ServiceResponse
 
 if TYPE_CHECKING:
     from rwt_bridge.peer import Peer
+    from rwt_bridge.rosapi_view import Narrow
     from rwt_graph.api import PendingCall, Registration, ServiceCall
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
@@ -25,12 +28,13 @@ _SWEEP_AT = 256
 class ClientCall:
     """One `call_service` of a client, on its way; called with the outcome."""
 
-    __slots__ = ("_id", "_peer", "_service", "pending")
+    __slots__ = ("_id", "_narrow", "_peer", "_service", "pending")
 
-    def __init__(self, peer: Peer, op: ops.CallService) -> None:
+    def __init__(self, peer: Peer, op: ops.CallService, narrow: Narrow | None) -> None:
         self._peer = peer
         self._service = op.service
         self._id = op.id
+        self._narrow = narrow
         self.pending: PendingCall | None = None
 
     def __call__(self, outcome: Payload | CallFailed) -> None:
@@ -40,7 +44,14 @@ class ClientCall:
         if isinstance(outcome, CallFailed):
             peer.send(ServiceResponse(service=self._service, values=str(outcome), result=False, id=self._id))
         else:
-            peer.sink.send(response_frame(self._service, outcome.json(), self._id))
+            if self._narrow is not None:
+                outcome = self._narrow(outcome)
+            frame = response_frame(self._service, outcome.json(), self._id)
+            reason = too_large(peer, frame)
+            if reason is None:
+                peer.sink.send(frame)
+            else:
+                peer.send(ServiceResponse(service=self._service, values=reason, result=False, id=self._id))
 
 
 def on_call_service(peer: Peer, op: ops.CallService) -> None:
@@ -49,12 +60,15 @@ def on_call_service(peer: Peer, op: ops.CallService) -> None:
     if suffix is not None and op.id is None:
         op = op.model_copy(update={"id": suffix})
     name = resolve(service)
+    peer.role.require("call", name)
     info = peer.bridge.graph.service(name)
     if info is None:
         raise Refused(f"Service {name} does not exist")
+    require_call(peer, op.op)
     request = arguments_of(info.type.request, op.args, "call_service.args", peer.bridge.now)
-    call = ClientCall(peer, op)
+    call = ClientCall(peer, op, narrowed(peer.role, peer.bridge.graph, name, info.type, request))
     peer.calls.add(call)
+    peer.bridge.ledger.calls += 1
     call.pending = peer.bridge.participant.call_service(
         name, request, call, peer.bridge.call_timeout(op.timeout)
     )
@@ -69,7 +83,7 @@ def split_suffix(name: str) -> tuple[str, str | None]:
 class ProvidedService:
     """One service that a client offers, and the calls that wait for its answers."""
 
-    def __init__(self, peer: Peer, name: str, type: ServiceType) -> None:  # noqa: A002
+    def __init__(self, peer: Peer, name: str, type: ServiceType) -> None:
         self._peer = peer
         self._name = name
         self._type = type
@@ -85,8 +99,13 @@ class ProvidedService:
             self._waiting = {id_: waiting for id_, waiting in self._waiting.items() if not waiting.done}
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
+        frame = call_frame(self._name, call.request.json(), id_)
+        reason = too_large(self._peer, frame)
+        if reason is not None:
+            call.fail(f"the provider cannot be asked: {reason}")
+            return
         self._waiting[id_] = call
-        self._peer.sink.send(call_frame(self._name, call.request.json(), id_))
+        self._peer.sink.send(frame)
 
     def answer(self, op: ops.ServiceResponse) -> None:
         """Hand the client's answer to the caller (SVP-03 … SVP-06)."""
@@ -116,8 +135,11 @@ class ProvidedService:
 
 def on_advertise_service(peer: Peer, op: ops.AdvertiseService) -> None:
     """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
-    service_type = peer.bridge.graph.registry.service(op.type)
     name = resolve(op.service)
+    peer.role.require("provide", name)
+    service_type = peer.bridge.graph.registry.service(op.type)
+    if name not in peer.services:
+        require_advertisement(peer, op.op)
     provided = ProvidedService(peer, op.service, service_type)
     previous = peer.services.pop(name, None)
     if previous is not None:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_bridge.fanout import open_gate
+from rwt_bridge.deadline import DeadlineWatch
+from rwt_bridge.gate import Gate
+from rwt_bridge.losses import Losses
+from rwt_bridge.qos import kept_wanted, wishes_of
 
 if TYPE_CHECKING:
     from rwt_bridge.encodings import Encoding
@@ -26,16 +29,29 @@ class ClientSubscription:
         self._fanout = fanout
         self._bridge = peer.bridge
         self._wishes: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
-        self._gate = open_gate(peer.bridge.graph.clock, peer.sink, name)
+        clock = peer.bridge.graph.clock
+        self._clock = clock
+        self._losses = Losses(peer, name, fanout.counts)
+        self._flow = peer.sink.flow(name, on_drop=self._losses.dropped, time_ns=clock.time_ns)
+        self._gate = Gate(clock, self._flow, self._losses.withheld, self._losses.dropped)
         self._encoding: Encoding | None = None
         self._channel: Channel | None = None
+
+    @property
+    def count(self) -> int:
+        """How many subscriptions are held."""
+        return len(self._wishes)
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing is subscribed any more."""
         return not self._wishes
 
-    def check_type(self, type: MessageType) -> None:  # noqa: A002
+    def has(self, id_: str | int | None) -> bool:
+        """Whether there is a subscription of that id."""
+        return id_ in self._wishes
+
+    def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless the topic is of that type (SUB-03)."""
         self._fanout.check_type(type)
 
@@ -49,8 +65,15 @@ class ClientSubscription:
         self._wishes[op.id] = (op, encoding)
         channel = self._apply()
         if is_new:
-            for sample in self._fanout.subscription.history():
-                channel.replay(sample, self._gate)
+            self._replay(channel, kept_wanted(op))
+
+    def _replay(self, channel: Channel, most: int | None) -> None:
+        """Give what is kept, at most that many of the newest; None is all."""
+        if most == 0:
+            return
+        kept = self._fanout.subscription.history()
+        for sample in kept if most is None else kept[-most:]:
+            channel.replay(sample, self._gate)
 
     def drop(self, id_: str | int | None) -> bool:
         """End the subscription of that id, or all of them; whether there was one."""
@@ -70,6 +93,8 @@ class ClientSubscription:
         """Stop the flow and drop what waits in the gate (DIS-01, THR-07)."""
         self._wishes.clear()
         self._gate.close()
+        self._flow.close()
+        self._losses.close()
         self._leave()
         self._bridge.release_fanout(self._fanout)
 
@@ -78,6 +103,7 @@ class ClientSubscription:
         encoding = max((encoding for _, encoding in wishes), key=lambda encoding: encoding.precedence)
         throttle = min(op.throttle_rate for op, _ in wishes) / 1000
         self._gate.configure(throttle, min(op.queue_length for op, _ in wishes))
+        self._apply_qos([op for op, _ in wishes])
         if encoding is self._encoding and self._channel is not None:
             self._channel.sort()
             return self._channel
@@ -85,6 +111,17 @@ class ClientSubscription:
         self._encoding = encoding
         self._channel = self._fanout.join(self._gate, self._name, encoding)
         return self._channel
+
+    def _apply_qos(self, subscriptions: list[ops.Subscribe]) -> None:
+        info = self._bridge.graph.topic(self._fanout.topic)
+        wishes = wishes_of(subscriptions, info.publishers if info else ())
+        self._flow.configure(wishes.rules)
+        watch = (
+            DeadlineWatch(self._clock, wishes.deadline, self._losses.deadline_missed)
+            if wishes.deadline
+            else None
+        )
+        self._gate.watch(wishes.lifespan_ns, watch)
 
     def _leave(self) -> None:
         if self._encoding is not None:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rwt_bridge.encodings import encoding_of
+from rwt_bridge.qos import publisher_qos
+from rwt_bridge.quotas import require_advertisement, require_subscription
 from rwt_bridge.subscriptions import ClientSubscription
 from rwt_bridge.typecheck import payload_of
 from rwt_graph.names import resolve
-from rwt_graph.qos import LATCHED, Durability, History, QoS, Reliability
+from rwt_graph.qos import LATCHED
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
     from rwt_bridge.peer import Peer
-    from rwt_graph.api import Publisher
+    from rwt_bridge.publications import Publication
     from rwt_interfaces.structs import MessageType
     from rwt_protocol import ops
 
@@ -24,8 +26,12 @@ _IMPLICIT = object()
 def on_advertise(peer: Peer, op: ops.Advertise) -> None:
     """Make the client a publisher (ADV-01 … ADV-07)."""
     topic = resolve(op.topic)
+    peer.role.require("publish", topic)
     message_type = peer.bridge.graph.registry.message(op.type)
-    peer.bridge.publications.acquire(topic, message_type, _publisher_qos(op), (peer, op.id))
+    if op.id not in peer.advertised.get(topic, ()):
+        require_advertisement(peer, op.op)
+    peer.bridge.publications.acquire(topic, message_type, publisher_qos(op), (peer, op.id), op.qos)
+    peer.forget_publisher(topic)
     peer.advertised.setdefault(topic, set()).add(op.id)
 
 
@@ -46,15 +52,17 @@ def on_unadvertise(peer: Peer, op: ops.Unadvertise) -> None:
 
 def on_publish(peer: Peer, op: ops.Publish) -> None:
     """Check the message once and hand it to the graph (PUB-01 … PUB-09)."""
-    publisher = peer.publishers.get(op.topic)
-    if publisher is None:
-        publisher = peer.publishers[op.topic] = _publisher(peer, op)
-    publisher.publish(payload_of(publisher.type, op.msg, "publish.msg", peer.bridge.now))
+    publication = peer.publishers.get(op.topic)
+    if publication is None:
+        publication = peer.publishers[op.topic] = _publication(peer, op)
+    payload = payload_of(publication.type, op.msg, "publish.msg", peer.bridge.now)
+    publication.publish(payload, len(op.msg.data))
 
 
-def _publisher(peer: Peer, op: ops.Publish) -> Publisher:
+def _publication(peer: Peer, op: ops.Publish) -> Publication:
     """The shared publisher for a topic that this client has not published on yet."""
     topic = resolve(op.topic)
+    peer.role.require("publish", topic)
     publications = peer.bridge.publications
     ids = peer.advertised.get(topic)
     user = (peer, next(iter(ids))) if ids else (peer, _IMPLICIT)
@@ -64,10 +72,12 @@ def _publisher(peer: Peer, op: ops.Publish) -> Publisher:
             f"publish: cannot infer the type of {topic}, which nobody has advertised: "
             "send `advertise` first, or `type` with the message"
         )
-    publisher = publications.acquire(topic, message_type, LATCHED if op.latch else None, user)
+    if not ids and topic not in peer.implicit:
+        require_advertisement(peer, op.op)
+    publication = publications.acquire(topic, message_type, LATCHED if op.latch else None, user)
     if not ids:
         peer.implicit.add(topic)
-    return publisher
+    return publication
 
 
 def release_publishers(peer: Peer) -> None:
@@ -82,8 +92,11 @@ def release_publishers(peer: Peer) -> None:
 def on_subscribe(peer: Peer, op: ops.Subscribe) -> None:
     """Let samples of a topic flow to the client (SUB-01 … SUB-14)."""
     topic = resolve(op.topic)
+    peer.role.require("subscribe", topic)
     encoding = encoding_of(op.compression)
     subscription = peer.subscriptions.get(op.topic)
+    if subscription is None or not subscription.has(op.id):
+        require_subscription(peer)
     if subscription is None:
         message_type = _known_type(peer, topic, op.type)
         if message_type is None:
@@ -113,24 +126,3 @@ def _known_type(peer: Peer, topic: str, name: str | None) -> MessageType | None:
         return peer.bridge.graph.registry.message(name)
     info = peer.bridge.graph.topic(topic)
     return None if info is None else info.type
-
-
-def _publisher_qos(op: ops.Advertise) -> QoS | None:
-    """`qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
-    if op.qos is None:
-        return LATCHED if op.latch else None
-    wish = op.qos
-    default = QoS()
-    return QoS(
-        history=default.history if wish.history is None else History(wish.history),
-        depth=default.depth if wish.depth is None else wish.depth,
-        reliability=default.reliability if wish.reliability is None else Reliability(wish.reliability),
-        durability=default.durability if wish.durability is None else Durability(wish.durability),
-        deadline=_seconds(wish.deadline),
-        lifespan=_seconds(wish.lifespan),
-    )
-
-
-def _seconds(wish: float | str | None) -> float | None:
-    """Seconds, or None where the client names no number: "infinite" and "best_available" set no limit."""
-    return None if isinstance(wish, str) else wish

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 
-def payload_of(type: MessageType, raw: RawJson, where: str, now: Callable[[], int]) -> Payload:  # noqa: A002
+def payload_of(type: MessageType, raw: RawJson, where: str, now: Callable[[], int]) -> Payload:
     """Check `raw` against `type`.
 
     Args:
@@ -35,7 +35,7 @@ def payload_of(type: MessageType, raw: RawJson, where: str, now: Callable[[], in
         raise _refused(where, error) from None
 
 
-def arguments_of(type: MessageType, raw: RawJson, where: str, now: Callable[[], int]) -> Payload:  # noqa: A002
+def arguments_of(type: MessageType, raw: RawJson, where: str, now: Callable[[], int]) -> Payload:
     """Check the arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
 
     Raises:

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from rwt_cli.config import add_config_command
 from rwt_cli.errors import CommandError
 from rwt_cli.serve import add_serve_command
 
@@ -19,9 +20,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     add_serve_command(commands)
+    add_config_command(commands)
     arguments = parser.parse_args(argv)
     try:
         return int(arguments.run(arguments))
     except CommandError as error:
-        print(f"rwt: {error}", file=sys.stderr)  # noqa: T201 - the command line speaks on stderr
+        print(f"rwt: {error}", file=sys.stderr)
         return error.exit_code

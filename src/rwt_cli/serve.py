@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import anyio
 
 from rwt_bridge.serve import serve
-from rwt_bridge.settings import Settings, SettingsError, read_settings
+from rwt_bridge.settings import SettingsError
+from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_graph.memory import MemoryGraph
 from rwt_interfaces.distro import DISTROS
@@ -23,6 +24,7 @@ from rwt_nodes.rosapi import Rosapi
 from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
+    from rwt_bridge.settings import Settings
     from rwt_graph.api import Graph
     from rwt_nodes.demo import DemoRobot
 
@@ -59,7 +61,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
     )
-    parser.add_argument("--config", type=Path, metavar="FILE", help="TOML file with settings")
+    add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
     parser.set_defaults(run=_run)
 
@@ -75,22 +77,20 @@ def _run(arguments: argparse.Namespace) -> int:
         anyio.run(_serve, settings)
     except TransportError as error:
         raise CommandError(str(error)) from error
+    except SettingsError as error:
+        raise CommandError(str(error), exit_code=2) from error
     return 0
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
-    """The file's settings, with what the command line says on top."""
-    try:
-        settings = read_settings(arguments.config) if arguments.config else Settings()
-    except SettingsError as error:
-        raise CommandError(str(error), exit_code=2) from error
-    given = {
+    """What the file, the environment and the command line say, in that order."""
+    given: dict[str, object] = {
         "listen": tuple(arguments.url) or None,
         "demo": arguments.demo,
         "distro": arguments.distro,
         "interfaces": tuple(arguments.interfaces or ()) or None,
     }
-    return settings.model_copy(update={key: value for key, value in given.items() if value is not None})
+    return settings_of(arguments, given).settings
 
 
 def _registry(settings: Settings) -> Registry:
@@ -142,4 +142,4 @@ or send a goal to /navigate_to_pose. Ctrl-C ends it."""
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)  # noqa: T201 - what a command has to say goes to stdout
+    print(text, flush=True)

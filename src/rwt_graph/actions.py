@@ -185,6 +185,14 @@ class MemoryGoal(ServerGoal):
             self._cancel_told = True
             self._tell(self.on_cancel)
 
+    def client_closed(self) -> None:
+        """The client's node leaves: it hears so, and the goal goes on running (ACT-19)."""
+        events = self._events
+        self.abandon()
+        if events is not None:
+            why = CallFailed(f"node {self._client.name} was closed")
+            self._tell(lambda: events.on_result(self._status, why))
+
     def abandon(self) -> None:
         """The client wants to hear nothing more."""
         self._events = None
@@ -239,6 +247,7 @@ class MemoryActionServer(Registration):
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
         self.closed = False
+        self.cancel_service: Registration | None = None
         self._actions = actions
 
     def close(self) -> None:
@@ -248,6 +257,8 @@ class MemoryActionServer(Registration):
         self.closed = True
         self._owner.drop(self)
         self._actions.withdrawn(self)
+        if self.cancel_service is not None:
+            self.cancel_service.close()
         while self.goals:
             self.goals.popitem()[1].lose()
 
@@ -289,7 +300,7 @@ class Actions:
         if goal_id in server.goals:
             return _refused(goal_id, action, events, GoalRejected(f"goal id {goal_id} is in use on {action}"))
         goal = server.goals[goal_id] = MemoryGoal(server, goal_id, payload, events, client)
-        client.add(goal, goal.abandon)
+        client.add(goal, goal.client_closed)
         try:
             server.on_goal(goal)
         except Exception:

@@ -14,6 +14,8 @@ Rules that hold for every backend:
   process, and then it is a plain function call: `on_sample` from within `publish`, and from within
   `subscribe` for kept samples; `on_reply` from within `call_service`; goal events from within `send_goal`),
   or any time later.
+* A payload that a callback is given may be a view of a receive buffer that is used again: whoever keeps it
+  after the callback has returned keeps `detach()` of it, or its `value()`.
 * A callback that raises is logged and disturbs nobody else.
 * Every `close` and `cancel` may be called twice.
 """
@@ -48,12 +50,21 @@ class Sample(Struct, frozen=True, eq=False, gc=False):
         payload: the message; shared by all receivers, never changed.
         stamp_ns: the graph clock's time of publishing, nanoseconds since the epoch.
         node: absolute name of the publishing node.
+        expires_ns: the clock's time after which it is not delivered any more (lifespan); 0 for never.
     """
 
     topic: str
     payload: Payload
     stamp_ns: int
     node: str
+    expires_ns: int = 0
+
+    def detach(self) -> Sample:
+        """The same sample without a view of the buffer that the payload was received in, for keeping."""
+        payload = self.payload.detach()
+        if payload is self.payload:
+            return self
+        return Sample(self.topic, payload, self.stamp_ns, self.node, self.expires_ns)
 
 
 class Publisher(ABC):
@@ -139,7 +150,7 @@ class PendingCall(ABC):
 
 
 OnReply = Callable[["Payload | CallFailed"], None]
-"""Called exactly once: with the response, or with why there is none."""
+"""Called exactly once, unless the call is cancelled: with the response, or with why there is none."""
 
 
 class GoalStatus(IntEnum):
@@ -256,7 +267,7 @@ class Participant(ABC):
     def advertise(
         self,
         topic: str,
-        type: MessageType,  # noqa: A002 - ROS's word
+        type: MessageType,
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
         """Become a publisher of `topic`.
@@ -270,7 +281,7 @@ class Participant(ABC):
         self,
         topic: str,
         on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,  # noqa: A002 - ROS's word
+        type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         """Become a subscriber of `topic`; kept samples of transient-local publishers come first.
@@ -285,7 +296,7 @@ class Participant(ABC):
     def advertise_service(
         self,
         service: str,
-        type: ServiceType,  # noqa: A002 - ROS's word
+        type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
         """Offer a service. A provider of the same name is replaced; its calls in flight fail (SVP-07)."""
@@ -305,7 +316,7 @@ class Participant(ABC):
     def advertise_action(
         self,
         action: str,
-        type: ActionType,  # noqa: A002 - ROS's word
+        type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         """Offer an action. A server of the same name is replaced (ACT-18)."""
@@ -329,7 +340,10 @@ class Participant(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close everything that this node created, and leave the graph."""
+        """Close everything that this node created, and leave the graph.
+
+        Its open calls and goals end with a :exc:`CallFailed` that says so; the goals go on running unheard.
+        """
 
 
 @dataclass(frozen=True, slots=True)

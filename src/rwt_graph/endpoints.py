@@ -14,6 +14,7 @@ import msgspec
 
 from rwt_graph.api import Graph, Participant, Publisher, Sample, Subscription
 from rwt_graph.qos import QoS
+from rwt_interfaces.errors import PayloadError
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -36,9 +37,11 @@ def to_payload(interface: MessageType, message: MessageLike, now: Callable[[], i
     """A payload of that type.
 
     Raises:
-        PayloadError: the message does not fit the type.
+        PayloadError: the message does not fit the type, or is a payload of another one.
     """
     if isinstance(message, Payload):
+        if message.type is not interface and message.type.name != interface.name:
+            raise PayloadError("", f"expected a {interface.name}, got a {message.type.name}")
         return message
     return Payload.from_value(interface, message, now)
 
@@ -90,7 +93,8 @@ class TopicPublisher:
 class SampleQueue:
     """Samples for a coroutine: bounded, the newest are kept."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, time_ns: Callable[[], int]) -> None:
+        self._time_ns = time_ns
         self._samples: deque[Sample] = deque(maxlen=max(1, size))
         self._arrived: anyio.Event | None = None
         self._closed = False
@@ -100,7 +104,7 @@ class SampleQueue:
         """Add a sample; the oldest makes room."""
         if len(self._samples) == self._samples.maxlen:
             self.dropped += 1
-        self._samples.append(sample)
+        self._samples.append(sample.detach())
         self._wake()
 
     def _wake(self) -> None:
@@ -109,14 +113,18 @@ class SampleQueue:
             arrived.set()
 
     async def get(self) -> Sample | None:
-        """The oldest sample, waiting for one; None after `close`."""
-        while not self._samples:
+        """The oldest sample that has not expired, waiting for one; None after `close`."""
+        while True:
+            if self._samples:
+                sample = self._samples.popleft()
+                if not sample.expires_ns or sample.expires_ns >= self._time_ns():
+                    return sample
+                continue
             if self._closed:
                 return None
             if self._arrived is None:
                 self._arrived = anyio.Event()
             await self._arrived.wait()
-        return self._samples.popleft()
 
     def close(self) -> None:
         """Let readers end; what was not read is dropped."""
@@ -165,7 +173,7 @@ class TopicSubscription:
         self._queue: SampleQueue | None
         receive = on_sample or _at_once(callback)
         if receive is None:
-            self._queue = SampleQueue(queue_size)
+            self._queue = SampleQueue(queue_size, graph.clock.time_ns)
             receive = self._queue.put
         else:
             self._queue = None

@@ -32,9 +32,11 @@ class ActionGoal:
         cancel_event: set when a client asks to cancel; the goal may still finish otherwise.
     """
 
-    def __init__(self, goal: ServerGoal, interface: ActionType, now: Callable[[], int]) -> None:
+    def __init__(
+        self, goal: ServerGoal, request: Message, interface: ActionType, now: Callable[[], int]
+    ) -> None:
         self.id = goal.id
-        self.request: Message = goal.goal.value()
+        self.request = request
         self.cancel_event = anyio.Event()
         self._goal = goal
         self._interface = interface
@@ -85,18 +87,20 @@ class ActionFunction:
         if not self._graph.running:
             goal.reject(f"action {self._action} cannot run: the graph is not running")
             return
-        refusal = self._refusal(goal)
+        # Read now: the goal may be a view of a receive buffer that is used again when this has returned.
+        request: Message = goal.goal.value()
+        refusal = self._refusal(request)
         if refusal is not None:
             goal.reject(refusal)
             return
         goal.accept()
-        self._graph.spawn(partial(self._run, goal), f"goal of {self._action}")
+        self._graph.spawn(partial(self._run, goal, request), f"goal of {self._action}")
 
-    def _refusal(self, goal: ServerGoal) -> str | None:
+    def _refusal(self, request: Message) -> str | None:
         if self._accept is None:
             return None
         try:
-            verdict = self._accept(goal.goal.value())
+            verdict = self._accept(request)
         except Exception as error:
             logger.exception("action %s failed to look at a goal", self._action)
             return failure_text(error)
@@ -104,13 +108,13 @@ class ActionFunction:
             return verdict
         return None if verdict else f"action {self._action} rejected the goal"
 
-    async def _run(self, goal: ServerGoal) -> None:
+    async def _run(self, goal: ServerGoal, request: Message) -> None:
         with anyio.CancelScope() as scope:
             # Two ends: the server is closed under the goal, or `execute` is done.
             goal.on_end = lambda _gone: scope.cancel()
             if goal.status.is_terminal:
                 return
-            running = ActionGoal(goal, self._interface, self._graph.clock.time_ns)
+            running = ActionGoal(goal, request, self._interface, self._graph.clock.time_ns)
             goal.on_cancel = running.cancel_event.set
             if goal.cancel_requested:
                 running.cancel_event.set()
@@ -135,10 +139,11 @@ class ActionFunction:
             goal.finish(GoalStatus.ABORTED, self._result(None), failure_text(error))
 
     def _result(self, result: object) -> Payload:
+        kind, now = self._interface.result, self._graph.clock.time_ns
+        # What an exception carries may be anything: a payload is checked by its type, the rest by value.
         if isinstance(result, Payload):
-            return result
-        value = {} if result is None else result
-        return Payload.from_value(self._interface.result, value, self._graph.clock.time_ns)
+            return to_payload(kind, result, now)
+        return Payload.from_value(kind, {} if result is None else result, now)
 
 
 _END_STATUS: dict[type[GoalEnded], GoalStatus] = {

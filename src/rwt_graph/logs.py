@@ -20,8 +20,9 @@ class NodeLog:
     """Writes each line to `/rosout` and to the Python logger of the node's name. Safe from any thread."""
 
     def __init__(self, node: str, distro: Distro, publisher: TopicPublisher) -> None:
-        self._name = node.strip("/").replace("/", ".")
         self._node = node
+        # ROS 2 names a node's logger so; ROS 1 gives the node's name itself.
+        self._name = node.strip("/").replace("/", ".")
         self._distro = distro
         self._publisher = publisher
         self._logger = logging.getLogger(f"ros.{self._name}")

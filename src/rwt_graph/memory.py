@@ -24,11 +24,13 @@ from rwt_graph.api import (
     Subscription,
     TopicInfo,
 )
+from rwt_graph.cancel_service import cancel_service
 from rwt_graph.clock import Clock, WallClock
 from rwt_graph.deadlines import Deadlines
 from rwt_graph.errors import NotRunning
 from rwt_graph.introspection import Introspection
 from rwt_graph.names import validate
+from rwt_graph.node import Node
 from rwt_graph.ownership import Owner
 from rwt_graph.param_tree import ParameterTree
 from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
@@ -36,11 +38,10 @@ from rwt_graph.runtime import Runtime
 from rwt_graph.services import Services
 from rwt_graph.system import SystemTopics
 from rwt_graph.topics import Topics
+from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
-    from rwt_graph.node import Node
     from rwt_interfaces.payload import Payload
-    from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 
@@ -60,7 +61,7 @@ class MemoryParticipant(Participant):
     def advertise(
         self,
         topic: str,
-        type: MessageType,  # noqa: A002 - the contract's word
+        type: MessageType,
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
         """Become a publisher of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
@@ -71,7 +72,7 @@ class MemoryParticipant(Participant):
         self,
         topic: str,
         on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,  # noqa: A002 - the contract's word
+        type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
         """Become a subscriber of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
@@ -81,7 +82,7 @@ class MemoryParticipant(Participant):
     def advertise_service(
         self,
         service: str,
-        type: ServiceType,  # noqa: A002 - the contract's word
+        type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
         """Offer a service. Raises :exc:`NotRunning` after `close`."""
@@ -98,12 +99,18 @@ class MemoryParticipant(Participant):
     def advertise_action(
         self,
         action: str,
-        type: ActionType,  # noqa: A002 - the contract's word
+        type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
         """Offer an action. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
-        return self._graph.action_table.advertise(validate(action), type, self._owner, on_goal)
+        graph = self._graph
+        server = graph.action_table.advertise(validate(action), type, self._owner, on_goal)
+        if graph.distro.ros_version == 2:
+            cancel = graph.registry.service("action_msgs/CancelGoal")
+            name = f"{action}/_action/cancel_goal"
+            server.cancel_service = self.advertise_service(name, cancel, cancel_service(server, cancel))
+        return server
 
     def send_goal(
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
@@ -133,11 +140,7 @@ class MemoryGraph(Graph):
     """
 
     def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
-        if registry is None:
-            from rwt_interfaces.registry import Registry
-
-            registry = Registry()
-        self.registry = registry
+        self.registry = registry = registry or Registry()
         self.distro = registry.distro
         self.clock = clock or WallClock()
         self.parameters = ParameterTree()
@@ -164,8 +167,6 @@ class MemoryGraph(Graph):
 
     def node(self, name: str, namespace: str = "/") -> Node:
         """A :class:`~rwt_graph.node.Node` of this graph."""
-        from rwt_graph.node import Node
-
         return Node(self, name, namespace)
 
     def topics(self) -> tuple[TopicInfo, ...]:

@@ -154,7 +154,7 @@ class Node:
     def advertise(
         self,
         topic: str,
-        type: str,  # noqa: A002 - ROS's word
+        type: str,
         qos: QoS | None = None,
         latch: bool = False,
     ) -> TopicPublisher:
@@ -180,7 +180,7 @@ class Node:
         self,
         topic: str,
         callback: MessageCallback | None = None,
-        type: str | None = None,  # noqa: A002 - ROS's word
+        type: str | None = None,
         qos: QoS = BEST_AVAILABLE,
         queue_size: int = 10,
         *,
@@ -215,7 +215,7 @@ class Node:
     def advertise_service(
         self,
         service: str,
-        type: str,  # noqa: A002 - ROS's word
+        type: str,
         handler: ServiceHandler,
     ) -> Handle:
         """Offer a service; a provider of the same name is replaced.
@@ -279,7 +279,7 @@ class Node:
     def advertise_action(
         self,
         action: str,
-        type: str,  # noqa: A002 - ROS's word
+        type: str,
         execute: Execute,
         accept: AcceptGoal | None = None,
     ) -> Handle:

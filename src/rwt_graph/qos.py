@@ -35,8 +35,8 @@ class QoS:
 
     Attributes:
         depth: samples kept with `History.KEEP_LAST`.
-        deadline: longest expected time between two samples, seconds; None is infinite.
-        lifespan: age in seconds after which a sample is no longer delivered; None is infinite.
+        deadline: longest expected time between two samples, seconds; None and 0 are infinite.
+        lifespan: age in seconds after which a sample is no longer delivered; None and 0 are infinite.
     """
 
     history: History = History.KEEP_LAST

@@ -87,7 +87,7 @@ class Runtime:
             self._knock(self._door)
 
     def _drain_all(self) -> None:
-        while self._inbox:
+        for _ in range(len(self._inbox)):
             try:
                 call = self._inbox.popleft()
             except IndexError:
@@ -157,12 +157,14 @@ class Runtime:
             self._over = True
             self._drain_all()
             group.cancel_scope.cancel()
-            # Not given the body's exception: it goes on by itself, unwrapped by any group.
-            await group.__aexit__(None, None, None)
-            self._group = None
-            self._wake = None
-            self._waiting.clear()
-            self._thread = None
+            try:
+                # Not given the body's exception: it goes on by itself, unwrapped by any group.
+                await group.__aexit__(None, None, None)
+            finally:
+                self._group = None
+                self._wake = None
+                self._waiting.clear()
+                self._thread = None
 
 
 async def _guarded(task: Task, name: str) -> None:

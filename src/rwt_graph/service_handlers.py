@@ -46,11 +46,13 @@ class ServiceFunction:
 
     def __call__(self, call: ServiceCall) -> None:
         """Answer one call, now or from a task."""
+        # Read now: the request may be a view of a receive buffer that is used again when this has returned.
+        request = call.request.value()
         if self._is_coroutine:
-            self._answer_later(call, lambda: self._handler(call.request.value()))
+            self._answer_later(call, lambda: self._handler(request))
             return
         try:
-            answer = self._handler(call.request.value())
+            answer = self._handler(request)
             if not inspect.isawaitable(answer):
                 call.reply(self._payload(answer))
                 return

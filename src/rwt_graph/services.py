@@ -47,7 +47,7 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
         self._caller = caller
         self._due = due
         provider.open.add(self)
-        caller.add(self, self.cancel)
+        caller.add(self, self.caller_closed)
 
     def _end(self) -> OnReply | None:
         on_reply, self._on_reply = self._on_reply, None
@@ -78,6 +78,10 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
         """The timeout has passed."""
         self.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
 
+    def caller_closed(self) -> None:
+        """The caller's node leaves: whoever waits for the answer must not wait for ever."""
+        self.end_with(CallFailed(f"node {self._caller.name} was closed"))
+
     def cancel(self) -> None:
         """Forget the call: no reply callback comes after this."""
         self._end()
@@ -98,6 +102,8 @@ class MemoryProvider(Registration):
         self.name = name
         self.type = interface
         self.node = owner.name
+        # Made once: a bridge asks for it before every call.
+        self.info = ServiceInfo(name, interface, owner.name)
         self._owner = owner
         self.on_call = on_call
         self.open: set[MemoryCall] = set()
@@ -165,7 +171,7 @@ class Services:
     def info(self, name: str) -> ServiceInfo | None:
         """A snapshot of one service."""
         provider = self._providers.get(name)
-        return None if provider is None else ServiceInfo(name, provider.type, provider.node)
+        return None if provider is None else provider.info
 
     def names(self) -> list[str]:
         """Every service's name, sorted."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rwt_graph.api import Graph, Participant
 from rwt_graph.clock import NANOSECONDS, SimulatedClock
 from rwt_graph.qos import LATCHED, Durability, QoS
+from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
@@ -47,8 +48,6 @@ class SystemTopics:
         return "/rosout" if distro.ros_version == 1 else "/_graph"
 
     def _tick(self, now_ns: int) -> None:
-        from rwt_interfaces.payload import Payload
-
         whole, fraction = self._graph.distro.time_fields
         seconds, nanoseconds = divmod(now_ns, NANOSECONDS)
         value = {"clock": {whole: seconds, fraction: nanoseconds}}

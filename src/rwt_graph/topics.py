@@ -79,16 +79,12 @@ class Kept:
     def __init__(self, qos: QoS, clock: Clock) -> None:
         depth = KEEP_ALL_LIMIT if qos.history is History.KEEP_ALL else max(1, qos.depth)
         self._samples: deque[Sample] = deque(maxlen=depth)
-        self._lifespan_ns = None if qos.lifespan is None else round(qos.lifespan * NANOSECONDS)
         self._clock = clock
 
     def add(self, sample: Sample) -> None:
         """Keep a sample, apart from the receive buffer that it came in."""
-        payload = sample.payload.detach()
-        if payload is not sample.payload:
-            sample = Sample(sample.topic, payload, sample.stamp_ns, sample.node)
         self._forget_expired()
-        self._samples.append(sample)
+        self._samples.append(sample.detach())
 
     def samples(self) -> tuple[Sample, ...]:
         """What is kept and not older than the lifespan, oldest first."""
@@ -96,11 +92,9 @@ class Kept:
         return tuple(self._samples)
 
     def _forget_expired(self) -> None:
-        if self._lifespan_ns is None:
-            return
-        oldest = self._clock.time_ns() - self._lifespan_ns
-        while self._samples and self._samples[0].stamp_ns < oldest:
-            self._samples.popleft()
+        samples = self._samples
+        while samples and samples[0].expires_ns and samples[0].expires_ns < self._clock.time_ns():
+            samples.popleft()
 
 
 class MemoryPublisher(Publisher):
@@ -115,6 +109,7 @@ class MemoryPublisher(Publisher):
         self._topics = topics
         self._state: Topic | None = topic
         self._now = topics.clock.time_ns
+        self._lifespan_ns = round((qos.lifespan or 0) * NANOSECONDS)
         kept = qos.durability is Durability.TRANSIENT_LOCAL
         self.kept: Kept | None = Kept(qos, topics.clock) if kept else None
 
@@ -123,7 +118,11 @@ class MemoryPublisher(Publisher):
         state = self._state
         if state is None:
             return
-        sample = Sample(self.topic, payload, self._now(), self.node)
+        if self._lifespan_ns:
+            now = self._now()
+            sample = Sample(self.topic, payload, now, self.node, now + self._lifespan_ns)
+        else:
+            sample = Sample(self.topic, payload, self._now(), self.node)
         if self.kept is not None:
             self.kept.add(sample)
         for subscriber in state.subscribers:

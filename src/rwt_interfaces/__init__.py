@@ -1,0 +1,20 @@
+"""Message definitions of ROS, the classes compiled from them, and their serialisations. No I/O."""
+
+from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
+from rwt_interfaces.errors import DefinitionError, InterfaceError, InvalidName, PayloadError, UnknownType
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
+
+__all__ = [
+    "Registry",
+    "Payload",
+    "Distro",
+    "DISTROS",
+    "JAZZY",
+    "NOETIC",
+    "InterfaceError",
+    "InvalidName",
+    "DefinitionError",
+    "UnknownType",
+    "PayloadError",
+]

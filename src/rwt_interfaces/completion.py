@@ -8,6 +8,7 @@ The result is a new message that shares nothing mutable with what came in.
 from __future__ import annotations
 
 import sys
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -37,6 +38,7 @@ Now = Callable[[], int]
 
 _HEADER = "std_msgs/Header"
 _NANOSECONDS = 1_000_000_000
+_LISTS = (list, tuple, array)
 #: Every spelling of a time's halves that clients send, the winner first (JSN-27); Foxglove's panels write
 #: nsec.
 _SECONDS_KEYS = ("sec", "secs")
@@ -184,7 +186,7 @@ def _octets(shape: shapes.Octets) -> Completer:
             octets = bytes(value)
         elif is_numpy_array(value):
             octets = array_from_numpy(value, element).tobytes()
-        elif isinstance(value, (list, tuple)):
+        elif isinstance(value, _LISTS):
             octets = bytes(number_list(value, element))
         else:
             raise PayloadError("", f"expected {shape} as base64 or a list, got {describe(value)}")
@@ -215,7 +217,7 @@ def _array(shape: shapes.Array) -> Completer:
             items = array_from_numpy(value, element)
         elif packed and isinstance(value, (str, bytes, bytearray, memoryview)):
             items = list(from_base64(value, str(shape)) if isinstance(value, str) else bytes(value))
-        elif not isinstance(value, (list, tuple)):
+        elif not isinstance(value, _LISTS):
             raise PayloadError("", f"expected {shape}, got {describe(value)}")
         elif numeric:
             assert isinstance(element, (shapes.Int, shapes.Float))

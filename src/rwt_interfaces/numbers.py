@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _LARGEST_BOUND = (1 << 63) - 1
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
+_FLOAT32 = struct.Struct("f")
 
 
 def as_int(value: object, shape: shapes.Int) -> int:
@@ -48,9 +49,22 @@ def as_float(value: object, shape: shapes.Float) -> float:
         number = math.inf
         value = "a very large integer"
     else:
-        if shape.code == "d" or not abs(number) > shapes.FLOAT32_LIMIT or math.isinf(number):
+        if shape.code == "d":
             return number
+        if not abs(number) > shapes.FLOAT32_LIMIT or math.isinf(number):
+            return float32(number)
     raise PayloadError("", f"expected {shape}, got {describe(value)}, which is out of range")
+
+
+def float32(number: float) -> float:
+    """The float32 nearest to a number in its range."""
+    nearest: float = _FLOAT32.unpack(_FLOAT32.pack(number))[0]
+    return nearest
+
+
+def float32_list(numbers: list[Any]) -> list[float]:
+    """The float32s nearest to numbers in its range, infinities and NaN among them."""
+    return array("f", numbers).tolist()
 
 
 def int_annotation(shape: shapes.Int) -> object:
@@ -81,7 +95,9 @@ def number_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
             return _float32_list(value, shape)
         return _one_by_one(value, shape)
     if isinstance(shape, shapes.Float):
-        return [math.nan if number is None else number for number in numbers] if None in numbers else numbers
+        if None in numbers:
+            numbers = [math.nan if number is None else number for number in numbers]
+        return float32_list(numbers) if shape.code == "f" else numbers
     if shape.high > _LARGEST_BOUND and numbers and max(numbers) > shape.high:
         return _one_by_one(value, shape)
     return numbers
@@ -94,7 +110,7 @@ def _float32_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
         struct.pack(f"<{len(numbers)}f", *numbers)
     except (msgspec.ValidationError, TypeError, OverflowError):
         return _one_by_one(value, shape)
-    return numbers
+    return float32_list(numbers)
 
 
 def _one_by_one(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
@@ -149,7 +165,4 @@ def little_endian(items: Any, code: str) -> bytes:
     if is_numpy_array(items):
         packed: bytes = items.astype(f"<{code}", copy=False).tobytes()
         return packed
-    elements = array(code, items)
-    if sys.byteorder == "big":
-        elements.byteswap()
-    return elements.tobytes()
+    return struct.pack(f"<{len(items)}{code}", *items)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from rwt_interfaces.serialise.cbor_reader import read_cbor
-from rwt_interfaces.serialise.json import REJECTIONS, RawText, parse
+from rwt_interfaces.serialise.json import REJECTIONS, parse
+from rwt_interfaces.serialise.long_strings import RawText
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

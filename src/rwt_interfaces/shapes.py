@@ -156,6 +156,8 @@ _CHAR = _int("char", "B", 8, False)
 #: ROS 1's byte is an old name of int8; ROS 2's is an octet.
 _BYTE = {1: _int("byte", "b", 8, True), 2: _int("byte", "B", 8, False)}
 _FLOATS = {"float32": Float("float32", "f"), "float64": Float("float64", "d")}
+#: The element of most arrays of numbers.
+FLOAT32 = _FLOATS["float32"]
 _BUILTIN_TIMES = {"builtin_interfaces/Time": False, "builtin_interfaces/Duration": True}
 
 

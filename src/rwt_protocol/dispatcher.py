@@ -20,7 +20,8 @@ class Dispatcher(Generic[C]):
     Args:
         handlers: a handler for each op that may arrive, by the op's type: called with the context that
             :meth:`dispatch` was given, and the op. It refuses by raising `Refused`.
-        on_error: called with the op and any other exception, within the `except` block; it must not raise.
+        on_error: called with the context, the op and any other exception, within the `except` block; it must
+            not raise.
         refusals: exceptions that refuse, of layers that know no ops; the peer is told their text.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
 
@@ -33,7 +34,7 @@ class Dispatcher(Generic[C]):
     def __init__(
         self,
         handlers: Mapping[type[Op], Callable[[C, Never], None]],
-        on_error: Callable[[Op, Exception], None],
+        on_error: Callable[[C, Op, Exception], None],
         refusals: tuple[type[Exception], ...] = (),
         direction: Direction = Direction.TO_SERVER,
     ) -> None:
@@ -61,7 +62,7 @@ class Dispatcher(Generic[C]):
         except self._refusals as refused:
             return SPEC_OF[type(op)].refuse(Address.of(op), f"{op.op}: {refused}", "error")
         except Exception as error:
-            self._on_error(op, error)
+            self._on_error(context, op, error)
             return SPEC_OF[type(op)].refuse(Address.of(op), INTERNAL_ERROR, "error")
         return None
 

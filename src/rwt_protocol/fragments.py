@@ -73,7 +73,7 @@ class Reassembly:
             return None
         return "".join(pieces.texts[num] for num in range(pieces.total))
 
-    def forget(self, id: str | int) -> None:  # noqa: A002  # as on the wire
+    def forget(self, id: str | int) -> None:  # as on the wire
         """Drop what has arrived of one message."""
         pieces = self._open.pop(id, None)
         if pieces is not None:
@@ -89,6 +89,7 @@ class Reassembly:
         if len(self._open) >= self._limits.max_lists:
             raise Refused(
                 f"fragment: {self._limits.max_lists} messages are in pieces already; complete one first"
+                " (fragmented_messages)"
             )
         pieces = self._open[fragment.id] = _Pieces(fragment.total, now)
         return pieces
@@ -98,13 +99,16 @@ class Reassembly:
         most = self._limits.max_size
         if self._size + size > most or fragment.total * _OVERHEAD > most:
             self.forget(fragment.id)
-            raise Refused(f"fragment: the pieces take more than {most} characters; the message was dropped")
+            raise Refused(
+                f"fragment: the pieces take more than {most} characters; the message was dropped"
+                " (fragment_characters)"
+            )
         pieces.texts[fragment.num] = fragment.data
         pieces.size += size
         self._size += size
 
 
-def cut(frame: Frame, size: int, id: str) -> Sequence[Frame]:  # noqa: A002  # as on the wire
+def cut(frame: Frame, size: int, id: str) -> Sequence[Frame]:  # as on the wire
     """A frame as fragments of at most `size` characters of its text, if it is longer (FRG-21).
 
     A binary frame is never cut (FRG-27), and a size below one asks for no cutting.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import StrEnum
+from time import time_ns
 from typing import Protocol
 
 Buffer = bytes | memoryview
@@ -46,13 +47,58 @@ class Frame:
         return f"<Frame {kind} {self.size} bytes>"
 
 
-class Lane(IntEnum):
-    """How a frame may be treated when the reader is slow."""
+class DropReason(StrEnum):
+    """Why a message of the data lane was not sent."""
 
-    CONTROL = 0
-    """Replies, requests, goals, status: never dropped; overflow disconnects, saying why."""
-    DATA = 1
-    """Published samples: overflow drops the oldest of the same topic."""
+    QUEUE = "queue"
+    """More than the subscription's own queue holds."""
+    BACKLOG = "backlog"
+    """The peer reads too slowly for what all its topics together may have waiting."""
+    LIFESPAN = "lifespan"
+    """It was older than its lifespan when its turn came."""
+    THROTTLE = "throttle"
+    """It came sooner after the one before than the subscriber wants."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlowRules:
+    """How one topic's messages are treated while the peer reads too slowly.
+
+    Attributes:
+        depth: messages that may wait, the newest stay; None: as many as the data lane has room for.
+        keep_all: never give way to another topic's messages while one without this has some to give.
+    """
+
+    depth: int | None = None
+    keep_all: bool = False
+
+
+AS_MANY_AS_FIT = FlowRules()
+
+
+class Flow(Protocol):
+    """One topic's way to one peer, in the data lane: order holds, and what is dropped is the oldest of it.
+
+    After the end of the connection every method does nothing.
+    """
+
+    def send(self, frame: Frame) -> None:
+        """Queue one message of one frame."""
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        """Queue one message in one or more frames: all of them are sent in the end, or none.
+
+        Args:
+            pieces: the frames, in order; messages of other flows may come between them.
+            expires_ns: the time on the flow's clock after which the message is dropped if its first frame
+                still waits; 0 for never.
+        """
+
+    def configure(self, rules: FlowRules) -> None:
+        """Follow these rules from now on; what waits is cut to the new depth."""
+
+    def close(self) -> None:
+        """Report no drops any more. What waits is still sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +120,53 @@ class PeerInfo:
     headers: Mapping[str, str] = field(default_factory=dict)
 
 
-class Sink(Protocol):
-    """Where an endpoint writes. All is synchronous, does not block, and is called on the loop's thread."""
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """What a sink has done so far, and what it holds.
 
-    def send(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
-        """Queue one frame. `topic` names the flow within which a frame of the data lane may be dropped.
+    Attributes:
+        messages: frames handed to the writer.
+        bytes: bytes handed to the network, the wire's own included.
+        queued_messages: messages that wait in the lanes.
+        queued_bytes: bytes that wait, in the lanes and in front of them.
+        dropped: messages of the data lane that were dropped, by reason.
+    """
+
+    messages: int = 0
+    bytes: int = 0
+    queued_messages: int = 0
+    queued_bytes: int = 0
+    dropped: Mapping[DropReason, int] = field(default_factory=dict)
+
+
+class Sink(Protocol):
+    """Where an endpoint writes: one control lane, and a data lane of one flow per topic.
+
+    All is synchronous, does not block, and is called on the loop's thread.
+    """
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame in the control lane: replies, requests, goals, status. None is ever dropped; too
+        much of it ends the connection, saying why.
 
         After :meth:`close` or the loss of the connection this does nothing.
+        """
+
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time_ns,
+    ) -> Flow:
+        """A way for published samples, in the data lane: slow readers lose the oldest of the same topic.
+
+        Args:
+            topic: what the flow is called, for people.
+            rules: how it is treated when the reader is slow.
+            on_drop: called for each message that is dropped.
+            time_ns: the clock of `expires_ns`.
         """
 
     def close(self, code: int = 1000, reason: str = "") -> None:
@@ -89,6 +175,10 @@ class Sink(Protocol):
     @property
     def backlog(self) -> int:
         """Bytes queued and not yet handed to the network."""
+
+    @property
+    def traffic(self) -> Traffic:
+        """Counts since the connection began."""
 
 
 class Endpoint(Protocol):

@@ -132,7 +132,7 @@ class Session:
         self,
         frame: Frame,
         size: int | None,
-        id: str | int | None = None,  # noqa: A002  # as on the wire
+        id: str | int | None = None,  # as on the wire
     ) -> Sequence[Frame]:
         """A frame in pieces of at most `size` characters, if it is longer (FRG-21).
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
+from ssl import SSLContext
 from typing import Protocol, runtime_checkable
 
 from rwt_protocol.frames import Buffer, Frame
@@ -47,12 +48,6 @@ class Link(Protocol):
     def abort(self) -> None:
         """Drop the connection at once."""
 
-    def pause_reading(self) -> None:
-        """Take nothing more from the network, so that the peer's sending comes to rest."""
-
-    def resume_reading(self) -> None:
-        """Undo :meth:`pause_reading`."""
-
 
 class WireEvents(Protocol):
     """What a wire reports while it is fed."""
@@ -62,7 +57,10 @@ class WireEvents(Protocol):
         on."""
 
     def answer(self, data: bytes) -> None:
-        """The protocol itself owes the peer these bytes (a pong, the reply to a close)."""
+        """The protocol itself owes the peer these bytes: the reply to a close."""
+
+    def pong(self, data: bytes) -> None:
+        """The reply to a ping; may be left out while the peer does not read (RFC 6455 section 5.5.3)."""
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         """No message follows. `agreed`: both sides have said so; otherwise the peer broke the protocol."""
@@ -134,10 +132,30 @@ Attach = Callable[[Link, str, int], Driven]
 """Called by a driver for each new peer: its link, its address (or "") and its port (or 0)."""
 
 
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a driver listens.
+
+    Attributes:
+        host: name or address, for TCP.
+        port: 0 to let the system choose.
+        path: of a Unix socket; the host is then empty.
+        tls: encrypts the connections.
+    """
+
+    host: str = ""
+    port: int = 0
+    path: str = ""
+    tls: SSLContext | None = None
+
+    def __str__(self) -> str:
+        return self.path or f"port {self.port} on {self.host}"
+
+
 class Driver(Protocol):
     """Moves bytes between a place and connections."""
 
-    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
+    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept peers within the block; gives the port in use. Raises
         :exc:`~rwt_transports.errors.ListenError`."""
 

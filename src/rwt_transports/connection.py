@@ -8,24 +8,19 @@ from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 
 import anyio
+from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
 
 from .api import Link, OversizeAware, Wire, WireEvents
+from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from .errors import Refused
 from .http import HttpConversation, HttpRequest, HttpResponse, Routes
 from .limits import Limits
 from .outbox import Outbox
-from .wires.websocket import Spare
+from .wires.spare import Spare
 
 logger = logging.getLogger("rwt_transports")
-
-ABNORMAL = 1006
-INTERNAL = 1011
-POLICY = 1008
-
-Spawn = Callable[[Callable[[], Coroutine[object, object, None]]], None]
-"""Runs a coroutine function in a task of the listener."""
 
 MakeWire = Callable[[WireEvents, Limits, Spare], Wire]
 """Makes the wire of one new connection."""
@@ -39,8 +34,8 @@ class Reception:
         accept: makes the endpoint of a new peer.
         make_wire: makes its wire.
         routes: plain HTTP on the same port; None for transports that begin with messages at once.
-        spawn: runs an HTTP handler that waits or streams.
         transport: the URL scheme, for :class:`~rwt_protocol.frames.PeerInfo`.
+        tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
         connections: those that are open.
     """
 
@@ -48,8 +43,8 @@ class Reception:
     make_wire: MakeWire
     limits: Limits
     routes: Routes | None
-    spawn: Spawn
     transport: str
+    tasks: TaskGroup | None = None
     spare: Spare = field(default_factory=Spare)
     connections: set[Connection] = field(default_factory=set)
     closing: bool = False
@@ -111,7 +106,7 @@ class Connection:
         "_wire",
         "outbox",
         "take",
-    )  # fmt: skip
+    )
 
     def __init__(self, reception: Reception, link: Link, address: str, port: int) -> None:
         self._reception = reception
@@ -134,13 +129,24 @@ class Connection:
     def begin(self) -> None:
         """Start with HTTP, or open at once where the transport has no handshake."""
         reception = self._reception
-        if reception.routes is not None:
+        if reception.closing or len(reception.connections) > 2 * reception.limits.connections:
+            self._link.abort()
+        elif reception.routes is not None:
             self._conversation = HttpConversation(reception.routes, reception.limits, self, self._address)
-            return
+        elif len(reception.connections) > reception.limits.connections:
+            logger.warning("no room for %s: %d connections", self, reception.limits.connections)
+            self._link.abort()
+        else:
+            self._open_at_once()
+
+    def _open_at_once(self) -> None:
         try:
-            self._open(PeerInfo(reception.transport, self._address, self._port))
+            self._open(PeerInfo(self._reception.transport, self._address, self._port))
         except Refused as refused:
             self.close(POLICY, refused.reason)
+        except Exception:
+            logger.exception("the accept function failed for %s", self)
+            self.close(INTERNAL_ERROR, "internal error")
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
@@ -212,12 +218,18 @@ class Connection:
 
     def _overflow(self, reason: str) -> None:
         logger.warning("closing %s: %s", self, reason)
+        if self._conversation is not None:
+            self._link.abort()
+            return
         self.outbox.seal()
         self.close(POLICY, reason)
 
     def _broken_inside(self) -> None:
-        logger.exception("an endpoint or a wire failed; closing %s", self)
-        self.close(INTERNAL, "internal error")
+        logger.exception("an endpoint, a route or a wire failed; closing %s", self)
+        if self._conversation is not None:
+            self._link.abort()
+            return
+        self.close(INTERNAL_ERROR, "internal error")
 
     # -- what the wire reports (WireEvents) ----------------------------------------------------------------
 
@@ -232,6 +244,10 @@ class Connection:
     def answer(self, data: bytes) -> None:
         """Bytes of the protocol itself."""
         self.outbox.push(data)
+
+    def pong(self, data: bytes) -> None:
+        """The reply to a ping."""
+        self.outbox.push_if_read(data)
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         """The wire is done: close, or wait for a peer that broke the protocol to take notice."""
@@ -261,7 +277,10 @@ class Connection:
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
         """Run an HTTP handler in a task that ends with the connection."""
-        self._reception.spawn(lambda: self._in_scope(work))
+        tasks = self._reception.tasks
+        if tasks is None:
+            raise RuntimeError("the listener is not open")
+        tasks.start_soon(self._in_scope, work)
 
     async def drained(self) -> None:
         """Wait until everything sent so far has been taken."""
@@ -270,16 +289,24 @@ class Connection:
             self.outbox.when_empty(empty.set)
         await empty.wait()
 
+    def overrun(self) -> None:
+        """The peer sends requests and does not wait for their answers."""
+        self._overflow("too many requests before the answer to the first (http_body_bytes)")
+
     def hang_up(self) -> None:
         """Close once everything is sent."""
         self._ending = True
         self.outbox.when_empty(self._link.close)
 
     async def _in_scope(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
-        if self._ending:
-            return
         with anyio.CancelScope() as self._scope:
-            await work()
+            if self._ending:
+                self._scope.cancel()
+            try:
+                await work()
+            except Exception:
+                logger.exception("an HTTP answer failed; cutting %s", self)
+                self._link.abort()
         self._scope = None
 
     # -- life ----------------------------------------------------------------------------------------------
@@ -297,7 +324,7 @@ class Connection:
         try:
             self._open(peer)
         except Refused as refused:
-            refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status)
+            refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
         except Exception:
             logger.exception("the accept function failed for %s", self)
             refusal = HttpResponse(b"internal error\n", 500)

@@ -8,6 +8,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 
 class TransportError(Exception):
     """Base of every error of this package. The text is one line and says what to do instead."""
@@ -27,9 +29,11 @@ class Refused(TransportError):
     Attributes:
         status: HTTP status of the answer, where the transport has one (4xx or 5xx).
         reason: what the peer is told, one line.
+        headers: further headers of the answer.
     """
 
-    def __init__(self, status: int, reason: str) -> None:
+    def __init__(self, status: int, reason: str, headers: Mapping[str, str] | None = None) -> None:
         super().__init__(reason)
         self.status = status
         self.reason = reason
+        self.headers: Mapping[str, str] = headers or {}

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from websockets.datastructures import Headers
 from websockets.exceptions import InvalidHeader, InvalidUpgrade
 from websockets.http11 import Request
 from websockets.server import ServerProtocol
+from websockets.typing import Subprotocol
+
+SUBPROTOCOL = Subprotocol("rwt")
+"""What a client offers that wants the server to confirm what is spoken; it may offer others beside it."""
 
 _quiet = logging.getLogger("rwt_transports.handshake")
 
@@ -40,14 +44,27 @@ def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
 
 def answer_handshake(path: str, headers: Iterable[tuple[str, str]]) -> HandshakeAnswer:
     """Check the upgrade request and make the answer (RFC 6455 section 4.2)."""
-    protocol = ServerProtocol(logger=_quiet)
-    response = protocol.accept(Request(path, Headers(list(headers))))
+    protocol = ServerProtocol(logger=_quiet, select_subprotocol=_select)
+    try:
+        given = Headers(list(headers))
+    except InvalidHeader as error:
+        # HTTP lets control characters pass in values; the library does not.
+        return HandshakeAnswer(400, reason=_reason(error))
+    response = protocol.accept(Request(path, given))
     if response.status_code == 101:
         return HandshakeAnswer(101, response.serialize())
     failure = protocol.handshake_exc
     wrong_version = isinstance(failure, InvalidHeader) and failure.name == "Sec-WebSocket-Version"
     # RFC 6455 section 4.4 asks for 426 with the version that is spoken.
     return HandshakeAnswer(426 if wrong_version else response.status_code, reason=_reason(failure))
+
+
+def _select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:
+    """The subprotocol to speak (RFC 6455 section 4.2.2): ours if it is offered, else none.
+
+    Clients that offer only others get none, and go on or not as they please.
+    """
+    return SUBPROTOCOL if SUBPROTOCOL in offered else None
 
 
 def _reason(failure: Exception | None) -> str:

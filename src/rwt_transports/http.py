@@ -115,6 +115,9 @@ class HttpEvents(Protocol):
     async def drained(self) -> None:
         """Wait until everything sent so far has been taken by the network."""
 
+    def overrun(self) -> None:
+        """The peer sends more while an answer is being made than may wait: cut it."""
+
     def hang_up(self) -> None:
         """Close once everything is sent."""
 
@@ -131,6 +134,7 @@ class HttpConversation:
         self._request: h11.Request | None = None
         self._body = bytearray()
         self._busy = False
+        self._ahead = 0  # bytes that came while an answer was being made
         self._over = False
         self._served = False
         self._deadline: float | None = None
@@ -144,6 +148,12 @@ class HttpConversation:
         """Take bytes from the peer."""
         if self._over:
             return
+        if self._busy:
+            self._ahead += len(data)
+            if self._ahead > self._limits.http_header_bytes + self._limits.http_body_bytes:
+                self._over = True
+                self._events.overrun()
+                return
         try:
             self._h11.receive_data(data)
             self._next_events()
@@ -181,6 +191,8 @@ class HttpConversation:
             if isinstance(event, h11.Request):
                 self._request = event
                 self._body = bytearray()
+                if _size(event) > self._limits.http_header_bytes:
+                    self._fail(431)
             elif isinstance(event, h11.Data):
                 self._body += event.data
                 if len(self._body) > self._limits.http_body_bytes:
@@ -204,7 +216,10 @@ class HttpConversation:
         method = raw.method.decode("latin-1")
         request = HttpRequest(method, path, query, headers, bytes(self._body), self._address)
         if wants_websocket(pairs):
-            self._upgrade(request, target, pairs)
+            if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; a proxy's default, more often than not
+                self._respond_text(426, "a WebSocket needs HTTP/1.1, this request is HTTP/1.0\n")
+            else:
+                self._upgrade(request, target, pairs)
             return
         found = self._routes.find(method, path)
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
@@ -248,6 +263,7 @@ class HttpConversation:
         else:
             await self._stream(response, response.body)
         self._busy = False
+        self._ahead = 0
         self._responded()
         try:
             self._next_events()
@@ -328,6 +344,11 @@ _BROKEN = {
     413: b"the request body is too large (http_body_bytes)\n",
     431: b"the request's headers are too large (http_header_bytes)\n",
 }
+
+
+def _size(request: h11.Request) -> int:
+    """Bytes of the request line and the headers; h11 bounds only what arrives in pieces."""
+    return len(request.target) + sum(len(name) + len(value) + 4 for name, value in request.headers)
 
 
 async def _awaited(response: Awaitable[HttpResponse]) -> HttpResponse:

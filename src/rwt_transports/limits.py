@@ -19,7 +19,8 @@ class Limits:
         strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
             default: the endpoint gets the bytes as they came and answers, so that one bad message does not
             cost the connection.
-        connections: open connections of one listener; one more is answered with HTTP 503.
+        connections: open connections of one listener. More are answered with HTTP 503 where the transport
+            has HTTP, and cut otherwise; twice as many are always cut.
         handshake_seconds: from the first byte expected to the end of the request.
         idle_http_seconds: how long a kept-alive HTTP connection may wait between two requests.
         http_header_bytes: size of one request line with its headers.

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from ssl import SSLContext
 
 import anyio
 import anyio.lowlevel
-from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Accept
 
 from .api import Driver
+from .close_codes import GOING_AWAY
 from .connection import Reception
 from .drivers.anyio_stream import AnyioDriver
 from .drivers.asyncio_protocol import AsyncioDriver
 from .http import Routes
 from .limits import Limits
-from .urls import ListenUrl, parse_listen_url
+from .urls import parse_listen_url
 
 TICK_SECONDS = 0.5
-GOING_AWAY = 1001
 
 
 class OpenListener:
@@ -48,6 +48,7 @@ async def listen(
     routes: Routes | None = None,
     limits: Limits | None = None,
     driver: Driver | None = None,
+    tls: SSLContext | None = None,
 ) -> AsyncIterator[OpenListener]:
     """Accept peers on `url` within the block, for example ``ws://127.0.0.1:9090``; port 0 picks a free one.
 
@@ -58,50 +59,35 @@ async def listen(
         accept: makes the endpoint of each new peer; may raise :exc:`~rwt_transports.errors.Refused`.
         routes: plain HTTP requests that the same port answers.
         limits: bounds per listener and per connection.
+        tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
         driver: what moves the bytes; by default the fastest one for the running event loop.
 
     Raises:
         BadUrl: the URL is not one to listen on.
         ListenError: the address cannot be had.
     """
-    place = parse_listen_url(url)
+    target = parse_listen_url(url, tls)
     chosen = Limits() if limits is None else limits
-    try:
-        async with anyio.create_task_group() as tasks:
-            try:
-                reception = _reception(place, accept, routes, chosen, tasks)
-                attach = reception.attach
-                async with (driver or fastest_driver()).serve(place.host, place.port, attach) as port:
-                    tasks.start_soon(_tick, reception)
-                    try:
-                        yield OpenListener(place.with_port(port), reception)
-                    finally:
-                        with anyio.CancelScope(shield=True):
-                            await _close_all(reception, chosen.close_seconds)
-            finally:
-                # Only now: a cancelled scope would put its own exception in the place of the caller's.
-                tasks.cancel_scope.cancel()
-    except BaseExceptionGroup as group:
-        error = _only(group)
-        raise error from error.__cause__
-
-
-def _only(group: BaseExceptionGroup[BaseException]) -> BaseException:
-    """That task groups are at work in here is not the caller's business: one error is raised as itself."""
-    error: BaseException = group
-    while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
-        error = error.exceptions[0]
-    return error
-
-
-def _reception(
-    place: ListenUrl, accept: Accept, routes: Routes | None, limits: Limits, tasks: TaskGroup
-) -> Reception:
-    def spawn(work: Callable[[], Coroutine[object, object, None]]) -> None:
-        tasks.start_soon(work)
-
-    pages = (routes or Routes()) if place.scheme.http else None
-    return Reception(accept, place.scheme.make_wire, limits, pages, spawn, place.name)
+    pages = (routes or Routes()) if target.scheme.http else None
+    reception = Reception(accept, target.scheme.make_wire, chosen, pages, target.name)
+    failure: Exception | None = None
+    async with (
+        (driver or fastest_driver()).serve(target.place, reception.attach) as port,
+        anyio.create_task_group() as tasks,
+    ):
+        reception.tasks = tasks
+        tasks.start_soon(_tick, reception)
+        try:
+            yield OpenListener(target.with_port(port), reception)
+        except Exception as error:
+            # Raised again below, so that the caller gets the exception itself and not a group around it.
+            failure = error
+        finally:
+            with anyio.CancelScope(shield=True):
+                await _close_all(reception, chosen.close_seconds)
+            tasks.cancel_scope.cancel()
+    if failure is not None:
+        raise failure
 
 
 def fastest_driver() -> Driver:

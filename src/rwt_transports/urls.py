@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from ssl import SSLContext
 from urllib.parse import urlsplit
 
+from .api import Place
 from .connection import MakeWire
 from .errors import BadUrl
+from .wires.json_stream import json_lines, json_over_tcp
 from .wires.websocket import websocket_server
 
 DEFAULT_PORT = 9090
@@ -19,17 +22,25 @@ class Scheme:
 
     Attributes:
         make_wire: the wire spoken.
-        http: whether plain HTTP is answered on the same port, and the wire begins with an upgrade.
         example: a URL that works.
+        http: whether plain HTTP is answered on the same port, and the wire begins with an upgrade.
+        tls: whether the connections are encrypted.
+        unix: whether it names a path instead of host and port.
     """
 
     make_wire: MakeWire
-    http: bool
     example: str
+    http: bool = False
+    tls: bool = False
+    unix: bool = False
 
 
 SCHEMES = {
-    "ws": Scheme(websocket_server, http=True, example="ws://127.0.0.1:9090"),
+    "ws": Scheme(websocket_server, "ws://127.0.0.1:9090", http=True),
+    "wss": Scheme(websocket_server, "wss://0.0.0.0:9090", http=True, tls=True),
+    "tcp": Scheme(json_over_tcp, "tcp://127.0.0.1:9091"),
+    "tcps": Scheme(json_over_tcp, "tcps://0.0.0.0:9091", tls=True),
+    "unix": Scheme(json_lines, "unix:///run/user/1000/robot.sock", unix=True),
 }
 
 
@@ -40,35 +51,48 @@ class ListenUrl:
     Attributes:
         name: the scheme.
         scheme: its row.
-        host: name or address, without brackets.
-        port: 0 to let the system choose.
+        place: where to listen.
     """
 
     name: str
     scheme: Scheme
-    host: str
-    port: int
+    place: Place
 
     def with_port(self, port: int) -> str:
         """The URL with the port in use."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        if self.scheme.unix:
+            return f"{self.name}://{self.place.path}"
+        host = f"[{self.place.host}]" if ":" in self.place.host else self.place.host
         return f"{self.name}://{host}:{port}"
 
 
-def parse_listen_url(url: str) -> ListenUrl:
+def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
     """Take a URL apart.
 
     Raises:
         BadUrl: naming what is wrong, with an example.
     """
-    name, separator, _ = url.partition("://")
-    scheme = SCHEMES.get(name.lower())
+    name, separator, rest = url.partition("://")
+    name = name.lower()
+    scheme = SCHEMES.get(name)
     if not separator or scheme is None:
         known = ", ".join(f"{each}://" for each in SCHEMES)
         what = f"the scheme {name!r} is not known" if separator else "it has no scheme"
+        raise BadUrl(f"cannot listen on {url!r}: {what}; use {known}, for example {SCHEMES['ws'].example}")
+    if scheme.tls and tls is None:
+        plain = f"{name[:-1]}://{rest}"
         raise BadUrl(
-            f"cannot listen on {url!r}: {what}; use {known}, for example ws://127.0.0.1:{DEFAULT_PORT}"
+            f"cannot listen on {url!r}: it needs a certificate and a key "
+            f"(tls.certfile, tls.keyfile); without them use {plain}"
         )
+    if scheme.unix:
+        if not rest.startswith("/"):
+            raise _bad(url, "it names no absolute path", scheme)
+        return ListenUrl(name, scheme, Place(path=rest))
+    return ListenUrl(name, scheme, _tcp_place(url, scheme, tls if scheme.tls else None))
+
+
+def _tcp_place(url: str, scheme: Scheme, tls: SSLContext | None) -> Place:
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
@@ -78,7 +102,7 @@ def parse_listen_url(url: str) -> ListenUrl:
         raise _bad(url, "it names no host", scheme)
     if parts.path not in ("", "/") or parts.query or parts.fragment or parts.username is not None:
         raise _bad(url, "only a host and a port can be given; every path is served", scheme)
-    return ListenUrl(name.lower(), scheme, host, DEFAULT_PORT if port is None else port)
+    return Place(host, DEFAULT_PORT if port is None else port, tls=tls)
 
 
 def _bad(url: str, what: str, scheme: Scheme) -> BadUrl:

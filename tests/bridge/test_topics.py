@@ -33,7 +33,7 @@ def test_the_payload_goes_through_as_it_came(client: Client) -> None:
     client.say_raw(
         '{"op":"publish","topic":"/chatter","msg":{"data":"\\u00e9 \\/ é"},"type":"std_msgs/String"}'
     )
-    (frame, _, _) = client.frames[0]
+    (frame, _) = client.frames[0]
     assert frame.data == '{"op":"publish","topic":"/chatter","msg":{"data":"\\u00e9 \\/ é"}}'.encode()
 
 

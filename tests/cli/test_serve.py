@@ -163,6 +163,25 @@ def test_bad_interfaces_are_one_line(tmp_path: Path) -> None:
     assert "Mood.msg:2" in error
 
 
+def test_settings_that_cannot_be_used_are_one_line(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("too short")
+    code, error = _fails("ws://127.0.0.1:0", "--set", f"auth.rosauth_secret_file={secret}")
+    assert (code, "exactly 16" in error) == (2, True)
+    code, error = _fails("ws://127.0.0.1:0", "--set", "tls.certfile=a.pem", "--set", "tls.keyfile=b.pem")
+    assert (code, "tls.certfile: a.pem: cannot be read" in error) == (2, True)
+    code, error = _fails("wss://127.0.0.1:0")
+    assert (code, "tls.certfile" in error) == (1, True)
+
+
+def test_the_environment_sets_what_a_server_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RWT_AUTH__DEFAULT_ROLE", "viewer")
+    with _server("ws://127.0.0.1:0", "--demo") as (_, url), connect(url) as wire:
+        wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/add_two_ints", "args": [1, 2]}))
+        answer = json.loads(wire.recv(timeout=10))
+    assert (answer["result"], "roles.viewer.call" in answer["values"]) == (False, True)
+
+
 def test_help_has_an_example() -> None:
     done = subprocess.run(_command("--help"), capture_output=True, text=True, timeout=20, check=True)
     assert "rwt serve --demo" in done.stdout

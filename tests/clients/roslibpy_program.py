@@ -28,6 +28,9 @@ STRING = "std_msgs/String"
 FIBONACCI = "example_interfaces/Fibonacci"
 FIBONACCI_ACTION = "actionlib_tutorials/FibonacciAction"
 
+#: The states of `actionlib.GoalStatus` that a goal does not leave.
+ENDS = frozenset({2, 3, 4, 5, 8, 9})
+
 #: Whatever is on the wire or comes from the library, which has no types.
 Value = Any
 
@@ -668,6 +671,7 @@ class SentActionlibGoal:
         self.feedback: list[Value] = []
         self.statuses: list[int] = []
         self.started = threading.Event()
+        self._ended = threading.Event()
         self._results: queue.SimpleQueue[Value] = queue.SimpleQueue()
         self.goal.on("feedback", self._take)
         self.goal.on("status", self._take_status)
@@ -681,14 +685,16 @@ class SentActionlibGoal:
     def _take_status(self, status: Value) -> None:
         if self.statuses[-1:] != [status["status"]]:
             self.statuses.append(status["status"])
+        if status["status"] in ENDS:
+            self._ended.set()
 
     def end(self) -> Value:
         result = self._results.get(timeout=LIMIT)
-        # This client learns the final state from the status topic alone.
-        self.goal.wait(LIMIT)
+        # This client learns the final state from the status topic alone, and takes PREEMPTING for an end.
+        self._ended.wait(LIMIT)
         return {
             "result": result["sequence"],
-            "status": self.goal.status["status"],
+            "status": self.statuses[-1],
             "statuses": self.statuses,
             "feedback": self.feedback,
         }

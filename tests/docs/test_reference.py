@@ -34,7 +34,9 @@ def test_every_setting_is_listed_with_its_default() -> None:
     block = next(block for block in blocks_of(_REFERENCE / "command-line.md") if block.language == "toml")
     listed = tomllib.loads(block.code)
     assert listed.pop("demo") is True, "the example wants a robot; the comment beside it says the default"
-    defaults = Settings().model_dump(mode="json")
+    everything = Settings().model_dump(mode="json")
+    # The tables are on a page of their own, which is made from the models.
+    defaults = {name: value for name, value in everything.items() if not isinstance(value, dict)}
     assert defaults.pop("demo") is False
     assert listed == defaults
 

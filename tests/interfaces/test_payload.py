@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
+from array import array
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -108,7 +112,7 @@ def test_what_the_caller_does_afterwards_changes_nothing() -> None:
         assert list(value.intensities) in ([], [1.0, 1.0])
 
 
-@pytest.mark.parametrize("kind", [bytes, bytearray, memoryview, list, tuple, "numpy"])
+@pytest.mark.parametrize("kind", [bytes, bytearray, memoryview, list, tuple, partial(array, "B"), "numpy"])
 def test_octets_come_in_many_forms_and_are_kept_as_bytes(kind: Any) -> None:
     data = np.frombuffer(b"\x00\x01\xff", np.uint8) if kind == "numpy" else kind(b"\x00\x01\xff")
     payload = Payload.from_value(IMAGE, IMAGE.struct(data=data))
@@ -234,3 +238,18 @@ def test_large_octets_are_sent_as_base64() -> None:
         make("visualization_msgs/MarkerArray", nested).json(),
     ).value()
     assert array.markers[0].texture.data == data
+
+
+def test_relaying_json_loads_no_heavy_library() -> None:
+    """numpy and the others are loaded by those who use them, so that a small server stays small."""
+    program = """
+import sys
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
+kind = Registry().message("sensor_msgs/LaserScan")
+payload = Payload.from_json(kind, b'{"ranges":[1.5,null],"header":{}}')
+payload.json(), payload.value(), payload.cbor(), payload.cdr()
+print([name for name in ("numpy", "cbor2", "pydantic_core", "PIL") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

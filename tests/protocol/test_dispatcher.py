@@ -41,7 +41,7 @@ def table(handler: Handler = keep, direction: Direction = Direction.TO_SERVER) -
     return dict.fromkeys(inbound(direction), handler)
 
 
-def unexpected(op: Op, error: Exception) -> None:
+def unexpected(context: object, op: Op, error: Exception) -> None:
     raise AssertionError(op) from error
 
 
@@ -115,12 +115,17 @@ def test_errors_of_this_package_and_named_ones_refuse() -> None:
 
 
 def test_any_other_exception_is_handed_over_and_told_to_nobody() -> None:
-    handed: list[tuple[Op, Exception]] = []
-    dispatcher: Dispatcher[list[Op]] = Dispatcher(table(fail), lambda op, error: handed.append((op, error)))
+    handed: list[tuple[list[Op], Op, Exception]] = []
+
+    def hand_over(context: list[Op], op: Op, error: Exception) -> None:
+        handed.append((context, op, error))
+
+    dispatcher: Dispatcher[list[Op]] = Dispatcher(table(fail), hand_over)
+    context: list[Op] = []
     op = CallService(service="/s", id="i")
     answer = ServiceResponse(service="/s", values="internal error", result=False, id="i")
-    assert dispatcher.dispatch([], op) == answer
-    ((seen, error),) = handed
-    assert seen is op
+    assert dispatcher.dispatch(context, op) == answer
+    ((where, seen, error),) = handed
+    assert where is context and seen is op
     assert isinstance(error, ZeroDivisionError)
     assert error.__traceback__ is not None

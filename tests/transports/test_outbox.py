@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import dataclass, field
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.frames import Frame, Lane
+from rwt_protocol.frames import AS_MANY_AS_FIT, DropReason, Flow, FlowRules, Frame
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import READY_BYTES, SLICE_BYTES, Outbox
 from rwt_transports.wires.websocket import SERVER_FRAMING
@@ -43,14 +45,32 @@ def framed(*payloads: bytes) -> bytes:
     return b"".join(SERVER_FRAMING.whole(Frame(payload)) for payload in payloads)
 
 
-def outbox(limits: Limits | None = None) -> Outbox:
-    return Outbox(
-        SERVER_FRAMING, limits or Limits(), lambda: None, lambda _: None, lambda _code, _reason: None
-    )
+class Box(Outbox):
+    """An outbox with the flows of a bridge, that counts what they lose."""
+
+    def __init__(self, limits: Limits) -> None:
+        super().__init__(SERVER_FRAMING, limits, lambda: None, lambda _: None, lambda _code, _reason: None)
+        self.flows: dict[str, Flow] = {}
+        self.drops: Counter[tuple[str, DropReason]] = Counter()
+        self.now_ns = 0
+
+    def topic(self, name: str, rules: FlowRules = AS_MANY_AS_FIT) -> Flow:
+        if name not in self.flows:
+            self.flows[name] = self.flow(
+                name,
+                rules,
+                on_drop=lambda reason: self.drops.update([(name, reason)]),
+                time_ns=lambda: self.now_ns,
+            )
+        return self.flows[name]
 
 
-def data(box: Outbox, topic: str, payload: bytes) -> None:
-    box.send(Frame(payload), Lane.DATA, topic)
+def outbox(limits: Limits | None = None) -> Box:
+    return Box(limits or Limits())
+
+
+def data(box: Box, topic: str, payload: bytes) -> None:
+    box.topic(topic).send(Frame(payload))
 
 
 def drain(box: Outbox) -> bytes:
@@ -60,7 +80,7 @@ def drain(box: Outbox) -> bytes:
     return b"".join(taken)
 
 
-def stalled(limits: Limits | None = None) -> Outbox:
+def stalled(limits: Limits | None = None) -> Box:
     """An outbox whose ready bytes are full, so that the next frames wait in their lanes."""
     box = outbox(limits)
     box.send(Frame(FILLER))
@@ -93,7 +113,7 @@ def test_a_frame_is_made_into_bytes_once_for_all_connections() -> None:
     frame = Frame(b'{"op":"publish"}')
     boxes = [outbox() for _ in range(5)]
     for box in boxes:
-        box.send(frame, Lane.DATA, "/a")
+        box.topic("/a").send(frame)
     taken = [box.take() for box in boxes]
     assert all(each is taken[0] for each in taken)
 
@@ -139,14 +159,17 @@ def test_order_within_a_topic_and_within_control(frames: list[tuple[str, int]]) 
     for at, (topic, size) in enumerate(frames):
         payload = b"%s:%d:" % (topic.encode(), at) + b"." * size
         sent[topic].append(payload)
-        box.send(Frame(payload), Lane.DATA if topic else Lane.CONTROL, topic)
+        if topic:
+            data(box, topic, payload)
+        else:
+            box.send(Frame(payload))
     written = drain(box)
     positions = {topic: [written.index(each) for each in payloads] for topic, payloads in sent.items()}
     assert all(each == sorted(each) for each in positions.values())
     assert len(written) == len(framed(FILLER)) + sum(
         len(framed(each)) for all_ in sent.values() for each in all_
     )
-    assert box.backlog == 0 and not box.dropped
+    assert box.backlog == 0 and not box.drops
 
 
 def test_a_small_topic_does_not_wait_for_the_queue_of_a_fat_one() -> None:
@@ -180,6 +203,38 @@ def test_a_frame_behind_a_large_one_waits_for_that_one_only() -> None:
     assert written.index(b"odom") < written.index(b"M1")
 
 
+def test_a_small_frame_passes_every_large_one_but_the_one_being_written() -> None:
+    box = outbox(Limits(data_bytes=1 << 30))
+    for name in ("/map", "/cloud", "/image"):
+        for at in range(3):
+            data(box, name, b"%s%d" % (name.encode(), at) + bytes(1_000_000))
+    written = bytes(box.take() or b"")
+    while (piece := box.take()) is not None:
+        # Whatever is being written now, what comes now is next.
+        mark = b"odom at %d." % len(written)
+        written += piece
+        if len(piece) < SLICE_BYTES:
+            continue
+        data(box, "/odom", mark)
+    marks = [int(text.split(b".")[0]) for text in written.split(b"odom at ")[1:]]
+    assert len(marks) > 10
+    for moment in marks:
+        assert written.index(b"odom at %d." % moment) - moment < 1_000_000 + 2 * READY_BYTES
+
+
+def test_topics_share_by_bytes_and_a_busy_time_is_forgotten_after_it() -> None:
+    box = stalled()
+    data(box, "/old", b"old" + bytes(1_000_000))
+    drain(box)
+    box.send(Frame(FILLER))
+    for at in range(3):
+        data(box, "/old", b"old%d" % at + bytes(50_000))
+        data(box, "/new", b"new%d" % at + bytes(50_000))
+    written = drain(box)
+    order = sorted(written.index(b"%s%d" % (name, at)) for name in (b"old", b"new") for at in range(3))
+    assert [written[at : at + 3] for at in order] == [b"old", b"new"] * 3
+
+
 # -- slow readers ------------------------------------------------------------------------------------------
 
 
@@ -192,7 +247,8 @@ def test_overflow_drops_the_oldest_of_the_same_topic() -> None:
     assert b"quiet" in written
     kept = [at for at in range(20) if b"loud%02d" % at in written]
     assert kept == list(range(11, 20))
-    assert box.dropped == {"/loud": 11}
+    assert box.drops == {("/loud", DropReason.BACKLOG): 11}
+    assert box.traffic.dropped == {DropReason.BACKLOG: 11}
 
 
 def test_a_new_topic_takes_the_place_of_the_fattest() -> None:
@@ -202,7 +258,7 @@ def test_a_new_topic_takes_the_place_of_the_fattest() -> None:
     data(box, "/new", b"new" + b"n" * 97)
     written = drain(box)
     assert b"new" in written and b"loud00" not in written and b"loud01" in written
-    assert box.dropped == {"/loud": 1}
+    assert box.drops == {("/loud", DropReason.BACKLOG): 1}
 
 
 def test_every_topic_keeps_its_newest_frame() -> None:
@@ -211,8 +267,145 @@ def test_every_topic_keeps_its_newest_frame() -> None:
         for at in range(3):
             data(box, name, b"%s%d" % (name.encode(), at) + b"x" * 200)
     written = drain(box)
-    for name in (b"/a", b"/b", b"/c"):
-        assert [at for at in range(3) if b"%s%d" % (name, at) in written] == [2]
+    for topic in (b"/a", b"/b", b"/c"):
+        assert [at for at in range(3) if b"%s%d" % (topic, at) in written] == [2]
+
+
+@pytest.mark.parametrize("depth", [0, 1, 4])
+def test_a_flow_with_a_depth_keeps_its_newest(depth: int) -> None:
+    box = stalled()
+    box.topic("/scan", FlowRules(depth))
+    for at in range(10):
+        data(box, "/scan", b"<%d>" % at)
+        data(box, "/path", b"(%d)" % at)
+    kept = max(depth, 1)
+    assert box.drops == {("/scan", DropReason.QUEUE): 10 - kept}
+    written = drain(box)
+    assert all(framed(b"(%d)" % at) in written for at in range(10))
+    assert [at for at in range(10) if framed(b"<%d>" % at) in written] == list(range(10 - kept, 10))
+
+
+def test_a_depth_does_not_hold_back_what_the_network_takes() -> None:
+    box = outbox()
+    box.topic("/scan", FlowRules(1))
+    for at in range(10):
+        data(box, "/scan", b"%d" % at)
+    assert drain(box) == framed(*(b"%d" % at for at in range(10))) and not box.drops
+
+
+def test_a_smaller_depth_cuts_what_waits() -> None:
+    box = stalled()
+    for at in range(5):
+        data(box, "/a", b"%d" % at)
+    box.topic("/a").configure(FlowRules(2))
+    assert drain(box) == framed(FILLER, b"3", b"4")
+
+
+def test_what_keeps_all_gives_way_last() -> None:
+    box = stalled(Limits(data_bytes=1000))
+    box.topic("/path", FlowRules(keep_all=True))
+    for at in range(9):
+        data(box, "/path", b"path%d" % at + bytes(95))
+    for at in range(2):
+        data(box, "/scan", b"scan%d" % at + bytes(45))
+    data(box, "/new", bytes(100))
+    assert box.drops == {("/scan", DropReason.BACKLOG): 1}
+    data(box, "/more", bytes(100))
+    data(box, "/path", b"path9" + bytes(95))
+    assert box.drops == {("/scan", DropReason.BACKLOG): 1, ("/path", DropReason.BACKLOG): 2}
+
+
+def test_a_closed_flow_sends_what_waits_and_reports_nothing() -> None:
+    box = stalled(Limits(data_frames=2))
+    for at in range(2):
+        data(box, "/a", b"%d" % at)
+    box.flows.pop("/a").close()
+    data(box, "/b", b"b")
+    assert drain(box) == framed(FILLER, b"1", b"b")
+    assert not box.drops and box.traffic.dropped == {DropReason.BACKLOG: 1}
+
+
+def test_what_has_outlived_its_lifespan_is_not_sent() -> None:
+    box = stalled()
+    flow = box.topic("/tf")
+    flow.send_message([Frame(b"old")], expires_ns=100)
+    flow.send_message([Frame(b"new")], expires_ns=200)
+    flow.send_message([Frame(b"for ever")])
+    assert box.take() == framed(FILLER)
+    box.now_ns = 101
+    assert drain(box) == framed(b"new", b"for ever")
+    assert box.drops == {("/tf", DropReason.LIFESPAN): 1}
+
+
+def test_nothing_but_expired_frames_leaves_the_way_open() -> None:
+    box = stalled()
+    box.topic("/tf").send_message([Frame(b"old")], expires_ns=1)
+    box.now_ns = 2
+    assert drain(box) == framed(FILLER) and box.backlog == 0
+    data(box, "/tf", b"next")
+    assert box.take() == framed(b"next")
+
+
+def test_a_message_in_pieces_is_sent_whole_or_not_at_all() -> None:
+    box = stalled(Limits(data_frames=3))
+    for at in range(6):
+        box.topic("/map").send_message([Frame(b"<%d.%d>" % (at, piece)) for piece in range(3)])
+    assert drain(box) == framed(FILLER, *(b"<%d.%d>" % (at, piece) for at in (3, 4, 5) for piece in range(3)))
+    assert box.drops == {("/map", DropReason.BACKLOG): 3}
+
+
+def test_a_message_that_has_begun_is_finished() -> None:
+    box = outbox(Limits(data_frames=1))
+    pieces = [Frame(b"%d" % at + bytes(100_000)) for at in range(4)]
+    box.topic("/map").send_message(pieces, expires_ns=1)
+    box.now_ns = 2
+    data(box, "/map", b"older")
+    data(box, "/map", b"newer")
+    data(box, "/odom", b"odom")
+    written = drain(box)
+    assert written.startswith(framed(pieces[0].data, pieces[1].data))
+    assert all(framed(piece.data) in written for piece in pieces)
+    # Another topic waits for a piece, not for the message.
+    assert written.index(b"odom") < written.index(pieces[2].data)
+    assert written.index(pieces[3].data) < written.index(b"newer") and b"older" not in written
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["/a", "/b", "/c"]), st.integers(1, 3), st.integers(1, 9000), st.booleans()
+        ),
+        max_size=80,
+    ),
+    st.integers(1, 20),
+)
+def test_whatever_comes_memory_is_bounded_and_order_holds(
+    messages: list[tuple[str, int, int, bool]], depth: int
+) -> None:
+    limits = Limits(data_bytes=50_000, data_frames=10)
+    box = stalled(limits)
+    box.topic("/a", FlowRules(depth))
+    box.topic("/b", FlowRules(keep_all=True))
+    written = b""
+    for at, (name, pieces, size, reads) in enumerate(messages):
+        frames = [
+            Frame(b"<%s:%d.%d/%d>" % (name.encode(), at, n, pieces) + bytes(size)) for n in range(pieces)
+        ]
+        box.topic(name).send_message(frames)
+        assert box.traffic.queued_messages <= limits.data_frames + 3
+        assert box.backlog <= READY_BYTES + len(FILLER) + limits.data_bytes + 6 * 3 * 9100
+        if reads:
+            written += bytes(box.take() or b"")
+    written += drain(box)
+    for topic in (b"/a", b"/b", b"/c"):
+        seen = [part.split(b">")[0] for part in written.split(b"<%s:" % topic)[1:]]
+        numbers = [tuple(map(int, re.split(b"[./]", text))) for text in seen]
+        whole = [(at, n, of) for at, n, of in numbers]
+        assert whole == sorted(whole)
+        assert all([n for at, n, _ in whole if at == message] == list(range(of)) for message, _, of in whole)
+    assert box.traffic.messages == 1 + len(re.findall(b"<(?=/[abc]:)", written))
+    assert box.traffic.bytes == len(written)
+    assert not box.traffic.queued_messages and not box.backlog
 
 
 def test_the_number_of_frames_is_bounded_too() -> None:

@@ -37,6 +37,9 @@ class Heard:
         self.sizes.append(size)
         return self.skip
 
+    def pong(self, data: bytes) -> None:
+        self.answer(data)
+
     def answer(self, data: bytes) -> None:
         self.answers.append(data)
 
@@ -74,7 +77,8 @@ def byte_by_byte(wire: WebSocketWire, data: bytes) -> None:
 
 
 def into_space(wire: WebSocketWire, data: bytes) -> None:
-    """As the asyncio driver does: large payloads are received where they belong, 50,000 bytes at most at once."""
+    """As the asyncio driver does: large payloads are received where they belong, 50,000 bytes at most at
+    once."""
     at = 0
     while at < len(data):
         space = wire.space()

@@ -8,7 +8,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rwt_interfaces.errors import PayloadError
-from rwt_interfaces.serialise.packed import Rules, compile_reader, compile_writer, read_all
+from rwt_interfaces.serialise.pack import compile_writer
+from rwt_interfaces.serialise.packed import Rules
+from rwt_interfaces.serialise.unpack import compile_reader, read_all
 
 if TYPE_CHECKING:
     import msgspec

@@ -28,7 +28,7 @@ class GraphQuestions:
 
     def topics(self, _: Any) -> Answer:
         """Every topic and its type (API-02)."""
-        topics = self._graph.topics()
+        topics = [topic for topic in self._graph.topics() if not is_hidden(topic.name)]
         return {
             "topics": [topic.name for topic in topics],
             "types": [self._type_name(topic.type) for topic in topics],
@@ -45,7 +45,9 @@ class GraphQuestions:
 
     def topics_and_raw_types(self, _: Any) -> Answer:
         """Every topic with its type and the full text of the definition (API-06)."""
-        topics = [topic for topic in self._graph.topics() if topic.type is not None]
+        topics = [
+            topic for topic in self._graph.topics() if topic.type is not None and not is_hidden(topic.name)
+        ]
         return {
             "topics": [topic.name for topic in topics],
             "types": [self._type_name(topic.type) for topic in topics],
@@ -71,7 +73,9 @@ class GraphQuestions:
 
     def services(self, _: Any) -> Answer:
         """Every service."""
-        return {"services": [service.name for service in self._graph.services()]}
+        return {
+            "services": [service.name for service in self._graph.services() if not is_hidden(service.name)]
+        }
 
     def services_for_type(self, request: Any) -> Answer:
         """The services of one type."""
@@ -158,8 +162,13 @@ class GraphQuestions:
     def _topic(self, name: str) -> TopicInfo | None:
         return self._graph.topic(_absolute(name))
 
-    def _type_name(self, type: MessageType | ServiceType | ActionType | None) -> str:  # noqa: A002
+    def _type_name(self, type: MessageType | ServiceType | ActionType | None) -> str:
         return "" if type is None else self._graph.registry.type_name(type)
+
+
+def is_hidden(name: str) -> bool:
+    """Whether ROS 2 leaves the name out of lists: a part of it begins with an underscore (API-02)."""
+    return "/_" in name
 
 
 def _absolute(name: str) -> str:

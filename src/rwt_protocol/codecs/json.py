@@ -81,13 +81,13 @@ def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
     return Frame(prefix, payload, b"}")
 
 
-def response_frame(service: str, values: Buffer, id: str | int | None = None) -> Frame:  # noqa: A002  # as on the wire
+def response_frame(service: str, values: Buffer, id: str | int | None = None) -> Frame:  # as on the wire
     """The reply to a call that succeeded; `values` is JSON in UTF-8, and is spliced in (SRV-01)."""
     end = b',"result":true}' if id is None else b',"result":true,"id":' + _encode(id) + b"}"
     return Frame(b'{"op":"service_response","service":' + _encode(service) + b',"values":', values, end)
 
 
-def call_frame(service: str, args: Buffer, id: str | int) -> Frame:  # noqa: A002  # as on the wire
+def call_frame(service: str, args: Buffer, id: str | int) -> Frame:  # as on the wire
     """A call to a provider; `args` is JSON in UTF-8, and is spliced in (SVP-01, SVP-02)."""
     head = b'{"op":"call_service","id":' + _encode(id) + b',"service":' + _encode(service) + b',"args":'
     return Frame(head, args, b"}")

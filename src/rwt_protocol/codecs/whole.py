@@ -50,7 +50,7 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | Fault]:
 
 
 def _too_deep(max_depth: int, members: Members | None = None) -> Fault:
-    return Fault(f"nested more than {max_depth} levels deep", members or {})
+    return Fault(f"nested more than {max_depth} levels deep (max_depth)", members or {})
 
 
 def _split_several(data: bytes, max_depth: int) -> list[Members | Fault]:

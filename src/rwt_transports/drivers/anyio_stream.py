@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import logging
+import socket
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from functools import partial
 
 import anyio
-from anyio.abc import ByteStream, SocketAttribute
+from anyio.abc import AnyByteStream, ByteStream, Listener, SocketAttribute, SocketListener
+from anyio.streams.stapled import MultiListener
+from anyio.streams.tls import TLSListener
 
-from ..api import Attach, Driven
-from ..errors import ListenError
-from .sockets import why_not
+from ..api import Attach, Driven, Place
+from .sockets import bind_tcp, bind_unix, remove_unix
+
+logger = logging.getLogger("rwt_transports")
 
 READ_BYTES = 64 * 1024
+BACKLOG = 512
+TLS_HANDSHAKE_SECONDS = 10
+
+GONE = (anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError)
+"""How a stream says that its other end has gone; TLS says the first of them to a writer, too."""
 
 
 class _Link:
@@ -49,15 +60,6 @@ class _Link:
         """Close at once."""
         self._scope.cancel()
 
-    def pause_reading(self) -> None:
-        """Stop reading."""
-        if self._reading.is_set():
-            self._reading = anyio.Event()
-
-    def resume_reading(self) -> None:
-        """Read again."""
-        self._reading.set()
-
     # -- tasks -------------------------------------------------------------------------------------------
 
     async def run(self, driven: Driven) -> None:
@@ -80,7 +82,7 @@ class _Link:
                 driven.receive(await self._stream.receive(READ_BYTES))
         except anyio.EndOfStream:
             driven.eof()
-        except (anyio.BrokenResourceError, anyio.ClosedResourceError):
+        except GONE:
             self._scope.cancel()
 
     async def _write(self, driven: Driven) -> None:
@@ -98,35 +100,63 @@ class _Link:
                 if self._finishing:
                     self._finishing = False
                     await self._stream.send_eof()
-        except (anyio.BrokenResourceError, anyio.ClosedResourceError):
+        except GONE:
             return
 
 
 class AnyioDriver:
-    """Serves TCP through anyio; satisfies :class:`rwt_transports.api.Driver`."""
+    """Serves TCP and Unix sockets, plain or in TLS, through anyio; satisfies
+    :class:`rwt_transports.api.Driver`."""
 
-    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use."""
-        return self._serve(host, port, attach)
+    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
+        return self._serve(place, attach)
 
     @asynccontextmanager
-    async def _serve(self, host: str, port: int, attach: Attach) -> AsyncIterator[int]:
+    async def _serve(self, place: Place, attach: Attach) -> AsyncIterator[int]:
+        sockets = [bind_unix(place.path)] if place.path else await bind_tcp(place.host, place.port)
+        port = 0 if place.path else int(sockets[0].getsockname()[1])
+        listener: Listener[ByteStream] = MultiListener([await _listener(each) for each in sockets])
+        if place.tls is not None:
+            listener = _QuietTLSListener(
+                listener,
+                place.tls,
+                standard_compatible=False,
+                handshake_timeout=TLS_HANDSHAKE_SECONDS,
+            )
         try:
-            listener = await anyio.create_tcp_listener(local_host=host, local_port=port)
-        except OSError as error:
-            raise ListenError(why_not(error, host, port)) from error
-
-        async def handle(stream: ByteStream) -> None:
-            address, actual = _peer(stream)
-            link = _Link(stream)
-            await link.run(attach(link, address, actual))
-
-        async with listener, anyio.create_task_group() as tasks:
-            tasks.start_soon(listener.serve, handle)
-            yield listener.extra(SocketAttribute.local_port)
-            tasks.cancel_scope.cancel()
+            async with listener, anyio.create_task_group() as tasks:
+                tasks.start_soon(listener.serve, partial(serve_stream, attach))
+                yield port
+                tasks.cancel_scope.cancel()
+        finally:
+            if place.path:
+                remove_unix(place.path)
 
 
-def _peer(stream: ByteStream) -> tuple[str, int]:
+async def serve_stream(attach: Attach, stream: ByteStream) -> None:
+    """Serve the one peer at the other end of `stream`, until its connection ends."""
     address = stream.extra(SocketAttribute.remote_address, "")
-    return (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
+    host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
+    link = _Link(stream)
+    try:
+        await link.run(attach(link, host, port))
+    except Exception:
+        # One connection must not take the listener with it.
+        logger.exception("the connection of %s:%s failed", host, port)
+
+
+class _QuietTLSListener(TLSListener):
+    """Does not print a traceback for each peer that fails to shake hands."""
+
+    @staticmethod
+    async def handle_handshake_error(exc: BaseException, stream: AnyByteStream) -> None:
+        logger.info("no TLS with %s: %s", stream.extra(SocketAttribute.remote_address, ""), exc)
+        await anyio.aclose_forcefully(stream)
+        if not isinstance(exc, Exception):
+            raise exc
+
+
+async def _listener(bound: socket.socket) -> SocketListener:
+    bound.listen(BACKLOG)
+    return await SocketListener.from_socket(bound)

@@ -4,17 +4,20 @@ at once."""
 from __future__ import annotations
 
 import asyncio
-import socket
+import logging
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 
-from ..api import Attach, Driven
-from .sockets import bind_tcp
+from ..api import Attach, Driven, Place
+from .sockets import bind_tcp, bind_unix, remove_unix
+
+logger = logging.getLogger("rwt_transports")
 
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
 BACKLOG = 512
+TLS_HANDSHAKE_SECONDS = 10
 
 
 class _Turn:
@@ -34,7 +37,12 @@ class _Turn:
     def _flush(self) -> None:
         waiting, self._waiting = self._waiting, []
         for link in waiting:
-            link.flush()
+            try:
+                link.flush()
+            except Exception:
+                # The others of this turn must not wait for ever because of one.
+                logger.exception("writing to a connection failed; cutting it")
+                link.abort()
 
 
 class _Link(asyncio.BufferedProtocol):
@@ -46,6 +54,7 @@ class _Link(asyncio.BufferedProtocol):
         "_direct",
         "_driven",
         "_open",
+        "_tls",
         "_transport",
         "_view",
         "_writable",
@@ -66,8 +75,10 @@ class _Link(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A peer has connected."""
         assert isinstance(transport, asyncio.Transport)
-        transport.set_write_buffer_limits(high=0)
+        # Paused as soon as the network takes less than all; TLS would pause for good at 0.
+        transport.set_write_buffer_limits(high=1, low=0)
         self._transport = transport
+        self._tls = transport.get_extra_info("sslcontext") is not None
         self._open = True
         name = transport.get_extra_info("peername")
         address, port = (str(name[0]), int(name[1])) if isinstance(name, tuple) else ("", 0)
@@ -92,7 +103,7 @@ class _Link(asyncio.BufferedProtocol):
     def eof_received(self) -> bool:
         """The peer will send nothing more; whether to close is the connection's affair."""
         self._driven.eof()
-        return self._transport.get_extra_info("ssl_object") is None
+        return not self._tls
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The socket is gone."""
@@ -136,37 +147,32 @@ class _Link(asyncio.BufferedProtocol):
         """Close at once."""
         self._transport.abort()
 
-    def pause_reading(self) -> None:
-        """Stop reading."""
-        if not self._transport.is_closing():
-            self._transport.pause_reading()
-
-    def resume_reading(self) -> None:
-        """Read again."""
-        if not self._transport.is_closing():
-            self._transport.resume_reading()
-
 
 class AsyncioDriver:
-    """Serves TCP on the running asyncio loop; satisfies :class:`rwt_transports.api.Driver`."""
+    """Serves TCP and Unix sockets, plain or in TLS, on the running asyncio loop; satisfies
+    :class:`rwt_transports.api.Driver`."""
 
-    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use."""
-        return self._serve(host, port, attach)
+    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
+        return self._serve(place, attach)
 
     @asynccontextmanager
-    async def _serve(self, host: str, port: int, attach: Attach) -> AsyncIterator[int]:
+    async def _serve(self, place: Place, attach: Attach) -> AsyncIterator[int]:
         loop = asyncio.get_running_loop()
-        sockets = await bind_tcp(host, port)
-        buffer = bytearray(READ_BYTES)
-        make_link = partial(_Link, attach, _Turn(loop), buffer)
-        servers = [await loop.create_server(make_link, sock=each, backlog=BACKLOG) for each in sockets]
+        sockets = [bind_unix(place.path)] if place.path else await bind_tcp(place.host, place.port)
+        make_link = partial(_Link, attach, _Turn(loop), bytearray(READ_BYTES))
+        # Asked before the server wraps the sockets.
+        port = 0 if place.path else int(sockets[0].getsockname()[1])
+        create = loop.create_unix_server if place.path else loop.create_server
+        patience = TLS_HANDSHAKE_SECONDS if place.tls else None
+        servers = [
+            await create(make_link, sock=each, backlog=BACKLOG, ssl=place.tls, ssl_handshake_timeout=patience)
+            for each in sockets
+        ]
         try:
-            yield _port(sockets[0])
+            yield port
         finally:
             for server in servers:
                 server.close()
-
-
-def _port(bound: socket.socket) -> int:
-    return int(bound.getsockname()[1])
+            if place.path:
+                remove_unix(place.path)

@@ -8,12 +8,13 @@ stops.
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from time import time_ns
 
-from rwt_protocol.frames import Accept, Frame, Lane, PeerInfo
+from rwt_protocol.frames import AS_MANY_AS_FIT, Accept, DropReason, Flow, FlowRules, Frame, PeerInfo, Traffic
 
-from ..api import Attach, Driven
+from ..api import Attach, Driven, Place
 
 
 class MemoryPeer:
@@ -24,13 +25,14 @@ class MemoryPeer:
         peer: what the endpoint is told about this peer.
 
     Attributes:
-        received: frames in the order they were sent, with their lane and topic in `lanes`.
+        received: frames in the order they were sent, with the flow of each in `topics`; None is the
+            control lane.
         closed: code and reason once either side has closed, else None.
     """
 
     def __init__(self, accept: Accept, peer: PeerInfo | None = None) -> None:
         self.received: list[Frame] = []
-        self.lanes: list[tuple[Lane, str]] = []
+        self.topics: list[str | None] = []
         self.closed: tuple[int, str] | None = None
         self._endpoint = accept(_PeerSink(self), peer or PeerInfo("memory"))
 
@@ -44,7 +46,7 @@ class MemoryPeer:
         """The messages received since the last call."""
         taken = [frame.data for frame in self.received]
         self.received.clear()
-        self.lanes.clear()
+        self.topics.clear()
         return taken
 
     def close(self, code: int = 1000, reason: str = "") -> None:
@@ -62,10 +64,20 @@ class _PeerSink:
     def __init__(self, peer: MemoryPeer) -> None:
         self._peer = peer
 
-    def send(self, frame: Frame, lane: Lane = Lane.CONTROL, topic: str = "") -> None:
+    def send(self, frame: Frame, topic: str | None = None) -> None:
         if self._peer.closed is None:
             self._peer.received.append(frame)
-            self._peer.lanes.append((lane, topic))
+            self._peer.topics.append(topic)
+
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time_ns,
+    ) -> Flow:
+        return _PeerFlow(self, topic)
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self._peer.close(code, reason)
@@ -73,6 +85,33 @@ class _PeerSink:
     @property
     def backlog(self) -> int:
         return 0
+
+    @property
+    def traffic(self) -> Traffic:
+        return Traffic()
+
+
+class _PeerFlow:
+    """One topic's way to a :class:`MemoryPeer`, which is never slow."""
+
+    __slots__ = ("_sink", "_topic")
+
+    def __init__(self, sink: _PeerSink, topic: str) -> None:
+        self._sink = sink
+        self._topic = topic
+
+    def send(self, frame: Frame) -> None:
+        self._sink.send(frame, self._topic)
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        for frame in pieces:
+            self._sink.send(frame, self._topic)
+
+    def configure(self, rules: FlowRules) -> None:
+        """Rules are for slow readers."""
+
+    def close(self) -> None:
+        """There are no drops to report."""
 
 
 class MemoryPipe:
@@ -82,17 +121,20 @@ class MemoryPipe:
         stalled: True while the peer reads nothing, so that the other side's bytes pile up there.
         ended: True once the other side has said that nothing more comes, or has closed.
         closed: True once the connection is gone.
-        paused: True while the other side does not want to read.
     """
 
     def __init__(self, attach: Attach, address: str, port: int) -> None:
         self.stalled = False
         self.ended = False
         self.closed = False
-        self.paused = False
         self._closing = False
         self._taken = bytearray()
+        self._lose: Callable[[], None] = _nothing
         self._driven: Driven = attach(_PipeLink(self), address, port)
+        self._lose = self._driven.lost
+        if self.closed:
+            # Turned away while it was being attached.
+            self._lose()
 
     def send(self, data: bytes) -> None:
         """Bytes go to the other side."""
@@ -133,7 +175,7 @@ class MemoryPipe:
         """Be gone without a word."""
         if not self.closed:
             self.closed = self.ended = True
-            self._driven.lost()
+            self._lose()
 
     def pump(self) -> None:
         """Move what the other side has to send."""
@@ -148,6 +190,10 @@ class MemoryPipe:
     def begin_closing(self) -> None:
         """The other side closes once its bytes have been taken."""
         self._closing = True
+
+
+def _nothing() -> None:
+    """Who is not attached yet cannot be told that it is lost."""
 
 
 class _PipeLink:
@@ -170,12 +216,6 @@ class _PipeLink:
     def abort(self) -> None:
         self._pipe.cut()
 
-    def pause_reading(self) -> None:
-        self._pipe.paused = True
-
-    def resume_reading(self) -> None:
-        self._pipe.paused = False
-
 
 class MemoryDriver:
     """Serves peers of the same process; satisfies :class:`rwt_transports.api.Driver`."""
@@ -183,9 +223,9 @@ class MemoryDriver:
     def __init__(self) -> None:
         self._attach: Attach | None = None
 
-    def serve(self, host: str, port: int, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept :meth:`connect` within the block; gives `port`."""
-        return self._serve(port, attach)
+    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Accept :meth:`connect` within the block; gives the port asked for."""
+        return self._serve(place.port, attach)
 
     @asynccontextmanager
     async def _serve(self, port: int, attach: Attach) -> AsyncIterator[int]:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import socket
+import stat
 
 import anyio
 
 from ..errors import ListenError
+
+UNSENT_BYTES = 512 * 1024
+"""What the kernel may hold of one connection and has not sent. Left to itself it takes megabytes, and each
+of them stands between a slow peer and the newest sample; what is on its way to the peer is not meant."""
 
 
 async def bind_tcp(host: str, port: int) -> list[socket.socket]:
@@ -42,6 +48,9 @@ def _bind(family: int, address: tuple[str, int]) -> socket.socket:
         bound.setblocking(False)
         if os.name == "posix":
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if hasattr(socket, "TCP_NOTSENT_LOWAT"):
+            # Every accepted connection inherits it.
+            bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
         if family == socket.AF_INET6:
             bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         bound.bind(address)
@@ -49,6 +58,44 @@ def _bind(family: int, address: tuple[str, int]) -> socket.socket:
         bound.close()
         raise
     return bound
+
+
+def bind_unix(path: str) -> socket.socket:
+    """A Unix socket bound to `path`; takes the place of one that nobody serves any more.
+
+    Raises:
+        ListenError: the path cannot be had.
+    """
+    bound = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        bound.setblocking(False)
+        if _is_abandoned(path):
+            os.unlink(path)
+        bound.bind(path)
+    except OSError as error:
+        bound.close()
+        if error.errno == errno.EADDRINUSE:
+            raise ListenError(f"{path} is in use; stop what serves it, or choose another path") from error
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise ListenError(
+            f"cannot listen on {path}: {reason}; choose a path in a folder of your own"
+        ) from error
+    return bound
+
+
+def remove_unix(path: str) -> None:
+    """Remove the name of a Unix socket that is no longer served."""
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)
+
+
+def _is_abandoned(path: str) -> bool:
+    """Whether `path` is a socket that refuses connections, as a killed server leaves it."""
+    if not os.path.exists(path) or not stat.S_ISSOCK(os.stat(path).st_mode):
+        return False
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)
+        return probe.connect_ex(path) == errno.ECONNREFUSED
 
 
 def why_not(error: OSError, host: str, port: int) -> str:

@@ -1,8 +1,7 @@
 """The WebSocket protocol of RFC 6455 after its handshake, as a wire.
 
 The handshake is negotiated in :mod:`rwt_transports.handshake`. Frames are read here, with as few copies as
-Python
-allows: a message costs one pass, the one that unmasks it; a large one is received where it is unmasked
+Python allows: a message costs one pass, the one that unmasks it; a large one is received where it is unmasked
 from. Outgoing frames of a server are the same bytes for every peer, so they are made once per frame.
 
 Text is not checked for UTF-8 unless ``strict_utf8`` asks for it: section 8.1 would end the connection with
@@ -24,24 +23,12 @@ except ImportError:  # no compiled extension for this interpreter
 from rwt_protocol.frames import Buffer, Frame
 
 from ..api import Framing, WireEvents
+from ..close_codes import INVALID_DATA, NO_STATUS, PROTOCOL_ERROR, TOO_BIG, may_travel
 from ..limits import Limits
+from .spare import Spare
 
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
 
-PROTOCOL_ERROR = 1002
-NO_STATUS = 1005
-ABNORMAL = 1006
-INVALID_DATA = 1007
-POLICY = 1008
-TOO_BIG = 1009
-
-KNOWN_CODES = frozenset({1000, 1001, 1002, 1003, 1007, 1008, 1009, 1010, 1011, 1012, 1013, 1014})
-"""Codes below 3000 that may travel in a close frame (RFC 6455 section 7.4.1 and the IANA registry)."""
-
-STAGING_BYTES = 256 * 1024
-"""First size of the place where a large message is received; it grows only as bytes really come."""
-SPARE_BYTES = 4 * 1024 * 1024
-"""A place of up to this size is kept for the next large message."""
 DIRECT_BYTES = 32 * 1024
 """With less than this to come, receiving elsewhere and copying is cheaper than one more read."""
 
@@ -95,7 +82,7 @@ CLIENT_FRAMING = Framing(_client_whole, lambda frame: (_client_whole(frame),))
 
 def close_payload(code: int, reason: str) -> bytes:
     """The body of a close frame; the reason is cut to the 123 bytes that fit (RFC 6455 section 5.5.1)."""
-    if code not in KNOWN_CODES and not 3000 <= code < 5000:
+    if not may_travel(code):
         return b""
     text = reason.encode("utf-8", "replace")[:123]
     return _UINT16.pack(code) + text.decode("utf-8", "ignore").encode()
@@ -114,28 +101,6 @@ def _pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
         return b"".join((header, payload))
     key = secrets.token_bytes(4)
     return b"".join((header, key, apply_mask(payload, key)))
-
-
-class Spare:
-    """One used receiving place, kept for the next large message of any connection of a listener."""
-
-    __slots__ = ("_kept",)
-
-    def __init__(self) -> None:
-        self._kept: bytearray | None = None
-
-    def take(self, size: int) -> bytearray:
-        """A place for a message of `size` bytes; smaller than that when nothing large enough is at hand."""
-        kept = self._kept
-        if kept is not None and len(kept) >= min(size, STAGING_BYTES):
-            self._kept = None
-            return kept
-        return bytearray(min(size, STAGING_BYTES))
-
-    def give(self, place: bytearray) -> None:
-        """Keep `place` if it is larger than what is kept, and not too large."""
-        if len(place) <= SPARE_BYTES and (self._kept is None or len(self._kept) < len(place)):
-            self._kept = place
 
 
 class _Broken(Exception):
@@ -408,7 +373,7 @@ class WebSocketWire:
         opcode = first & 0x0F
         if opcode == PING:
             if not self._closing:
-                self._events.answer(_pack(PONG, payload, masked=not self._server))
+                self._events.pong(_pack(PONG, payload, masked=not self._server))
         elif opcode == CLOSE:
             self._close_frame(payload)
         elif opcode != PONG:
@@ -475,7 +440,7 @@ def _parse_close(payload: bytes) -> tuple[int, str]:
     if len(payload) == 1:
         raise _Broken(PROTOCOL_ERROR, "a close frame needs two bytes for its code")
     (code,) = _UINT16.unpack_from(payload)
-    if code not in KNOWN_CODES and not 3000 <= code < 5000:
+    if not may_travel(code):
         raise _Broken(PROTOCOL_ERROR, f"close code {code} may not travel in a frame")
     try:
         return code, payload[2:].decode()

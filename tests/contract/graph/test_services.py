@@ -182,12 +182,25 @@ async def test_a_cancelled_call_hears_nothing(
     await harness.settle()
     assert calls[0].done
     calls[0].reply(harness.response("x"))
+    await harness.advance(5)
+    assert replies == []
+
+
+async def test_open_calls_of_a_node_that_leaves_end(
+    harness: Harness, trigger: ServiceType, replies: Replies
+) -> None:
+    calls: list[ServiceCall] = []
+    harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
+    caller = harness.graph.participant("/c")
+    await harness.settle()
     caller.call_service("/s", harness.request(), replies, timeout=1.0)
     await harness.settle()
     caller.close()
-    calls[1].reply(harness.response("y"))
+    await harness.settle()
+    assert calls[0].done
+    calls[0].reply(harness.response("y"))
     await harness.advance(5)
-    assert replies == []
+    assert replies == ["CallFailed: node /c was closed"]
 
 
 async def test_a_provider_that_raises_fails_the_call_without_telling_why(

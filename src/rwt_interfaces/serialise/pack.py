@@ -1,0 +1,182 @@
+"""Writing messages in a packed form, CDR or ROS 1's own.
+
+How it is fast: a message is flattened into runs of numbers, which one :func:`operator.attrgetter` fetches and
+one :class:`struct.Struct` packs, and the strings, arrays and octets between them. Where alignment depends on
+what came before, a run is compiled once for each of the eight places it can begin at.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+from rwt_interfaces import shapes
+from rwt_interfaces.numbers import little_endian
+from rwt_interfaces.serialise.packed import LENGTH, Rules, gap, letters
+from rwt_interfaces.shapes import Shape
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+#: Appends a value to the output.
+_Write = Callable[[bytearray, Any], None]
+
+
+def compile_writer(message: MessageType, rules: Rules) -> _Write:
+    """A function that appends a message of that type; the message must be its type's own Struct."""
+    steps = list(_steps(message, rules))
+
+    def write(out: bytearray, value: Any) -> None:
+        for step in steps:
+            step(out, value)
+
+    return write
+
+
+def _steps(message: MessageType, rules: Rules) -> Iterator[_Write]:
+    codes, paths = "", list[str]()
+    for path, shape in _leaves(message, "", rules):
+        leaf = letters(shape)
+        if leaf:
+            codes += leaf
+            paths += _number_paths(path, shape)
+            continue
+        if codes:
+            yield _run_writer(codes, paths, rules)
+            codes, paths = "", []
+        yield _field_writer(path, shape, rules)
+    if codes:
+        yield _run_writer(codes, paths, rules)
+
+
+def _leaves(message: MessageType, prefix: str, rules: Rules) -> Iterator[tuple[str, Shape | None]]:
+    """The leaves of a message: its attributes from the root, and its shape; None is the filler of an empty
+    one."""
+    if not message.slots and rules.filler:
+        yield prefix, None
+    for slot in message.slots:
+        if isinstance(slot.shape, shapes.Message):
+            yield from _leaves(slot.shape.type, f"{prefix}{slot.attribute}.", rules)
+        else:
+            yield prefix + slot.attribute, slot.shape
+
+
+def _number_paths(path: str, shape: Shape | None) -> list[str]:
+    if shape is None:
+        return []
+    return [f"{path}.{key}" for key in shape.keys] if isinstance(shape, shapes.Time) else [path]
+
+
+def _run_writer(codes: str, paths: list[str], rules: Rules) -> _Write:
+    if not paths:
+        filler = bytes(len(codes))
+        return lambda out, value: out.extend(filler)
+    fetch = attrgetter(*paths)
+    aligned = rules.aligned
+    packs = [_run_format(codes, start, aligned).pack for start in range(8 if aligned else 1)]
+    if len(paths) == 1:
+
+        def write_one(out: bytearray, value: Any) -> None:
+            out += packs[len(out) & 7 if aligned else 0](fetch(value))
+
+        return write_one
+
+    def write(out: bytearray, value: Any) -> None:
+        out += packs[len(out) & 7 if aligned else 0](*fetch(value))
+
+    return write
+
+
+def _field_writer(path: str, shape: Shape | None, rules: Rules) -> _Write:
+    assert shape is not None  # The filler has a letter.
+    fetch = attrgetter(path)
+    write = _writer(shape, rules)
+    return lambda out, value: write(out, fetch(value))
+
+
+def _writer(shape: Shape, rules: Rules) -> _Write:
+    match shape:
+        case shapes.String():
+            return _string_writer(shape, rules)
+        case shapes.Octets():
+            return _octets_writer(shape, rules)
+        case shapes.Array():
+            return _array_writer(shape, rules)
+        case shapes.Message():
+            return compile_writer(shape.type, rules)
+        case shapes.Time():
+            return _run_writer(letters(shape), list(shape.keys), rules)
+        case _:
+            raise AssertionError(f"{shape} is written as part of a run")
+
+
+def _write_length(out: bytearray, count: int, aligned: bool) -> None:
+    if aligned:
+        out += bytes(-len(out) & 3)
+    out += LENGTH.pack(count)
+
+
+def _string_writer(shape: shapes.String, rules: Rules) -> _Write:
+    aligned = rules.aligned
+    # A wstring is UTF-16 without a byte order mark; its length counts units, and no zero ends it.
+    encoding, unit, end = ("utf-16-le", 2, b"") if shape.wide else ("utf-8", 1, b"\0" * rules.terminated)
+
+    def write(out: bytearray, value: str) -> None:
+        octets = value.encode(encoding) + end
+        _write_length(out, len(octets) // unit, aligned)
+        out += octets
+
+    return write
+
+
+def _octets_writer(shape: shapes.Octets, rules: Rules) -> _Write:
+    if shape.length is not None:
+        return lambda out, value: out.extend(value)
+
+    def write(out: bytearray, value: bytes) -> None:
+        _write_length(out, len(value), rules.aligned)
+        out += value
+
+    return write
+
+
+def _array_writer(shape: shapes.Array, rules: Rules) -> _Write:
+    element, counted, aligned = shape.element, shape.length is None, rules.aligned
+    if isinstance(element, (shapes.Bool, shapes.Int, shapes.Float)):
+        code = "?" if isinstance(element, shapes.Bool) else element.code
+        size = struct.calcsize(code)
+
+        def write_numbers(out: bytearray, items: Any) -> None:
+            if counted:
+                _write_length(out, len(items), aligned)
+            if len(items):
+                out += bytes(gap(len(out), size, aligned))
+                out += little_endian(items, code)
+
+        return write_numbers
+    write = _writer(element, rules)
+
+    def write_items(out: bytearray, items: Any) -> None:
+        if counted:
+            _write_length(out, len(items), aligned)
+        for item in items:
+            write(out, item)
+
+    return write_items
+
+
+@lru_cache(maxsize=1024)
+def _run_format(codes: str, start: int, aligned: bool) -> struct.Struct:
+    """Numbers of these letters, the first at an offset of `start` modulo 8, as one format with its
+    padding."""
+    layout = "<"
+    offset = start
+    for code in codes:
+        size = struct.calcsize(code)
+        gap = -offset % size if aligned else 0
+        layout += "x" * gap + code
+        offset += gap + size
+    return struct.Struct(layout)

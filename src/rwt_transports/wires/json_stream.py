@@ -1,0 +1,194 @@
+"""JSON objects one after the other on a stream of bytes, as a wire (TCP-01 to TCP-03).
+
+Nothing separates the objects and nothing announces their length: an object ends with the brace that closes
+it. The scanner looks at braces and quotes only, keeps its place between reads, and never looks at a byte
+twice, so that a cut anywhere, inside a character, an escape or a string, changes nothing. What stands
+between objects and is not blank is handed over as a message of its own, so that the endpoint can refuse it.
+
+There is no binary on this wire (TCP-05): a binary frame is logged and left out.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable
+
+from rwt_protocol.frames import Buffer, Frame
+
+from ..api import Framing, WireEvents
+from ..close_codes import POLICY, TOO_BIG
+from ..limits import Limits
+from .spare import Spare
+
+logger = logging.getLogger("rwt_transports.json_stream")
+
+STRAY_BYTES = 1024
+"""How much of what stands between objects is handed over at once."""
+
+#: How a browser begins. Any web page can send an HTTP request to any port, with a body of its choice: what it
+#: holds must not run, since no one asked where the page is from.
+_HTTP_REQUEST = re.compile(rb"\s*[A-Z]+ [/*h]")
+_STRUCTURE = re.compile(rb'[{}"]')
+_IN_STRING = re.compile(rb'["\\]')
+_BACKSLASH, _QUOTE, _OPEN = b'\\"{'
+
+
+class JsonStreamWire:
+    """One connection's objects.
+
+    Args:
+        events: who is told about everything but messages.
+        max_size: largest object in bytes.
+        framing: :data:`PLAIN` or :data:`LINES`.
+    """
+
+    __slots__ = (
+        "_buffer", "_depth", "_events", "_framing", "_fresh", "_in_string", "_max_size", "_over", "_scanned",
+        "_skipping", "message",
+    )  # fmt: skip
+
+    def __init__(self, events: WireEvents, *, max_size: int, framing: Framing) -> None:
+        self._events = events
+        self._max_size = max_size
+        self._framing = framing
+        self.message: Callable[[bytes, bool], None] = _ignore
+        self._buffer = bytearray()
+        self._scanned = 0  # bytes of the buffer that were looked at
+        self._depth = 0
+        self._in_string = False
+        self._skipping = False
+        self._over = False
+        self._fresh = True  # nothing was handed over yet
+
+    @property
+    def framing(self) -> Framing:
+        """How outgoing frames become bytes."""
+        return self._framing
+
+    def close(self, code: int, reason: str) -> bytes:
+        """Nothing is said at the end of this protocol."""
+        self._over = True
+        self.message = _ignore
+        return b""
+
+    def ping(self) -> bytes:
+        """There is none."""
+        return b""
+
+    def space(self) -> None:
+        """An object's length is not known before its end."""
+
+    def filled(self, count: int) -> None:
+        """Never called, since there is no :meth:`space`."""
+
+    def feed(self, data: bytes) -> None:
+        """Read objects; each whole one goes to :attr:`message` within the call."""
+        self._buffer += data
+        while not self._over and self._step():
+            pass
+        if self._over:
+            self._buffer.clear()
+        elif self._depth and len(self._buffer) > self._max_size:
+            self._too_large()
+
+    def _step(self) -> bool:
+        """Go on to the next brace or quote; False when more bytes are needed."""
+        if self._depth == 0:
+            return self._between()
+        match = (_IN_STRING if self._in_string else _STRUCTURE).search(self._buffer, self._scanned)
+        if match is None:
+            self._scanned = len(self._buffer)
+            return False
+        found = self._buffer[match.start()]
+        if found == _BACKSLASH:
+            self._scanned = match.start()
+            if match.end() == len(self._buffer):
+                return False
+            self._scanned = match.end() + 1
+            return True
+        self._scanned = match.end()
+        if found == _QUOTE:
+            self._in_string = not self._in_string
+        else:
+            self._depth += 1 if found == _OPEN else -1
+            if self._depth == 0:
+                self._hand_over(self._scanned)
+        return True
+
+    def _between(self) -> bool:
+        """Outside of any object: hand over what is not blank, up to the next opening brace or line."""
+        buffer = self._buffer
+        start = buffer.find(b"{")
+        line = buffer.find(b"\n") + 1
+        if start == 0:
+            self._depth = self._scanned = 1
+            return True
+        if line and (start < 0 or line < start):
+            self._hand_over(line)
+        elif start > 0:
+            self._hand_over(start)
+        elif len(buffer) > STRAY_BYTES:
+            self._hand_over(STRAY_BYTES)
+        else:
+            return False
+        return bool(self._buffer)
+
+    def _hand_over(self, end: int) -> None:
+        message = bytes(self._buffer[:end])
+        del self._buffer[:end]
+        self._scanned = 0
+        if self._skipping:
+            self._skipping = False
+        elif len(message) > self._max_size:
+            self._report(len(message))
+        elif self._fresh and _HTTP_REQUEST.match(message):
+            self._over = True
+            self._events.ended(POLICY, "this port speaks JSON, not HTTP: web pages use ws://", agreed=False)
+        elif message.strip():
+            self.message(message, False)
+        self._fresh = False
+
+    def _too_large(self) -> None:
+        """Forget what is here of an object over the limit, and go on counting its braces."""
+        if not self._skipping:
+            self._report(len(self._buffer))
+            self._skipping = True
+        del self._buffer[: self._scanned]
+        self._scanned = 0
+
+    def _report(self, size: int) -> None:
+        if not self._events.oversized(size):
+            self._over = True
+            reason = f"a message of {size} bytes or more; the limit is {self._max_size} (message_bytes)"
+            self._events.ended(TOO_BIG, reason, agreed=False)
+
+
+def _ignore(_data: bytes, _binary: bool) -> None:
+    """Where messages go before an endpoint is there, and after the connection began to close."""
+
+
+def _framing(end: bytes) -> Framing:
+    def pieces(frame: Frame) -> tuple[Buffer, ...]:
+        if frame.binary:
+            logger.warning("a binary message of %d bytes has no place on a JSON stream; left out", frame.size)
+            return ()
+        return (*frame.parts, end) if end else frame.parts
+
+    return Framing(lambda frame: b"".join(pieces(frame)), pieces)
+
+
+PLAIN = _framing(b"")
+"""Objects with nothing between them, as clients of ROS 1's TCP server expect (TCP-02)."""
+LINES = _framing(b"\n")
+"""One object per line, for programs that read lines."""
+
+
+def json_over_tcp(events: WireEvents, limits: Limits, _spare: Spare) -> JsonStreamWire:
+    """The wire of one peer over TCP."""
+    return JsonStreamWire(events, max_size=limits.message_bytes, framing=PLAIN)
+
+
+def json_lines(events: WireEvents, limits: Limits, _spare: Spare) -> JsonStreamWire:
+    """The wire of one peer over a Unix socket or standard input and output."""
+    return JsonStreamWire(events, max_size=limits.message_bytes, framing=LINES)

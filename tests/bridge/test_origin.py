@@ -1,0 +1,284 @@
+"""Which web pages may connect: by themselves, in process, and over a real socket."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+
+import anyio
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
+from websockets.typing import Origin, Subprotocol
+
+from rwt_bridge import Bridge, Settings, serve
+from rwt_bridge.origins import Origins, is_loopback_listener
+from rwt_graph import MemoryGraph
+from rwt_transports.errors import Refused
+from tests.bridge.recording_client import Client
+
+TOKEN = "a-token-of-some-length"
+
+
+@pytest.mark.parametrize(
+    ("origin", "loopback", "elsewhere"),
+    [
+        ("http://localhost", True, False),
+        ("http://localhost:8080", True, False),
+        ("https://localhost:8443", True, False),
+        ("HTTP://LocalHost:80", True, False),
+        ("http://127.0.0.1:3000", True, False),
+        ("http://127.1.2.3", True, False),
+        ("http://[::1]:5000", True, False),
+        ("http://app.localhost:5173", True, False),
+        ("null", True, False),
+        ("file://", True, False),
+        ("http://robot.local", False, True),
+        ("http://robot.local:8080", False, True),
+        ("https://ROBOT.local", False, True),
+        ("http://evil.example", False, False),
+        ("http://localhost.evil.example", False, False),
+        ("http://evil.example/localhost", False, False),
+        ("http://evil.example#localhost", False, False),
+        ("http://robot.local.evil.example", False, False),
+        ("http://evil-robot.local", False, False),
+        ("http://127.0.0.1.evil.example", False, False),
+        ("chrome-extension://abc", False, False),
+        ("http://", False, False),
+        ("", False, False),
+        ("http://localhost, http://evil.example", False, False),
+        ("http://[::1", False, False),
+    ],
+)
+def test_the_default_is_this_machine_or_the_same_host(origin: str, loopback: bool, elsewhere: bool) -> None:
+    origins = Origins(())
+    assert origins.allows(origin, "localhost:9090", loopback=True) is loopback
+    assert origins.allows(origin, "Robot.local:9090", loopback=False) is elsewhere
+
+
+def test_the_same_host_on_a_loopback_listener_is_not_enough() -> None:
+    """A page whose own name was made to lead to 127.0.0.1 (DNS rebinding) addresses its own name."""
+    assert not Origins(()).allows("http://evil.example:9090", "evil.example:9090", loopback=True)
+
+
+@pytest.mark.parametrize(
+    ("glob", "origin", "fits"),
+    [
+        ("https://ui.example.com", "https://ui.example.com", True),
+        ("https://ui.example.com/", "https://UI.example.com", True),
+        ("https://ui.example.com", "http://ui.example.com", False),
+        ("https://ui.example.com", "https://ui.example.com:8443", False),
+        ("https://*.example.com", "https://a.example.com", True),
+        ("https://*.example.com", "https://example.com", False),
+        ("https://*.example.com", "https://a.example.com.evil.org", False),
+        ("null", "null", True),
+        ("*", "http://anything.example", True),
+    ],
+)
+def test_what_is_configured_may_connect(glob: str, origin: str, fits: bool) -> None:
+    for loopback in (True, False):
+        allowed = Origins((glob,)).allows(origin, "robot:9090", loopback=loopback)
+        assert allowed is (fits or (loopback and origin == "null"))
+
+
+@given(st.text(), st.text(), st.booleans())
+def test_any_text_is_judged(origin: str, host: str, loopback: bool) -> None:
+    assert Origins(()).allows(origin, host, loopback=loopback) in (True, False)
+
+
+@pytest.mark.parametrize(
+    ("url", "expected"),
+    [
+        ("ws://127.0.0.1:9090", True),
+        ("ws://localhost:9090", True),
+        ("wss://[::1]:9090", True),
+        ("unix:///run/robot.sock", True),
+        ("stdio://", True),
+        ("ws://0.0.0.0:9090", False),
+        ("ws://[::]:9090", False),
+        ("ws://robot.local:9090", False),
+    ],
+)
+def test_a_loopback_listener_is_one_that_only_this_machine_reaches(url: str, expected: bool) -> None:
+    assert is_loopback_listener(url) is expected
+
+
+def _client(
+    graph: MemoryGraph, headers: Mapping[str, str], *, loopback: bool = True, allow: str = ""
+) -> Client:
+    settings = Settings.model_validate({"origins": {"allow": [allow] if allow else []}})
+    return Client(Bridge(graph, settings), headers=headers, loopback=loopback)
+
+
+def test_a_wrong_origin_is_refused_and_the_setting_named(graph: MemoryGraph) -> None:
+    for loopback in (True, False):
+        with pytest.raises(Refused) as refused:
+            _client(graph, {"origin": "http://evil.example", "host": "robot:9090"}, loopback=loopback)
+        assert refused.value.status == 403
+        assert refused.value.reason == "pages of http://evil.example may not connect here (origins.allow)"
+
+
+def test_an_origin_cannot_forge_a_line_of_the_log(
+    graph: MemoryGraph, caplog: pytest.LogCaptureFixture
+) -> None:
+    with pytest.raises(Refused) as refused:
+        _client(graph, {"origin": "http://evil\nclient 1 joined\u202e"})
+    assert "\n" not in refused.value.reason
+    assert all("\n" not in record.getMessage() for record in caplog.records)
+
+
+def test_programs_without_an_origin_are_not_asked(graph: MemoryGraph) -> None:
+    for loopback in (True, False):
+        assert _client(graph, {"host": "robot:9090"}, loopback=loopback).peer.role.name == "admin"
+
+
+# -- over a real socket ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    """The client library of these tests knows no other event loop."""
+    return "asyncio"
+
+
+@asynccontextmanager
+async def _served(**tables: object) -> AsyncIterator[str]:
+    graph = MemoryGraph()
+    async with graph, serve(graph, "ws://127.0.0.1:0", settings=Settings.model_validate(tables)) as server:
+        yield server.urls[0]
+
+
+async def _works(url: str, **options: object) -> Subprotocol | None:
+    async with connect(url, compression=None, **options) as wire:  # type: ignore[arg-type]  # keyword options
+        await wire.send(json.dumps({"op": "subscribe", "topic": "/x", "type": "std_msgs/String"}))
+        await wire.send(json.dumps({"op": "publish", "topic": "/x", "msg": {"data": "y"}}))
+        assert json.loads(await wire.recv())["msg"] == {"data": "y"}
+        return wire.subprotocol
+
+
+async def _is_refused(url: str, **options: object) -> tuple[int, str, Mapping[str, str]]:
+    with pytest.raises(InvalidStatus) as refused:
+        await _works(url, **options)
+    response = refused.value.response
+    return response.status_code, response.body.decode(), response.headers
+
+
+@pytest.mark.anyio
+async def test_origins_over_a_socket() -> None:
+    async with _served(origins={"allow": ["https://ui.example.com"]}) as url:
+        await _works(url)
+        await _works(url, origin=Origin("http://localhost:5173"))
+        await _works(url, origin=Origin("null"))
+        await _works(url, origin=Origin("https://ui.example.com"))
+        status, text, _ = await _is_refused(url, origin=Origin("http://evil.example"))
+        assert (status, text) == (403, "pages of http://evil.example may not connect here (origins.allow)\n")
+
+
+@pytest.mark.anyio
+async def test_tokens_over_a_socket() -> None:
+    async with _served(auth={"tokens": {"mine": {"token": TOKEN, "role": "admin"}}}) as url:
+        status, text, headers = await _is_refused(url)
+        assert status == 401
+        assert "Bearer" in text
+        assert headers["WWW-Authenticate"] == 'Bearer realm="rosbridge"'
+        status, _, _ = await _is_refused(url, additional_headers={"Authorization": "Bearer wrong"})
+        assert status == 401
+        await _works(url, additional_headers={"Authorization": f"Bearer {TOKEN}"})
+        await _works(f"{url}/?token={TOKEN}")
+
+
+@pytest.mark.anyio
+async def test_a_browser_sends_its_token_as_a_subprotocol_and_gets_the_other_one_back() -> None:
+    async with _served(auth={"tokens": {"mine": {"token": TOKEN, "role": "admin"}}}) as url:
+        offered = [Subprotocol("rwt"), Subprotocol(f"bearer.{TOKEN}")]
+        assert await _works(url, subprotocols=offered) == "rwt"
+        status, _, _ = await _is_refused(url, subprotocols=[Subprotocol("rwt"), Subprotocol("bearer.wrong")])
+        assert status == 401
+
+
+@pytest.mark.anyio
+async def test_other_subprotocols_get_none() -> None:
+    async with _served() as url:
+        assert await _works(url, subprotocols=[Subprotocol("other")]) is None
+        assert await _works(url, subprotocols=[Subprotocol("other"), Subprotocol("rwt")]) == "rwt"
+
+
+# -- what a page can do without a WebSocket ----------------------------------------------------------------
+
+PUBLISH = b'{"op":"publish","topic":"/x","type":"std_msgs/String","msg":{"data":"from a web page"}}'
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        b"POST /?{ HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n} ",
+        b"POST /{} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        b"PUT /" + b"a" * 5000 + b" HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+        b"OPTIONS * HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+    ],
+)
+async def test_an_http_request_to_a_port_of_plain_json_runs_nothing(head: bytes) -> None:
+    """A page may send one to any port, and is not asked for its origin there."""
+    graph = MemoryGraph()
+    async with graph, serve(graph, "tcp://127.0.0.1:0") as server:
+        heard: list[object] = []
+        graph.node("listener").subscribe("/x", heard.append, type="std_msgs/String")
+        port = int(server.urls[0].rpartition(":")[2])
+        async with await anyio.connect_tcp("127.0.0.1", port) as stream:
+            await stream.send(head + PUBLISH)
+            with pytest.raises(anyio.EndOfStream):
+                await stream.receive()
+        assert heard == []
+
+
+@pytest.mark.anyio
+async def test_the_page_of_the_port_shows_what_its_reader_may_see() -> None:
+    tables: dict[str, object] = {
+        "auth": {"tokens": {"mine": {"token": TOKEN, "role": "guest"}}},
+        "roles": {"guest": {"subscribe": ["/open"]}},
+    }
+    async with _served(**tables) as url:
+        host = url.removeprefix("ws://")
+        anonymous = await _get(host, "/")
+        assert anonymous.startswith("HTTP/1.1 401 ")
+        assert "/rosout" not in anonymous
+        assert (await _get(host, "/?token=wrong")).startswith("HTTP/1.1 401 ")
+        page = await _get(host, f"/?token={TOKEN}")
+        assert page.startswith("HTTP/1.1 200 ")
+        assert "A robot is here" in page
+        assert (await _get(host, "/healthz")).startswith("HTTP/1.1 200 ")
+
+
+@pytest.mark.anyio
+async def test_the_counters_are_for_those_who_may_see_every_topic() -> None:
+    tables: dict[str, object] = {
+        "auth": {
+            "tokens": {
+                "mine": {"token": TOKEN, "role": "guest"},
+                "theirs": {"token": f"{TOKEN}-2", "role": "viewer"},
+            }
+        },
+        "roles": {"guest": {"subscribe": ["/open/*"]}},
+    }
+    async with _served(**tables) as url:
+        host = url.removeprefix("ws://")
+        assert (await _get(host, "/metrics")).startswith("HTTP/1.1 401 ")
+        refused = await _get(host, f"/metrics?token={TOKEN}")
+        assert refused.startswith("HTTP/1.1 403 ")
+        assert "roles.guest.subscribe" in refused
+        assert (await _get(host, f"/metrics?token={TOKEN}-2")).startswith("HTTP/1.1 200 ")
+
+
+async def _get(host: str, target: str) -> str:
+    name, _, port = host.rpartition(":")
+    answer = b""
+    async with await anyio.connect_tcp(name, int(port)) as stream:
+        await stream.send(f"GET {target} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
+        async for part in stream:
+            answer += part
+    return answer.decode()

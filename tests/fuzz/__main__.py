@@ -1,0 +1,118 @@
+"""Fuzz, guided by coverage: `python -m tests.fuzz [--seconds N] [TARGET …]`; needs the group `fuzz`.
+
+Each target runs in a process of its own for its share of the time, starts from its kept inputs and is stopped
+by the first exception, by more than 10 s for one input, or by more memory than its bound. What it finds worth
+keeping goes to a scratch folder; `--keep` merges that into the kept inputs. Prints one line for each target.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import re
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.fuzz.seeds import seeds
+from tests.fuzz.targets import CORPUS, TARGETS
+
+MEMORY_MB = 400
+"""Resident memory at which a run fails; the libraries take 70 MB of it."""
+LONGEST_INPUT = 4096
+SLOWEST_INPUT_SECONDS = 10
+
+_STATISTIC = re.compile(r"stat::(\w+):\s+(\d+)")
+_PROGRESS = re.compile(r"cov: (\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How one target's run went."""
+
+    executions: int
+    covered: int
+    memory_mb: int
+    failed: bool
+    log: str
+
+
+def run(target: str, seconds: int, scratch: Path, *, merge: bool) -> Outcome:
+    """Fuzz one target in a process of its own; that ends by itself, and is ended if it does not."""
+    found = scratch / target
+    found.mkdir()
+    options = [f"-artifact_prefix={scratch}/{target}-", f"-rss_limit_mb={MEMORY_MB}", "-print_final_stats=1",
+               f"-max_len={LONGEST_INPUT}", f"-timeout={SLOWEST_INPUT_SECONDS}"]  # fmt: skip
+    command = [sys.executable, "-m", "tests.fuzz.one", target, *options, f"-max_total_time={seconds}"]
+    try:
+        done = subprocess.run(
+            [*command, str(found), str(CORPUS / target)],
+            capture_output=True, text=True, errors="replace", timeout=seconds + 120,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired as late:
+        return Outcome(0, 0, 0, True, f"still running after {late.timeout:.0f} s")
+    if merge and done.returncode == 0:
+        subprocess.run(
+            [sys.executable, "-m", "tests.fuzz.one", target, "-merge=1", str(CORPUS / target), str(found)],
+            capture_output=True, timeout=300, check=True,
+        )  # fmt: skip
+    log = done.stderr
+    statistics = {name: int(value) for name, value in _STATISTIC.findall(log)}
+    covered = max((int(value) for value in _PROGRESS.findall(log)), default=0)
+    return Outcome(
+        statistics.get("number_of_executed_units", 0), covered, statistics.get("peak_rss_mb", 0),
+        done.returncode != 0, log,
+    )  # fmt: skip
+
+
+def write_seeds() -> None:
+    """Write the first inputs of each target."""
+    for name in TARGETS:
+        folder = CORPUS / name
+        folder.mkdir(parents=True, exist_ok=True)
+        for seed in seeds(name):
+            (folder / hashlib.sha1(seed, usedforsecurity=False).hexdigest()).write_bytes(seed)
+
+
+def main() -> int:
+    """Run the targets one after the other; 1 if any failed."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description="Fuzz, guided by coverage.")
+    parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"some of {', '.join(TARGETS)}")
+    parser.add_argument("--seconds", type=int, default=120, help="time for all targets together")
+    parser.add_argument("--keep", action="store_true", help="add what was found to the kept inputs")
+    parser.add_argument("--seed", action="store_true", help="write the first inputs of each target, no more")
+    arguments = parser.parse_args()
+    if arguments.seed:
+        write_seeds()
+        return 0
+    chosen = arguments.targets or list(TARGETS)
+    unknown = set(chosen) - TARGETS.keys()
+    if unknown:
+        parser.error(f"no target {', '.join(sorted(unknown))}; there are {', '.join(TARGETS)}")
+    return _run_all(chosen, max(1, arguments.seconds // len(chosen)), keep=arguments.keep)
+
+
+def _run_all(chosen: list[str], share: int, *, keep: bool) -> int:
+    total, failures = 0, 0
+    scratch = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    _say(f"{'target':14} {'executions':>12} {'covered':>8} {'MB':>5}")
+    for name in chosen:
+        outcome = run(name, share, scratch, merge=keep)
+        total += outcome.executions
+        failures += outcome.failed
+        _say(f"{name:14} {outcome.executions:12,} {outcome.covered:8,} {outcome.memory_mb:5}")
+        if outcome.failed:
+            _say(f"FAILED; the input is in {scratch}/{name}-*\n{outcome.log[-3000:]}")
+    _say(f"{'all':14} {total:12,}")
+    return 1 if failures else 0
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

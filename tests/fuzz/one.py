@@ -1,0 +1,22 @@
+"""One target under the coverage-guided fuzzer: `python -m tests.fuzz.one TARGET [libFuzzer options]`."""
+
+from __future__ import annotations
+
+import sys
+
+import atheris
+
+with atheris.instrument_imports(include=["rwt_protocol", "rwt_transports", "rwt_interfaces", "rwt_bridge",
+                                         "rwt_graph"]):  # fmt: skip
+    from tests.fuzz.targets import TARGETS
+
+
+def main() -> None:
+    """Never returns: the fuzzer ends the process."""
+    program, name, *options = sys.argv
+    atheris.Setup([program, *options], TARGETS[name])
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

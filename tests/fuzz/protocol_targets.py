@@ -1,0 +1,123 @@
+"""Frames from a peer: the session, its pictures and its fragments, and the bridge behind it."""
+
+from __future__ import annotations
+
+import binascii
+import json
+import logging
+import struct
+import zlib
+
+from rwt_bridge.bridge import Bridge
+from rwt_bridge.settings import Settings
+from rwt_graph import MemoryGraph, Node
+from rwt_graph.clock import SimulatedClock
+from rwt_interfaces.registry import Registry
+from rwt_protocol.codecs import JSON, png
+from rwt_protocol.codecs.whole import MOST_MESSAGES
+from rwt_protocol.errors import Refused
+from rwt_protocol.fragments import FragmentLimits
+from rwt_protocol.ops import Direction, Op
+from rwt_protocol.profiles import PROFILES
+from rwt_protocol.session import Refusal, Session, WireLimits
+from tests.bridge.recording_client import Client
+
+_PROFILES = list(PROFILES.values())
+_DIRECTIONS = [Direction.TO_SERVER, Direction.TO_CLIENT]
+LIMITS = WireLimits(max_message_size=100_000, max_depth=50, fragments=FragmentLimits(4, 20_000, 10.0))
+LONGEST_REASON = 2_000
+
+PICTURE_BYTES = 50_000
+
+
+def session(data: bytes) -> None:
+    """Frames into one session: the first byte chooses the profile and the direction, bit 7 of each frame's
+    first byte says binary, and 0x1e ends a frame."""
+    if not data:
+        return
+    chosen = Session(_PROFILES[data[0] % len(_PROFILES)], _DIRECTIONS[data[0] >> 7], LIMITS)
+    for now, each in enumerate(data[1:].split(b"\x1e")):
+        binary = bool(each) and each[0] >= 0xA0
+        found = chosen.decode(each, binary, float(now))
+        assert len(found) <= (MOST_MESSAGES + 1) * (4 if binary else 1), "more ops than a frame can hold"
+        for item in found:
+            _check_item(item)
+
+
+def _check_item(item: Op | Refusal) -> None:
+    if isinstance(item, Refusal):
+        assert 0 < len(item.reason) < LONGEST_REASON
+    answer = item.answer if isinstance(item, Refusal) else item
+    if answer is not None:
+        assert isinstance(json.loads(JSON.encode(answer).data), dict)
+
+
+def picture(data: bytes) -> None:
+    """A `png` message; the first byte says what of it follows: its `data` as it stands, the picture in it, or
+    only the rows, for which a picture is made."""
+    kind, rest = data[:1], data[1:]
+    if kind == b"r":
+        written = binascii.b2a_base64(_picture(rest), newline=False).decode()
+    elif kind == b"p":
+        written = binascii.b2a_base64(rest, newline=False).decode()
+    else:
+        written = rest.decode("latin-1")
+    try:
+        text = png.decode(written, PICTURE_BYTES)
+    except Refused:
+        return
+    assert len(text) <= PICTURE_BYTES
+
+
+def _picture(data: bytes) -> bytes:
+    """Width, height and colour type are the first bytes."""
+    width, height, colours = (*data[:3], 1, 1, 2)[:3]
+    header = struct.pack(">IIBBBBB", width, height, 8, colours, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(data[3:], 1)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
+    )
+
+
+class _NoInternalErrors(logging.Handler):
+    """Fails on what the server logs as its own fault."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        assert record.levelno < logging.ERROR, record.getMessage()
+
+
+_watch = _NoInternalErrors(logging.ERROR)
+_registry = Registry()
+
+
+def bridge(data: bytes) -> None:
+    """Frames from two clients of one bridge, with another client's topic, service and action to hit; 0x1e
+    ends a frame, and 0x1f too and changes the client."""
+    logger = logging.getLogger("rwt.bridge")
+    if _watch not in logger.handlers:
+        logger.addHandler(_watch)
+        logger.propagate = False
+        logger.setLevel(logging.ERROR)
+    clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
+    graph = MemoryGraph(registry=_registry, clock=clock)
+    made = Bridge(graph, Settings(max_message_size=100_000))
+    clients = [Client(made), Client(made)]
+    with Node(graph, "robot") as node:
+        node.advertise_service("/add", "example_interfaces/AddTwoInts", lambda request: {"sum": request.a})
+        node.advertise("/t", "std_msgs/String", latch=True).publish({"data": "latched"})
+        _play(clients, clock, data)
+    for client in clients:
+        client.leave()
+    assert made.client_count == 0
+    made.close()
+
+
+def _play(clients: list[Client], clock: SimulatedClock, data: bytes) -> None:
+    for turn, part in enumerate(data.split(b"\x1f")):
+        for each in part.split(b"\x1e"):
+            clients[turn % 2].say_raw(each, binary=bool(each) and each[0] >= 0xA0)
+            clock.advance(0.01)
+    for client in clients:
+        for frame, _ in client.frames:
+            assert frame.binary or isinstance(json.loads(frame.data), dict)

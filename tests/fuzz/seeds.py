@@ -1,0 +1,151 @@
+"""First inputs for each target, from the examples that the other tests use.
+
+`python -m tests.fuzz --seed` writes them where a target has none; what the runs add to them is kept, too.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator
+
+from rwt_interfaces.distro import NOETIC
+from rwt_interfaces.payload import Payload
+from tests.fuzz.interface_targets import TYPES
+from tests.protocol.wire_examples import EXAMPLES
+from tests.transports.rfc6455.chapters import CHAPTERS
+from tests.transports.rfc6455.frames import text
+from tests.transports.rfc6455.handshake import HANDSHAKES
+
+_LARGEST = 300
+"""Small inputs change fast."""
+
+_DEFINITIONS = (
+    "int32 x\nstring name\n",
+    "int8 A=1\nfloat64 PI=3.14\nstring S= a b # c\n---\nstring<=5 s \"a\"\n",
+    "uint8[] data\ngeometry_msgs/Pose[<=4] p\nint32[3] x [1, 2, 3]\n---\nbool b true\n---\nwstring w 'x'\n",
+    "Header header\ntime t\nduration d\nchar c 5\nbyte b\nThing[] again\n",
+)  # fmt: skip
+_NAMES = (
+    "std_msgs/String", "std_msgs/msg/String", "a//b", "~private", "/robot:max_speed", "relative/name",
+    "ws://127.0.0.1:9090", "unix:///tmp/x", "tcp://[::1]:0/", "ws://h:99999",
+)  # fmt: skip
+
+
+def seeds(name: str) -> Iterator[bytes]:
+    """The first inputs of one target."""
+    if name.startswith("payload_"):
+        yield from _payloads(name.removeprefix("payload_"))
+        return
+    yield from {
+        "session": _sessions,
+        "bridge": _bridges,
+        "picture": _pictures,
+        "websocket": _websockets,
+        "json_stream": _streams,
+        "http": _requests,
+        "definition": _definitions,
+        "names": _names,
+    }[name]()
+
+
+def _messages() -> Iterator[bytes]:
+    for example in EXAMPLES.examples:
+        data = json.dumps(example.message).encode()
+        if len(data) <= _LARGEST:
+            yield data
+
+
+def _sessions() -> Iterator[bytes]:
+    for at, data in enumerate(_messages()):
+        yield bytes((at & 0x83,)) + data
+    for frame in EXAMPLES.cbor:
+        yield b"\x00" + bytes.fromhex(frame.hex)
+    pieces = [json.dumps({"op": "fragment", "id": "f", "data": data, "num": num, "total": 2}).encode()
+              for num, data in enumerate(('{"op":"set_level",', '"level":"none"}'))]  # fmt: skip
+    yield b"\x03" + b"\x1e".join(pieces)
+
+
+def _bridges() -> Iterator[bytes]:
+    yield from _messages()
+    for ops in _CONVERSATIONS:
+        yield b"\x1f".join(json.dumps(op).encode() for op in ops)
+
+
+_CONVERSATIONS: tuple[tuple[dict[str, object], ...], ...] = (
+    (
+        {"op": "subscribe", "topic": "/t", "throttle_rate": 5, "queue_length": 2},
+        {"op": "publish", "topic": "/t", "msg": {"data": "x"}},
+        {"op": "unsubscribe", "topic": "/t"},
+    ),
+    (
+        {"op": "advertise_service", "service": "/s", "type": "std_srvs/SetBool"},
+        {"op": "call_service", "service": "/s", "id": "1", "args": [True]},
+        {"op": "service_response", "service": "/s", "id": "1", "values": {"success": True}, "result": True},
+        {"op": "call_service", "service": "/add", "id": 2, "args": {"a": 1, "b": 2}},
+    ),
+    (
+        {"op": "advertise_action", "action": "/a", "type": "example_interfaces/Fibonacci"},
+        {"op": "send_action_goal", "action": "/a", "id": "g", "feedback": True, "args": {"order": 3},
+         "action_type": "example_interfaces/Fibonacci"},
+        {"op": "action_feedback", "action": "/a", "id": "g", "values": {"sequence": [0]}},
+        {"op": "cancel_action_goal", "action": "/a", "id": "g"},
+        {"op": "action_result", "action": "/a", "id": "g", "values": {"sequence": [1]}, "result": True},
+    ),
+)  # fmt: skip
+
+
+def _pictures() -> Iterator[bytes]:
+    for example in EXAMPLES.png:
+        yield b"d" + example.png_base64.encode()
+        yield b"p" + base64.b64decode(example.png_base64)
+    for filtered in range(6):
+        yield b"r\x02\x02\x02" + (bytes((filtered,)) + b"abcdef") * 2
+
+
+def _websockets() -> Iterator[bytes]:
+    for chapter in CHAPTERS:
+        for case in chapter.cases[:: max(1, len(chapter.cases) // 6)]:
+            if len(case.sent) <= _LARGEST:
+                yield b"\x02\x05" + case.sent
+    yield b"\x01\x03\x81\x02hi\x88\x00"
+
+
+def _streams() -> Iterator[bytes]:
+    found = list(_messages())
+    for at, data in enumerate(found[::4]):
+        yield b"\x00\x07" + data + (found[at] if len(data) < 100 else b"")
+    yield b'\x01\x02 junk\n{"a":"}{\\"\\\\"}[1,2]{}'
+
+
+def _requests() -> Iterator[bytes]:
+    for handshake in HANDSHAKES:
+        if len(handshake.request) <= _LARGEST:
+            yield b"\x20" + handshake.request + text('{"op":"x"}')
+    yield b"\x05GET / HTTP/1.1\r\nHost: x\r\n\r\nPOST / HTTP/1.1\r\nHost: x\r\nContent-Length: 2\r\n\r\nhi"
+    yield b"\x00POST / HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n2\r\nhi\r\n0\r\n\r\n"
+
+
+def _payloads(form: str) -> Iterator[bytes]:
+    for number, message_type in enumerate(TYPES):
+        payload = Payload.from_value(message_type, {}, lambda: 1_700_000_000_000_000_000)
+        noetic = message_type.registry.distro is NOETIC
+        if form in ("json", "args"):
+            data = bytes(payload.json())
+        elif form == "cbor":
+            data = payload.cbor()
+        elif form == "cdr":
+            data = b"" if noetic else payload.cdr()
+        else:
+            data = payload.ros1() if noetic else b""
+        yield bytes((number,)) + data
+
+
+def _definitions() -> Iterator[bytes]:
+    for at, each in enumerate(_DEFINITIONS):
+        for kind in range(3):
+            yield bytes((kind + (4 if at == 3 else 0),)) + each.encode()
+
+
+def _names() -> Iterator[bytes]:
+    return (name.encode() for name in _NAMES)

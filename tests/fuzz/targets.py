@@ -1,0 +1,38 @@
+"""What is fuzzed. A target takes any bytes and raises nothing: an op or a clean refusal, never another
+exception, never unbounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from tests.fuzz import interface_targets, protocol_targets, wire_targets
+
+Target = Callable[[bytes], None]
+
+TARGETS: Mapping[str, Target] = {
+    target.__name__: target
+    for target in (
+        protocol_targets.session,
+        protocol_targets.picture,
+        protocol_targets.bridge,
+        wire_targets.websocket,
+        wire_targets.json_stream,
+        wire_targets.http,
+        interface_targets.payload_json,
+        interface_targets.payload_args,
+        interface_targets.payload_cbor,
+        interface_targets.payload_cdr,
+        interface_targets.payload_ros1,
+        interface_targets.definition,
+        interface_targets.names,
+    )
+}
+
+CORPUS = Path(__file__).parent / "corpus"
+"""A folder of inputs for each target: those that the coverage-guided runs found worth keeping."""
+
+
+def corpus_of(name: str) -> list[bytes]:
+    """The kept inputs of one target."""
+    return [path.read_bytes() for path in sorted((CORPUS / name).iterdir())]

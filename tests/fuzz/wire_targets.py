@@ -1,0 +1,163 @@
+"""Bytes from the network: WebSocket frames, JSON on a stream, HTTP."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+
+from rwt_protocol.frames import Endpoint, PeerInfo, Sink
+from rwt_transports import Limits, Routes
+from rwt_transports.api import Wire, WireEvents
+from rwt_transports.connection import Reception
+from rwt_transports.drivers.memory import MemoryPipe
+from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.wires.json_stream import PLAIN, JsonStreamWire
+from rwt_transports.wires.websocket import WebSocketWire, websocket_server
+
+LARGEST = 2_000
+"""Largest message, so that small inputs reach what happens beyond it."""
+
+
+class _Heard:
+    """What a wire reports."""
+
+    def __init__(self, skip: bool) -> None:
+        self._skip = skip
+        self.messages: list[tuple[bytes, bool]] = []
+        self.answers = bytearray()
+        self.ends: list[tuple[int, str, bool]] = []
+        self.oversizes = 0
+
+    def oversized(self, size: int) -> bool:
+        self.oversizes += 1
+        return self._skip
+
+    def pong(self, data: bytes) -> None:
+        self.answers += data
+
+    def answer(self, data: bytes) -> None:
+        self.answers += data
+
+    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
+        self.ends.append((code, reason, agreed))
+
+
+MakeWire = Callable[[WireEvents], Wire]
+
+
+def _feed(make: MakeWire, skip: bool, pieces: Iterator[bytes]) -> _Heard:
+    """Feed a wire as a driver does, into its own space where it offers some."""
+    heard = _Heard(skip)
+    wire = make(heard)
+    wire.message = lambda data, binary: heard.messages.append((data, binary))
+    for piece in pieces:
+        view = memoryview(piece)
+        while view:
+            space = wire.space()
+            if space is None:
+                wire.feed(bytes(view))
+                break
+            count = min(len(space), len(view))
+            space[:count] = view[:count]
+            space.release()
+            wire.filled(count)
+            view = view[count:]
+    return heard
+
+
+def _pieces(data: bytes, size: int) -> Iterator[bytes]:
+    return (data[at : at + size] for at in range(0, len(data), size))
+
+
+def _compare(make: MakeWire, skip: bool, data: bytes, cut: int) -> _Heard:
+    """What is heard must not depend on where the network cuts."""
+    whole = _feed(make, skip, iter((data,)))
+    cut_up = _feed(make, skip, _pieces(data, cut))
+    assert cut_up.messages == whole.messages
+    assert len(whole.ends) <= 1 and len(cut_up.ends) <= 1
+    assert all(len(message) <= LARGEST for message, _ in whole.messages)
+    return whole
+
+
+def websocket(data: bytes) -> None:
+    """Frames after the handshake; the first two bytes choose the side, the options and the cut."""
+    if len(data) < 2:
+        return
+    options, cut, rest = data[0], data[1] or 256, data[2:]
+
+    def make(events: WireEvents) -> Wire:
+        return WebSocketWire(events, max_size=LARGEST, server=not options & 1, strict_utf8=bool(options & 2))
+
+    heard = _compare(make, bool(options & 4), rest, cut)
+    assert sum(len(message) for message, _ in heard.messages) <= len(rest)
+    assert len(heard.answers) <= 3 * len(rest) + 127, "more answers than questions"
+
+
+def json_stream(data: bytes) -> None:
+    """Objects one after the other on a stream; the first two bytes choose the options and the cut."""
+    if len(data) < 2:
+        return
+    options, cut, rest = data[0], data[1] or 256, data[2:]
+
+    def make(events: WireEvents) -> Wire:
+        return JsonStreamWire(events, max_size=LARGEST, framing=PLAIN)
+
+    # What stands between objects, and what is over the limit, is cut where the network cuts it.
+    if len(rest) <= LARGEST and rest[:1] == b"{" and rest.count(b"}{") == rest.count(b"}") - 1:
+        heard = _compare(make, bool(options & 1), rest, cut)
+    else:
+        heard = _feed(make, bool(options & 1), _pieces(rest, cut))
+    assert sum(len(message) for message, _ in heard.messages) <= len(rest)
+
+
+class _Echo:
+    """An endpoint that keeps nothing."""
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        assert len(data) <= LARGEST
+
+    def closed(self, code: int, reason: str) -> None:
+        """Nothing to give back."""
+
+
+def _accept(sink: Sink, peer: PeerInfo) -> Endpoint:
+    return _Echo()
+
+
+def _page(request: HttpRequest) -> HttpResponse:
+    return HttpResponse(request.body)
+
+
+class _NoErrors(logging.Handler):
+    """Fails on what the server logs as its own fault."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        assert record.levelno < logging.ERROR, record.getMessage()
+
+
+_watch = _NoErrors(logging.ERROR)
+
+
+def http(data: bytes) -> None:
+    """A whole connection, from its first byte: HTTP, the handshake, then WebSocket; the first byte is the
+    cut."""
+    if not data:
+        return
+    logger = logging.getLogger("rwt_transports")
+    if _watch not in logger.handlers:
+        logger.addHandler(_watch)
+        logger.propagate = False
+        logger.setLevel(logging.ERROR)
+    routes = Routes()
+    routes.get("/", _page)
+    routes.add("/", _page, "POST")
+    limits = Limits(message_bytes=LARGEST, http_header_bytes=500, http_body_bytes=500)
+    reception = Reception(_accept, websocket_server, limits, routes, "ws")
+    pipe = MemoryPipe(reception.attach, "memory", 0)
+    received = 0
+    for piece in _pieces(data[1:], data[0] or 256):
+        pipe.send(piece)
+        received += len(pipe.receive())
+    assert received <= 40 * len(data) + 2_000, "more answers than questions"
+    pipe.cut()
+    assert not reception.connections

@@ -1,0 +1,217 @@
+"""Plain HTTP without I/O: routes, methods, limits, and requests that are not requests."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator, Callable, Coroutine
+
+import pytest
+
+from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
+from rwt_transports.limits import Limits
+
+
+class Browser:
+    """One connection to `routes`."""
+
+    def __init__(self, routes: Routes | None = None, limits: Limits | None = None) -> None:
+        self.sent = b""
+        self.hung_up = False
+        self.work: list[Callable[[], Coroutine[object, object, None]]] = []
+        self.http = HttpConversation(routes or pages(), limits or Limits(), self, "10.0.0.1")
+
+    def answer(self, data: bytes) -> None:
+        self.sent += data
+
+    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
+        raise AssertionError("nothing here upgrades")
+
+    def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
+        self.work.append(work)
+
+    async def drained(self) -> None:
+        """The network is endlessly fast."""
+
+    def overrun(self) -> None:
+        self.hung_up = True
+
+    def hang_up(self) -> None:
+        self.hung_up = True
+
+    def get(self, data: bytes) -> tuple[int, dict[str, str], bytes]:
+        """Status, headers and body of the answer to `data`."""
+        self.sent = b""
+        self.http.feed(data)
+        head, _, body = self.sent.partition(b"\r\n\r\n")
+        first, *lines = head.decode().split("\r\n")
+        headers = dict(line.lower().split(": ", 1) for line in lines)
+        return int(first.split(" ")[1]), headers, body
+
+
+def pages() -> Routes:
+    routes = Routes()
+    routes.get("/", lambda request: HttpResponse(b"home\n"))
+    routes.get("/files/*", lambda request: HttpResponse(request.path.encode()))
+    routes.get("/files/special/*", lambda request: HttpResponse(b"special"))
+    routes.get("/files/exact", lambda request: HttpResponse(b"exact", headers={"Cache-Control": "no-store"}))
+    routes.add("/set", lambda request: HttpResponse(request.body), "POST")
+    return routes
+
+
+def request(line: str, *headers: str, body: bytes = b"") -> bytes:
+    return "\r\n".join([f"{line} HTTP/1.1", "Host: r2", *headers, "", ""]).encode() + body
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/", b"home\n"),
+        ("/?x=1", b"home\n"),
+        ("/files/a/b", b"/files/a/b"),
+        ("/files/special/a", b"special"),
+        ("/files/exact", b"exact"),
+    ],
+)
+def test_routes(path: str, body: bytes) -> None:
+    status, headers, answer = Browser().get(request(f"GET {path}"))
+    assert (status, answer) == (200, body)
+    assert headers["content-length"] == str(len(body))
+    assert headers["content-type"] == "text/plain; charset=utf-8"
+
+
+def test_own_headers() -> None:
+    assert Browser().get(request("GET /files/exact"))[1]["cache-control"] == "no-store"
+
+
+def test_head_is_get_without_its_body() -> None:
+    browser = Browser()
+    status, headers, body = browser.get(request("HEAD /"))
+    assert (status, headers["content-length"], body) == (200, "5", b"")
+    assert browser.get(request("GET /"))[2] == b"home\n"
+
+
+def test_not_found_says_what_is_there() -> None:
+    status, _, body = Browser().get(request("GET /nowhere"))
+    assert status == 404
+    assert b"/nowhere" in body and b"/files/exact" in body
+
+
+def test_the_wrong_method_says_which_is_right() -> None:
+    status, headers, body = Browser().get(request("DELETE /"))
+    assert status == 405 and headers["allow"] == "get, head" and b"DELETE" in body
+    assert Browser().get(request("GET /set"))[0] == 405
+
+
+def test_the_connection_is_kept_until_asked_otherwise() -> None:
+    browser = Browser()
+    for _ in range(3):
+        browser.get(request("GET /"))
+    assert not browser.hung_up
+    assert browser.get(request("GET /", "Connection: close"))[2] == b"home\n"
+    assert browser.hung_up
+
+
+def test_a_body_in_chunks_and_one_announced() -> None:
+    chunked = request("POST /set", "Transfer-Encoding: chunked", body=b"3\r\nabc\r\n2\r\nde\r\n0\r\n\r\n")
+    assert Browser().get(chunked)[2] == b"abcde"
+    browser = Browser()
+    browser.http.feed(request("POST /set", "Content-Length: 3", "Expect: 100-continue"))
+    assert browser.sent.startswith(b"HTTP/1.1 100 ")
+    assert browser.get(b"abc")[2] == b"abc"
+
+
+@pytest.mark.parametrize("cut", [1, 3, 50])
+def test_cuts_do_not_matter(cut: int) -> None:
+    browser = Browser()
+    data = request("GET /") * 3
+    for at in range(0, len(data), cut):
+        browser.http.feed(data[at : at + cut])
+    assert browser.sent.count(b"home\n") == 3
+
+
+@pytest.mark.parametrize(
+    ("data", "status"),
+    [
+        (b"\x00\x01\x02\r\n\r\n", 400),
+        (b"GET /\r\n\r\n", 400),
+        (request("GET /", "Content-Length: x"), 400),
+        (request("GET /", "bad header"), 400),
+        (request("GET /", "X: " + "x" * 20_000), 431),
+        (b"GET /" + b"x" * 20_000, 431),
+        (request("POST /set", "Content-Length: 2000", body=b"x" * 2000), 413),
+    ],
+)
+def test_what_is_refused(data: bytes, status: int) -> None:
+    browser = Browser(limits=Limits(http_body_bytes=1000))
+    answered, headers, body = browser.get(data)
+    assert answered == status and headers["connection"] == "close" and body.endswith(b"\n")
+    assert browser.hung_up
+    browser.sent = b""
+    browser.http.feed(request("GET /"))
+    assert browser.sent == b""
+
+
+def test_a_failing_handler_is_logged_and_answered(caplog: pytest.LogCaptureFixture) -> None:
+    def fail(request: HttpRequest) -> HttpResponse:
+        raise RuntimeError("secret")
+
+    routes = Routes()
+    routes.get("/fail", fail)
+    browser = Browser(routes)
+    status, _, body = browser.get(request("GET /fail"))
+    assert (status, body) == (500, b"internal error\n")
+    assert [record.levelno for record in caplog.records] == [logging.ERROR] and "secret" in caplog.text
+    assert browser.get(request("GET /other"))[0] == 404
+
+
+@pytest.mark.anyio
+async def test_a_handler_that_waits_delays_only_what_follows_it() -> None:
+    async def slow(request: HttpRequest) -> HttpResponse:
+        return HttpResponse(b"slow\n")
+
+    routes = pages()
+    routes.get("/slow", slow)
+    browser = Browser(routes)
+    browser.http.feed(request("GET /slow") + request("GET /"))
+    assert browser.sent == b"" and browser.http.busy
+    (work,) = browser.work
+    await work()
+    assert browser.sent.index(b"slow\n") < browser.sent.index(b"home\n")
+
+
+@pytest.mark.anyio
+async def test_requests_behind_a_slow_one_are_bounded() -> None:
+    async def slow(request: HttpRequest) -> HttpResponse:
+        return HttpResponse(b"slow\n")
+
+    routes = Routes()
+    routes.get("/slow", slow)
+    browser = Browser(routes, Limits(http_header_bytes=1000, http_body_bytes=1000))
+    browser.http.feed(request("GET /slow"))
+    for _ in range(20):
+        assert not browser.hung_up
+        browser.http.feed(b"x" * 100)
+    browser.http.feed(b"x")
+    assert browser.hung_up
+    await browser.work[0]()
+    assert browser.sent == b""
+
+
+@pytest.mark.anyio
+async def test_a_streamed_body_that_fails_ends_the_connection(caplog: pytest.LogCaptureFixture) -> None:
+    async def chunks() -> AsyncIterator[bytes]:
+        yield b"first"
+        raise RuntimeError("secret")
+
+    routes = Routes()
+    routes.get("/stream", lambda request: HttpResponse(chunks()))
+    browser = Browser(routes)
+    browser.http.feed(request("GET /stream"))
+    await browser.work[0]()
+    assert b"first" in browser.sent and not browser.sent.endswith(b"0\r\n\r\n")
+    assert browser.hung_up and "secret" in caplog.text
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"

@@ -1,0 +1,83 @@
+"""Writes docs/reference/settings.md from the models of the settings.
+
+Run it after a change of `rwt_bridge.settings`: ``python tools/generate_settings.py``. A test compares.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+from pydantic.fields import FieldInfo
+
+from rwt_bridge.settings_words import Key, expected, known_settings, table_at
+
+TARGET = Path(__file__).parents[1] / "docs" / "reference" / "settings.md"
+
+_HEAD = """\
+# Settings
+
+This page is made from the program by `tools/generate_settings.py`.
+
+A setting comes from a TOML file (`--config FILE`, or the file that `RWT_CONFIG` names), from the
+environment, or from the command line; the later of these wins. `limits.connections` below is
+
+- `connections = 20` under `[limits]` in the file,
+- `RWT_LIMITS__CONNECTIONS=20` in the environment,
+- `--set limits.connections=20` on the command line.
+
+In the environment and after `--set` a list is written with commas or as in TOML, and names that you
+choose yourself (`NAME` below) are in lower case in the environment. `rwt config show` prints what is in
+effect and where it came from. An unknown key is refused, and the nearest known one is named.
+[How to secure a server](../how-to/secure.md) shows the settings at work.
+"""
+
+_ROLES = """
+Two roles are there without being configured: `admin` may do everything, and `viewer` is `read_only`. A
+configured role of the same name takes their place.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    return "\n".join(_lines())
+
+
+def _lines() -> Iterator[str]:
+    yield _HEAD
+    above: Key | None = None
+    for key, field in known_settings():
+        if key[:-1] != above:
+            above = key[:-1]
+            yield from _section(above)
+        cells = (f"`{key[-1]}`", _cell(expected(field)), _default(field), _cell(field.description or ""))
+        yield f"| {' | '.join(cells)} |"
+    yield ""
+
+
+def _section(table: Key) -> Iterator[str]:
+    if table:
+        yield f"\n## `[{'.'.join(table)}]`\n"
+        yield (table_at(table).__doc__ or "").strip()
+    else:
+        yield "## At the top of the file"
+    if table[:1] == ("roles",):
+        yield _ROLES.rstrip()
+    yield "\n| setting | takes | default | what it is |\n|---|---|---|---|"
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "needed"
+    value = field.get_default(call_default_factory=True)
+    return "not set" if value is None else f"`{json.dumps(value)}`"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    TARGET.parent.mkdir(parents=True, exist_ok=True)
+    TARGET.write_text(page(), encoding="utf-8")
