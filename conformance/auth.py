@@ -11,9 +11,9 @@ from conformance.values import Json
 def fill_auth(body: Json, secret: str | None) -> Json:
     """Replace `{"$auth": {…}}` by an `auth` frame; all else stays.
 
-    What is inside `$auth` overrides fields before the mac is made: `t` and `end` are seconds from now; `mac` is
-    put in as it stands, `mac_length` cuts the right one short, `upper` writes it in capitals, `wrong_from` alters
-    all digits from that one on, and null leaves a field out.
+    What is inside `$auth` overrides fields before the mac is made: `t` and `end` are seconds from now; `mac`
+    is put in as it stands, `mac_length` cuts the right one short, `upper` writes it in capitals, `wrong_from`
+    alters all digits from that one on, and null leaves a field out.
     """
     if not isinstance(body, dict) or set(body) != {"$auth"}:
         return body

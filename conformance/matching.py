@@ -1,7 +1,8 @@
 """Patterns: what a case says about a frame, and whether a frame fits.
 
-A pattern is JSON. Plain values stand for themselves: numbers compare as numbers (`1` fits `1.0`), objects have
-to have the same keys, lists the same items in order. An object with a key that begins with `$` is a matcher.
+A pattern is JSON. Plain values stand for themselves: numbers compare as numbers (`1` fits `1.0`), objects
+have to have the same keys, lists the same items in order. An object with a key that begins with `$` is a
+matcher.
 """
 
 from __future__ import annotations
@@ -15,7 +16,17 @@ from collections.abc import Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field
 
 from conformance.cbor import same_float, typed_array
-from conformance.values import Json, NarrowFloat, NotJson, Tagged, Value, as_text, as_value, read_json, shorten
+from conformance.values import (
+    Json,
+    NarrowFloat,
+    NotJson,
+    Tagged,
+    Value,
+    as_text,
+    as_value,
+    read_json,
+    shorten,
+)
 
 KINDS = ("anything", "string", "text", "number", "int", "bool", "object", "array", "null")
 """What `$any` can ask for; `text` is a string that is not empty."""
@@ -115,7 +126,7 @@ class Match:
 
 
 def match_frame(pattern: Json, frame: Value, context: Context) -> Match | Difference:
-    """Match a whole frame; extra keys of the frame itself are reported, extra keys inside it are a difference."""
+    """Match a whole frame; extra keys of its own are reported, extra keys inside it are a difference."""
     trial = Context(dict(context.names), context.ros, context.three_part, context.now)
     extra: tuple[str, ...] = ()
     if isinstance(pattern, dict) and isinstance(frame, dict) and not _is_matcher(pattern):

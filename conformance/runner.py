@@ -76,7 +76,7 @@ class Run:
 def select(
     cases: Sequence[Case], target: Target, run: Sequence[str] = (), skip: Sequence[str] = ()
 ) -> tuple[Case, ...]:
-    """Cases that make sense for the target and fit a glob of `run` and none of `skip`, by id, section or rule."""
+    """Cases that suit the target and fit a glob of `run` and none of `skip`, by id, section or rule."""
 
     def fits(case: Case, globs: Sequence[str]) -> bool:
         names = (case.id, case.section, *case.rules)

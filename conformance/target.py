@@ -16,7 +16,7 @@ SHIPPED = Path(__file__).parent / "targets"
 
 Probe = Literal["loopback", "get_time"]
 
-FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth")
+FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth", "unasked-status")
 """Optional things inside profiles that a target declares by name; cases ask for them in `needs`."""
 
 WIRE_FEATURES = ("messages", "stream", "several-clients")

@@ -17,7 +17,7 @@ def render(run: Run, rules: Mapping[str, Rule]) -> str:
     left, right = "rosbridge v2", f"{mark}  {row.passed}/{row.asked}"
     first, second = 7 * len(left) + 10, 7 * len(right) + 10
     return f"""\
-<svg xmlns="http://www.w3.org/2000/svg" width="{first + second}" height="20" role="img" aria-label="{left}: {right}">
+<svg xmlns="http://www.w3.org/2000/svg" width="{first + second}" height="20" role="img">
 <title>{left}: {right}</title>
 <rect width="{first}" height="20" fill="#444"/>
 <rect x="{first}" width="{second}" height="20" fill="{_COLOURS[mark]}"/>

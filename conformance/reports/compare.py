@@ -30,7 +30,9 @@ def compare_files(before: Path, after: Path) -> Comparison:
 
 def compare(before: dict[str, Recorded], after: dict[str, Recorded]) -> Comparison:
     """Compare verdicts case by case."""
-    better, worse, lines = [], [], []
+    better: list[str] = []
+    worse: list[str] = []
+    lines: list[str] = []
     for key in sorted({*before, *after}):
         old = before[key]["verdict"] if key in before else "not asked"
         new = after[key]["verdict"] if key in after else "not asked"

@@ -11,8 +11,8 @@ from conformance.rules import Rule
 from conformance.runner import VERDICTS, Result, Run
 
 _STYLE = """
-:root{color-scheme:light dark;--pass:#2c7a3f;--non-strict:#8a7a10;--informational:#3b6ea5;--unimplemented:#777;
---fail:#b03a2e}
+:root{color-scheme:light dark;--pass:#2c7a3f;--non-strict:#8a7a10;--informational:#3b6ea5;
+--unimplemented:#777;--fail:#b03a2e}
 body{font:15px/1.45 system-ui,sans-serif;max-width:76rem;margin:2rem auto;padding:0 1rem}
 table{border-collapse:collapse}td,th{padding:.15rem .6rem;text-align:left;border-bottom:1px solid #8884}
 .cells{display:flex;flex-wrap:wrap;gap:2px}
@@ -21,7 +21,8 @@ display:grid;place-items:center}
 .pass{background:var(--pass)}.non-strict{background:var(--non-strict)}.fail{background:var(--fail)}
 .informational{background:var(--informational)}.unimplemented{background:var(--unimplemented)}
 details{border-bottom:1px solid #8884;padding:.3rem 0}summary{cursor:pointer}
-summary b{display:inline-block;min-width:7.5rem;color:#fff;border-radius:3px;text-align:center;font-size:.8rem}
+summary b{display:inline-block;min-width:7.5rem;color:#fff;border-radius:3px;text-align:center;
+font-size:.8rem}
 pre{overflow-x:auto;font-size:12px;background:#8881;padding:.6rem;margin:.4rem 0}
 .way-out{color:#3b6ea5}.way-in{color:var(--pass)}.rule{color:#777;font-size:.9rem}
 @media print{details{break-inside:avoid}}
@@ -98,7 +99,8 @@ def _case(result: Result, rules: Mapping[str, Rule]) -> str:
         f"<p>Known: {escape(item.server)} {escape(item.does)}</p>" for item in case.divergences
     )
     return f"""<details id="{case.id}" data-verdict="{result.verdict}">
-<summary><b class="{result.verdict}">{result.verdict}</b> <code>{case.id}</code> {escape(case.title)}</summary>
+<summary><b class="{result.verdict}">{result.verdict}</b>
+<code>{case.id}</code> {escape(case.title)}</summary>
 {about}{said}<p class="rule">{case.level}, {case.profile}{", " + escape(texts) if texts else ""},
 {result.seconds * 1000:.0f} ms</p>{diverging}{_outcome(result)}{_frames(result)}</details>"""
 
@@ -110,11 +112,11 @@ def _outcome(result: Result) -> str:
     if result.expected:
         parts.append(f"<p>expected: {escape(result.expected)}</p>")
     if result.fault is not None:
-        fault = result.fault
-        where = f" at <code>{escape(fault.difference.path)}</code>" if fault.difference.path else ""
+        fault, different = result.fault, result.fault.difference
+        where = f" at <code>{escape(different.path)}</code>" if different.path else ""
         parts.append(
-            f"<p>Step {fault.step}, {escape(fault.doing)}{where}</p><pre>expected {escape(fault.difference.expected)}"
-            f"\ngot      {escape(fault.difference.got)}</pre>"
+            f"<p>Step {fault.step}, {escape(fault.doing)}{where}</p>"
+            f"<pre>expected {escape(different.expected)}\ngot      {escape(different.got)}</pre>"
         )
     return "".join(parts)
 

@@ -24,7 +24,7 @@ class Progress:
         self._live = out.isatty()
 
     def __call__(self, result: Result) -> None:
-        """One more result."""
+        """Take one more result."""
         self._done += 1
         if result.unexpected:
             self._clear()
@@ -46,8 +46,7 @@ def failure(result: Result, rules: Mapping[str, Rule]) -> str:
     """What broke which rule, in four lines."""
     case, fault = result.case, result.fault
     lines = [f"{MARKS[result.verdict]} {case.id}  {case.title}"]
-    for rule in case.rules:
-        lines.append(f"    rule {rule} ({case.level}): {rules[rule].text[:160]}")
+    lines += [f"    rule {rule} ({case.level}): {rules[rule].text[:160]}" for rule in case.rules]
     if fault is not None:
         lines.append(f"    step {fault.step}: {fault.doing}")
         lines.append(f"    {fault.difference}")
