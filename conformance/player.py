@@ -37,6 +37,7 @@ from conformance.values import Json, Value, as_text, as_value, shorten
 from conformance.wires import Dial, Wire, WireClosed, WireError
 
 _PROBE_AGAIN = 0.5
+_NO_TIME = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,7 +296,7 @@ class _Player:
         while client.closed is None:
             client.arrived.clear()
             left = deadline - self._pace.now()
-            if left <= 0 or not await self._pace.wait(client.arrived, left):
+            if left <= _NO_TIME or not await self._pace.wait(client.arrived, left):
                 raise _Stop(Difference("", "the connection closed by the server", "an open connection"))
         if step.codes and client.closed not in step.codes:
             wanted = " or ".join(str(code) for code in step.codes)
@@ -345,7 +346,7 @@ class _Player:
                 raise WireClosed(client.closed)
             client.arrived.clear()
             left = deadline - self._pace.now()
-            if left <= 0:
+            if left <= _NO_TIME:
                 asked = as_text(as_value(frames[-1]))
                 raise _Stop(
                     Difference(
@@ -427,7 +428,7 @@ class _Player:
             left = deadline - self._pace.now()
             if client.closed is not None:
                 raise _Stop(Difference("", wanted, f"the connection {WireClosed(client.closed)}"))
-            if left <= 0 or not await self._pace.wait(client.arrived, left):
+            if left <= _NO_TIME or not await self._pace.wait(client.arrived, left):
                 raise _Stop(Difference("", wanted, f"nothing within {seconds:g} s"))
         return queue.popleft()
 

@@ -38,6 +38,8 @@ def compare(before: dict[str, Recorded], after: dict[str, Recorded]) -> Comparis
         new = after[key]["verdict"] if key in after else "not asked"
         if old == new:
             continue
+        if "not asked" in (old, new) and "pass" not in (old, new):
+            continue
         rank = _rank(new) - _rank(old)
         (better if rank > 0 else worse).append(key)
         lines.append(f"{'+' if rank > 0 else '-'} {key}: {old} -> {new}\n")
