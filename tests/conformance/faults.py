@@ -1,7 +1,7 @@
-"""Small wrong behaviours, put between the wire and a right server: what it hears, or what it says, is altered.
+"""Small wrong behaviours, put between the wire and a right server: what it hears or says is altered.
 
-Each stands for a slip that is easily made inside a server. A fault is a name, the cases that have to find it, and a
-function for one direction.
+Each stands for a slip that is easily made inside a server. A fault is a name, the cases that have to find it,
+and a function for one direction.
 """
 
 from __future__ import annotations

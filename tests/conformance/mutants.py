@@ -1,4 +1,4 @@
-"""Put each fault into our server and see whether the suite finds it: `python -m tests.conformance.mutants`."""
+"""Put each fault into our server and see whether the suite finds it; prints a table (`make mutants`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cases are whole: every one can be read, every rule and every example of the texts has one or a reason."""
+"""The cases are whole: each can be read, and every rule and example of the texts has one or a reason."""
 
 from __future__ import annotations
 
