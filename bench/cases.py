@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -13,6 +13,8 @@ from bench.processes import Memory, Server
 Result = Throughput | Latency | Memory
 
 SUBSCRIBERS = 100
+FEW = 4
+ENCODINGS = ("none", "png", "cbor", "cbor-raw")
 DEPTH = 32
 LATENCY_STRETCH = 1.5
 SERVICE_IN_SERVER = "/add_two_ints"
@@ -73,8 +75,10 @@ class Metric:
     relay_case: str = ""
 
 
-def _fan_out(stream: messages.Stream, subscribers: int, window: Window) -> Callable[[Server, float], Result]:
-    return lambda server, seconds: load.fan_out(server, stream, subscribers, window, seconds)
+def _fan_out(
+    stream: messages.Stream, subscribers: int, window: Window, compressions: Sequence[str] = ("none",)
+) -> Callable[[Server, float], Result]:
+    return lambda server, seconds: load.fan_out(server, stream, subscribers, window, seconds, compressions)
 
 
 def _calls(service: str, depth: int, provided_here: bool) -> Callable[[Server, float], Result]:
@@ -92,6 +96,18 @@ CASES = (
     Case("twist 1→100", _fan_out(messages.twists(), SUBSCRIBERS, Window(64, 8, nap=0.002))),
     Case("string", _fan_out(messages.strings(), 1, Window(2, 1))),
     Case("image", _fan_out(messages.images(), 1, Window(2, 1))),
+    *(
+        Case(f"scan {name}", _fan_out(messages.scans(), 1, Window(64, 8), (name,)), relay=name == "none")
+        for name in ENCODINGS
+    ),
+    Case(f"scan 1→{FEW}", _fan_out(messages.scans(), FEW, Window(64, 8))),
+    Case(f"scan 1→{SUBSCRIBERS}", _fan_out(messages.scans(), SUBSCRIBERS, Window(16, 2, nap=0.002))),
+    Case(f"scan 1→{FEW} mixed", _fan_out(messages.scans(), FEW, Window(64, 8), ENCODINGS), relay=False),
+    Case(
+        f"scan 1→{SUBSCRIBERS} mixed",
+        _fan_out(messages.scans(), SUBSCRIBERS, Window(16, 2, nap=0.002), ENCODINGS),
+        relay=False,
+    ),
     Case("calls in server 1", _calls(SERVICE_IN_SERVER, 1, provided_here=False), relay=False),
     Case("calls in server 32", _calls(SERVICE_IN_SERVER, DEPTH, provided_here=False), relay=False),
     Case("calls of client 1", _calls(SERVICE_OF_CLIENT, 1, provided_here=True)),
@@ -139,6 +155,21 @@ METRICS = (
     Metric("1 MB String, CPU s per 10,000", "string", _cpu, digits=2),
     Metric("640x480 Image, messages/s", "image", _rate, floor=Floor(0.6)),
     Metric("640x480 Image, CPU s per 10,000", "image", _cpu, digits=2),
+    *(
+        Metric(f"1→1 LaserScan, {name}, messages/s", f"scan {name}", _rate, relay_case="scan none")
+        for name in ENCODINGS
+    ),
+    *(
+        Metric(
+            f"1→{count} LaserScan, {what}, CPU s per 10,000",
+            f"scan 1→{count}{mixed}",
+            _cpu,
+            digits=4,
+            relay_case=f"scan 1→{count}",
+        )
+        for count in (FEW, SUBSCRIBERS)
+        for what, mixed in (("JSON", ""), ("4 encodings", " mixed"))
+    ),
     Metric(
         "service in the server, 1 at a time, calls/s",
         "calls in server 1",

@@ -23,8 +23,9 @@ class Stream:
     def advertise(self) -> bytes:
         return _text(op="advertise", id=f"advertise:{self.topic}:1", type=self.type, topic=self.topic)
 
-    def subscribe(self) -> bytes:
-        return _text(op="subscribe", id=f"subscribe:{self.topic}:1", type=self.type, topic=self.topic)
+    def subscribe(self, compression: str = "none") -> bytes:
+        id_ = f"subscribe:{self.topic}:1"
+        return _text(op="subscribe", id=id_, type=self.type, topic=self.topic, compression=compression)
 
     def publish(self, message: Mapping[str, object]) -> bytes:
         id_ = f"publish:{self.topic}:1"
@@ -48,6 +49,27 @@ def twists(topic: str = "/cmd_vel") -> Stream:
     source = random.Random(1)
     messages = tuple(twist(_six_digits(source), _six_digits(source)) for _ in range(64))
     return Stream(topic, "geometry_msgs/Twist", messages)
+
+
+def scans() -> Stream:
+    """A laser scanner's 360 distances, of which each is exact in 32 bits, so that it comes back as it was."""
+    source = random.Random(4)
+    return Stream("/scan", "sensor_msgs/LaserScan", tuple(_scan(source, number) for number in range(16)))
+
+
+def _scan(source: random.Random, number: int) -> dict[str, object]:
+    return {
+        "header": {"stamp": {"sec": 1_700_000_000 + number, "nanosec": 500_000_000}, "frame_id": "laser"},
+        "angle_min": -3.0,
+        "angle_max": 3.0,
+        "angle_increment": 0.015625,
+        "time_increment": 0.0,
+        "scan_time": 0.125,
+        "range_min": 0.125,
+        "range_max": 10.0,
+        "ranges": [source.randrange(8 << 6, 9 << 6) / 64 for _ in range(360)],
+        "intensities": [],
+    }
 
 
 def strings() -> Stream:

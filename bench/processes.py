@@ -106,6 +106,10 @@ class Server:
         sizes = {key: int(kib) * 1024 / 1e6 for key, kib in re.findall(r"^(Vm\w+):\s+(\d+) kB", text, re.M)}
         return Memory(sizes["VmRSS"], sizes["VmHWM"])
 
+    def files(self) -> int:
+        """How many files and sockets it has open."""
+        return sum(1 for _ in (self._proc / "fd").iterdir())
+
     def stop(self) -> None:
         self._process.terminate()
         try:

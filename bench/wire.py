@@ -11,6 +11,7 @@ import contextlib
 import os
 import selectors
 import socket
+import struct
 import time
 from collections import deque
 from collections.abc import Callable
@@ -123,9 +124,9 @@ class FrameCounter:
 class Connection:
     """One WebSocket connection of the load. Nothing here blocks after the handshake."""
 
-    def __init__(self, loop: Loop, host: str, port: int) -> None:
+    def __init__(self, loop: Loop, host: str, port: int, receive_buffer: int = 0) -> None:
         self._loop = loop
-        self._socket = socket.create_connection((host, port), CONNECT_SECONDS)
+        self._socket = _connected(host, port, receive_buffer)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._counter = FrameCounter(self._on_control)
         self._unsent: deque[memoryview] = deque()
@@ -215,6 +216,21 @@ class Connection:
         if opcode == PING:
             self.send(masked(payload, PONG))
 
+    def stop_reading(self) -> None:
+        """From now on be a client that has stopped dead: connected, and nothing more."""
+        self._loop.remove(self._socket)
+
+    def read_again(self) -> None:
+        """Be alive again after `stop_reading`."""
+        self._loop.add(self._socket, self)
+
+    def drop(self, *, reset: bool) -> None:
+        """Be gone at once: as a program that ended, or with a reset, as one whose unread data was lost."""
+        self._loop.remove(self._socket)
+        if reset:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self._socket.close()
+
     def close(self) -> None:
         """Say goodbye and wait a little for the server to do the same."""
         self._loop.remove(self._socket)
@@ -224,6 +240,22 @@ class Connection:
                 self._socket.sendall(masked((1000).to_bytes(2, "big"), CLOSE))
                 while self._socket.recv(CHUNK):
                     pass
+
+
+def _connected(host: str, port: int, receive_buffer: int) -> socket.socket:
+    """A connected socket; `receive_buffer` bounds what the kernel takes for a client that does not read, and
+    must be set before it connects. 0 leaves it to the kernel."""
+    family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    made = socket.socket(family, kind, protocol)
+    try:
+        if receive_buffer:
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        made.settimeout(CONNECT_SECONDS)
+        made.connect(address)
+    except OSError:
+        made.close()
+        raise
+    return made
 
 
 class Loop:

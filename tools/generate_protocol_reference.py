@@ -61,8 +61,11 @@ MEANINGS: dict[str | tuple[str, str], str] = {
     "queue_size": "Accepted, and without effect: a topic in memory has no queue to a network.",
     ("advertise", "type"): "Type of the topic's messages, `std_msgs/String` or `std_msgs/msg/String`.",
     ("advertise", "qos"): "Quality of service, see [below](#quality-of-service); wins over `latch`.",
-    "fragment_size": "Accepted, and without effect so far: the server sends whole messages.",
-    ("subscribe", "compression"): "`none`. `png`, `cbor` and `cbor-raw` are refused so far (SUB-08, SUB-10).",
+    "fragment_size": "Split what is longer than so many characters (FRG-20); absent and 0: do not.",
+    (
+        "subscribe",
+        "compression",
+    ): "`none`, `png`, `cbor` or `cbor-raw` ([encodings](encodings.md), SUB-08, SUB-10).",
     ("subscribe", "qos"): "Checked, and without effect: a subscriber gets what the publishers offer.",
     (
         "action_result",
@@ -104,7 +107,7 @@ SUMMARIES: dict[type[Op], str] = {
     Publish: "One message on a topic (PUB-01).",
     Advertise: "The sender will publish on a topic (ADV-01).",
     Fragment: "One piece of the text of another message (FRG-01).",
-    Png: "A whole message as the pixels of a PNG image, in base64 (PNG-01). Not there yet: it is never sent.",
+    Png: "A whole message as the pixels of a PNG image, in base64 (PNG-01).",
     Auth: "Credentials as rosauth computes them (AUT-02). Not there yet: the answer is a warning.",
 }
 

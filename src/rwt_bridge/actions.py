@@ -13,7 +13,6 @@ from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
-from rwt_protocol.rawjson import RawJson
 
 if TYPE_CHECKING:
     from rwt_bridge.peer import Peer
@@ -53,9 +52,11 @@ class SentGoal:
     def _on_feedback(self, feedback: Payload) -> None:
         if not self._listening:
             return
-        self._peer.send(
-            ActionFeedback(action=self._op.action, values=RawJson(feedback.json()), id=self._op.id)
-        )
+        peer, op = self._peer, self._op
+        self._answer(ActionFeedback(action=op.action, values=peer.raw(feedback), id=op.id))
+
+    def _answer(self, answer: ActionFeedback | ActionResult) -> None:
+        self._peer.send_if_small(answer, self._op.fragment_size)
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
         peer, op = self._peer, self._op
@@ -74,10 +75,10 @@ class SentGoal:
                 )
             )
         else:
-            peer.send(
+            self._answer(
                 ActionResult(
                     action=op.action,
-                    values=RawJson(outcome.json()),
+                    values=peer.raw(outcome),
                     status=int(status),
                     result=True,
                     id=op.id,
@@ -147,7 +148,7 @@ class ProvidedAction:
             SendActionGoal(
                 action=self._name,
                 action_type=self._peer.bridge.graph.registry.type_name(self._type),
-                args=RawJson(goal.goal.json()),
+                args=self._peer.raw(goal.goal),
                 feedback=True,
                 id=id_,
             )

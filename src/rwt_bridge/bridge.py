@@ -11,16 +11,19 @@ from rwt_bridge import actions, control, services, topics
 from rwt_bridge.admission import Admission
 from rwt_bridge.census import Census
 from rwt_bridge.doorstep import Doorstep
+from rwt_bridge.encodings import BSON, ENCODINGS, Encoding
 from rwt_bridge.fanout import Fanout
 from rwt_bridge.ledger import Ledger
 from rwt_bridge.logs import write
 from rwt_bridge.loop_lag import LoopLag
 from rwt_bridge.peer import Peer
 from rwt_bridge.publications import Publications
+from rwt_bridge.settings import SettingsError
 from rwt_graph.errors import GraphError
 from rwt_interfaces.errors import InterfaceError
 from rwt_protocol import ops
 from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session, WireLimits
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     from rwt_bridge.settings import Settings
     from rwt_graph.api import Graph
     from rwt_interfaces.structs import MessageType
+    from rwt_protocol.codecs import Codec
     from rwt_protocol.frames import Endpoint, PeerInfo, Sink
 
 #: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
@@ -86,6 +90,7 @@ class Bridge:
         self._settings = settings
         self.limits = settings.limits
         self.admission = Admission(settings, time.time)
+        self._codec = _one_codec(settings)
         self._fanouts: dict[str, Fanout] = {}
         self._peers: set[Peer] = set()
         self._count = 0
@@ -121,7 +126,8 @@ class Bridge:
             Refused: it may not come in.
         """
         role = self.admission.admit(info, loopback=loopback)
-        session = Session(PROFILES[self._settings.profile], limits=_wire_limits(self._settings))
+        limits = _wire_limits(self._settings)
+        session = Session(PROFILES[self._settings.profile], limits=limits, codec=self._codec)
         if role is not None:
             return self.join(sink, info, session, role)
         rosauth = self.admission.rosauth
@@ -176,6 +182,15 @@ class Bridge:
             self.ledger.release_topic(fanout.counts)
             fanout.close()
 
+    def encoding_of(self, compression: str) -> Encoding:
+        """How a client that asks for `compression` gets its samples."""
+        return BSON if self.speaks_bson else ENCODINGS[compression]
+
+    @property
+    def speaks_bson(self) -> bool:
+        """Whether every message of every client is BSON (BSN-01)."""
+        return self._codec is not None
+
     def call_timeout(self, wished: float | None) -> float | None:
         """Seconds a service call may take: zero or less waits for ever, absent is the default (SRV-10)."""
         seconds = self._settings.default_call_service_timeout if wished is None else wished
@@ -206,6 +221,21 @@ def _wire_limits(settings: Settings) -> WireLimits:
         wished.fragmented_messages, wished.fragment_characters, wished.fragment_seconds
     )
     return WireLimits(settings.max_message_size, wished.max_depth, fragments)
+
+
+def _one_codec(settings: Settings) -> Codec | None:
+    """The encoding of every message, where the settings ask for one.
+
+    Raises:
+        SettingsError: it needs a package that is not installed.
+    """
+    if not settings.bson_only_mode:
+        return None
+    try:
+        from rwt_protocol.codecs.bson import BsonCodec  # an optional package
+    except EncodingUnavailable as missing:
+        raise SettingsError(f"`bson_only_mode`: {missing.reason}") from None
+    return BsonCodec()
 
 
 def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
 SHORTEST: Final = 0.01
 """Seconds; a deadline below it is watched as if it were this one."""
+_SAME_MOMENT: Final = 1e-6
+"""Two clock readings this close, in seconds, are the same moment: sums of floats round."""
 
 
 class DeadlineWatch:
@@ -40,7 +42,7 @@ class DeadlineWatch:
     def _look(self) -> None:
         now = self._clock.monotonic()
         left = self._last + self._seconds - now
-        if left <= 0:
+        if left <= _SAME_MOMENT:
             self._last = now
             left = self._seconds
             self._on_missed()

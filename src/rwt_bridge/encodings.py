@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
 
-from rwt_protocol.codecs.json import publish_frame, publish_prefix
-from rwt_protocol.errors import Refused
+import msgspec
+
+from rwt_protocol.codecs import cbor, json, png
 from rwt_protocol.frames import Frame
 
 if TYPE_CHECKING:
     from rwt_graph.api import Sample
+    from rwt_interfaces.payload import Payload
 
 Encoder = Callable[["Sample"], Frame]
 """From a sample to the frame that all clients of one channel share."""
@@ -33,32 +36,82 @@ class Encoding:
 
 
 def _json_encoder(topic: str) -> Encoder:
-    prefix = publish_prefix(topic)
+    prefix = json.publish_prefix(topic)
 
     def encode(sample: Sample) -> Frame:
-        return publish_frame(prefix, sample.payload.json())
+        return json.publish_frame(prefix, sample.payload.json())
 
     return encode
 
 
-JSON = Encoding("none", 0, _json_encoder)
+def _png_encoder(topic: str) -> Encoder:
+    """The JSON message in the pixels of a picture (PNG-01), made at once so that a topic keeps its order."""
+    prefix = json.publish_prefix(topic)
 
-#: Every encoding that this server offers, by its name in `compression`.
-ENCODINGS: dict[str, Encoding] = {JSON.name: JSON}
+    def encode(sample: Sample) -> Frame:
+        return png.encode(json.publish_frame(prefix, sample.payload.json()))
 
-#: What the protocol knows beside them.
-_NOT_OFFERED = frozenset({"png", "cbor", "cbor-raw"})
+    return encode
 
 
-def encoding_of(compression: str | None) -> Encoding:
-    """The encoding for a `compression` field; an unknown word counts as none (SUB-10).
+def _cbor_encoder(topic: str) -> Encoder:
+    prefix = cbor.publish_prefix(topic)
 
-    Raises:
-        Refused: the protocol has this encoding and this server does not offer it.
+    def encode(sample: Sample) -> Frame:
+        return cbor.publish_frame(prefix, sample.payload.cbor())
+
+    return encode
+
+
+def _cbor_raw_encoder(topic: str) -> Encoder:
+    """The message as its robot serialises it: ROS 1's own form or CDR, by distribution (CBR-10, CBR-11).
+
+    The time is that of the server when the message was published (CBR-12), the same for all clients.
     """
-    name = compression or "none"
-    if name in _NOT_OFFERED:
-        raise Refused(
-            f'subscribe: compression "{name}" is not offered here; use one of {", ".join(ENCODINGS)}'
+    prefix = cbor.publish_prefix(topic)
+
+    def encode(sample: Sample) -> Frame:
+        payload = sample.payload
+        is_ros1 = payload.type.registry.distro.ros_version == 1
+        data = payload.ros1() if is_ros1 else payload.cdr()
+        return cbor.raw_publish_frame(prefix, data, sample.stamp_ns)
+
+    return encode
+
+
+def _bson_encoder(topic: str) -> Encoder:
+    from rwt_protocol.codecs.bson import document  # an optional package, there when BSON is spoken
+
+    def encode(sample: Sample) -> Frame:
+        return document({"op": "publish", "topic": topic, "msg": plain_message(sample.payload)})
+
+    return encode
+
+
+JSON: Final = Encoding("none", 0, _json_encoder)
+BSON: Final = Encoding("bson", 4, _bson_encoder)
+"""What every client of a server in BSON-only mode gets, whatever it asks for (BSN-01)."""
+
+ENCODINGS: Final[Mapping[str, Encoding]] = MappingProxyType(
+    {
+        encoding.name: encoding
+        for encoding in (
+            JSON,
+            Encoding("png", 1, _png_encoder),
+            Encoding("cbor", 2, _cbor_encoder),
+            Encoding("cbor-raw", 3, _cbor_raw_encoder),
         )
-    return ENCODINGS.get(name, JSON)
+    }
+)
+"""Every encoding that a client can ask for, by its name in `compression`."""
+
+
+def plain_message(payload: Payload) -> object:
+    """A message as dicts, lists and scalars, octets as bytes."""
+    return msgspec.to_builtins(payload.value(), builtin_types=(bytes,), enc_hook=_plain_array)
+
+
+def _plain_array(array: object) -> object:
+    """A numpy array as a list: the only thing in a message that is not plain."""
+    to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
+    return to_list()

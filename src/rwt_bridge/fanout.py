@@ -41,7 +41,8 @@ class Channel:
     A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels.
 
     Attributes:
-        counts: what went through, together with the topic's other channels of this encoding.
+        counts: what went through, together with the topic's other channels of this encoding; up to date
+            after :meth:`settle`.
     """
 
     def __init__(self, encode: Encoder, counts: EncodingCounts) -> None:
@@ -50,6 +51,8 @@ class Channel:
         self._gates: list[Gate] = []
         self._direct: tuple[Callable[[Frame], None], ...] = ()
         self._gated: tuple[Gate, ...] = ()
+        self._encoded = 0
+        self._encoded_bytes = 0
 
     def __len__(self) -> int:
         return len(self._gates)
@@ -66,8 +69,17 @@ class Channel:
 
     def sort(self) -> None:
         """Divide the gates into open and throttled ones, after one has joined, left or changed."""
+        self.settle()
         self._direct = tuple(gate.send for gate in self._gates if gate.is_open)
         self._gated = tuple(gate for gate in self._gates if not gate.is_open)
+
+    def settle(self) -> None:
+        """Bring `counts` up to date with what went through the open gates."""
+        counts, receivers = self.counts, len(self._direct)
+        counts.encodes += self._encoded
+        counts.messages += self._encoded * receivers
+        counts.bytes += self._encoded_bytes * receivers
+        self._encoded = self._encoded_bytes = 0
 
     def encode(self, sample: Sample) -> Frame:
         """The frame of one sample, made now."""
@@ -82,10 +94,10 @@ class Channel:
         frame: Frame | None = None
         direct = self._direct
         if direct:
-            frame = self.encode(sample)
-            counts = self.counts
-            counts.messages += len(direct)
-            counts.bytes += frame.size * len(direct)
+            frame = self._encode(sample)
+            # Multiplied by the receivers in settle(): here each instruction is paid for by every message.
+            self._encoded += 1
+            self._encoded_bytes += frame.size
             for send in direct:
                 send(frame)
         if self._gated:
@@ -104,7 +116,7 @@ class Fanout:
     """All clients of one topic, behind one subscription in the graph.
 
     Attributes:
-        counts: what is counted of the topic.
+        counts: what is counted of the topic; up to date after :meth:`settle`.
     """
 
     def __init__(
@@ -125,6 +137,11 @@ class Fanout:
     def subscriptions(self) -> int:
         """How many clients listen, those of each spelling of the name counted by themselves."""
         return sum(map(len, self._active))
+
+    def settle(self) -> None:
+        """Bring `counts` up to date."""
+        for channel in self._active:
+            channel.settle()
 
     @property
     def is_empty(self) -> bool:

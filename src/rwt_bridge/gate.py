@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
+from rwt_protocol.fragments import cut
 from rwt_protocol.frames import DropReason
 
 if TYPE_CHECKING:
@@ -48,8 +49,8 @@ class Gate:
     """
 
     __slots__ = (
-        "_clock", "_deadline", "_expired", "_flow", "_last", "_lifespan_ns", "_queue", "_throttle", "_timer",
-        "_withheld",
+        "_clock", "_deadline", "_expired", "_flow", "_last", "_lifespan_ns", "_piece", "_queue", "_throttle",
+        "_timer", "_withheld",
     )  # fmt: skip
 
     def __init__(
@@ -61,6 +62,7 @@ class Gate:
     ) -> None:
         self._clock = clock
         self._flow = flow
+        self._piece = 0
         self._withheld = withheld
         self._expired = expired
         self._throttle = 0.0
@@ -78,7 +80,14 @@ class Gate:
     @property
     def send(self) -> Callable[[Frame], None]:
         """Where the frames of an open gate go."""
-        return self._flow.send
+        return self._send_pieces if self._piece else self._flow.send
+
+    def cut_to(self, size: int) -> None:
+        """Send what is longer than `size` characters in pieces; 0 sends everything whole (FRG-20)."""
+        self._piece = size
+
+    def _send_pieces(self, frame: Frame) -> None:
+        self._flow.send_message(frame.pieces(self._piece, cut))
 
     def configure(self, throttle: float, queue: int) -> None:
         """Set the throttle in seconds and the queue's length in samples.
@@ -135,7 +144,8 @@ class Gate:
             self._expired(DropReason.LIFESPAN)
             return
         self._last = self._clock.monotonic()
-        self._flow.send_message((encoded.frame(),), expires_ns)
+        frame = encoded.frame()
+        self._flow.send_message(frame.pieces(self._piece, cut) if self._piece else (frame,), expires_ns)
 
     def _expiry(self, sample: Sample) -> int:
         """The end of the publisher's lifespan or of the subscriber's, whichever is sooner; 0: never."""

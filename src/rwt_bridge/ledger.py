@@ -73,9 +73,9 @@ class Ledger:
         goals: sent to actions.
         missed_deadlines: of publishers and of subscriptions.
         received: messages of clients that have left.
-        received_bytes: bytes in them.
+        received_bytes: bytes read from them.
         sent: messages to clients that have left.
-        sent_bytes: bytes in them.
+        sent_bytes: bytes written to them.
     """
 
     def __init__(self) -> None:
@@ -119,6 +119,6 @@ class Ledger:
         """Keep what a client that leaves has counted."""
         traffic = peer.sink.traffic
         self.received += peer.messages
-        self.received_bytes += peer.bytes
+        self.received_bytes += traffic.received_bytes
         self.sent += traffic.messages
         self.sent_bytes += traffic.bytes

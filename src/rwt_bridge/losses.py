@@ -85,7 +85,7 @@ class Losses:
         if frame is None:
             return
         if self._lines is None:
-            self._lines = self._peer.sink.flow(f"status of {self._topic}", FlowRules(depth=1))
+            self._lines = self._peer.sink.flow(f"status of {self._topic}", FlowRules(depth=1, notes=True))
         self._lines.send(frame)
 
     def _reason(self, what: str) -> str:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 def metrics(bridge: Bridge) -> HttpResponse:
     """The page."""
     page = Exposition()
+    for fanout in bridge.fanouts.values():
+        fanout.settle()
     clients = [(peer, peer.sink.traffic) for peer in bridge.peers]
     _write_totals(page, bridge, clients)
     _write_topics(page, bridge.ledger)
@@ -36,13 +38,13 @@ def metrics(bridge: Bridge) -> HttpResponse:
 def _write_totals(page: Exposition, bridge: Bridge, clients: list[tuple[Peer, Traffic]]) -> None:
     ledger, peers = bridge.ledger, bridge.peers
     received = ledger.received + sum(peer.messages for peer in peers)
-    received_bytes = ledger.received_bytes + sum(peer.bytes for peer in peers)
+    received_bytes = ledger.received_bytes + sum(traffic.received_bytes for _, traffic in clients)
     sent = ledger.sent + sum(traffic.messages for _, traffic in clients)
     sent_bytes = ledger.sent_bytes + sum(traffic.bytes for _, traffic in clients)
     for name, help_, value in (
         ("rwt_connections_total", "Clients that have connected.", ledger.clients),
         ("rwt_received_messages_total", "Messages from clients.", received),
-        ("rwt_received_bytes_total", "Bytes in messages from clients.", received_bytes),
+        ("rwt_received_bytes_total", "Bytes read from clients.", received_bytes),
         ("rwt_sent_messages_total", "Messages to clients.", sent),
         ("rwt_sent_bytes_total", "Bytes written to clients.", sent_bytes),
         ("rwt_service_calls_total", "Service calls of clients.", ledger.calls),
@@ -119,8 +121,8 @@ def _write_clients(page: Exposition, clients: list[tuple[Peer, Traffic]]) -> Non
         of_client(lambda peer, _: peer.messages),
     )  # fmt: skip
     page.family(
-        "rwt_client_received_bytes_total", "counter", "Bytes in messages from a client.",
-        of_client(lambda peer, _: peer.bytes),
+        "rwt_client_received_bytes_total", "counter", "Bytes read from a client.",
+        of_client(lambda _, traffic: traffic.received_bytes),
     )  # fmt: skip
     page.family(
         "rwt_client_sent_messages_total", "counter", "Messages to a client.",

@@ -114,5 +114,10 @@ def _rows(pairs: Iterable[tuple[str, str]]) -> str:
 
 def _health(bridge: Bridge) -> HttpResponse:
     """That the server answers, for load balancers and supervisors."""
-    body = {"status": "ok", "version": version("robot-web-tools"), "clients": bridge.client_count}
-    return HttpResponse(json.dumps(body).encode(), content_type="application/json")
+    running = bridge.graph.running
+    body = {
+        "status": "ok" if running else "stopped",
+        "version": version("robot-web-tools"),
+        "clients": bridge.client_count,
+    }
+    return HttpResponse(json.dumps(body).encode(), 200 if running else 503, "application/json")

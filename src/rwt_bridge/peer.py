@@ -5,11 +5,14 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
+from rwt_bridge.encodings import plain_message
 from rwt_bridge.ledger import UNKNOWN
 from rwt_bridge.logs import one_line, write
 from rwt_bridge.quotas import message_rate, too_large
 from rwt_bridge.topics import release_publishers
+from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.ops import OPS, ActionResult, ServiceResponse, Status
+from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal
 from rwt_transports.close_codes import POLICY
 
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
     from rwt_bridge.publications import Publication
     from rwt_bridge.services import ClientCall, ProvidedService
     from rwt_bridge.subscriptions import ClientSubscription
+    from rwt_interfaces.payload import Payload
     from rwt_protocol.frames import Frame, PeerInfo, Sink
     from rwt_protocol.ops import Op
     from rwt_protocol.session import Session
@@ -37,7 +41,6 @@ class Peer:
 
     Attributes:
         messages: how many have come from it.
-        bytes: how many were in them.
     """
 
     def __init__(
@@ -50,7 +53,8 @@ class Peer:
         self.session = session
         self.role = role
         self.messages = 0
-        self.bytes = 0
+        self._monotonic = bridge.graph.clock.monotonic
+        self._dispatch = bridge.dispatcher.dispatch
         self._rate = message_rate(bridge.limits)
         self.advertised: dict[str, set[str | int | None]] = {}
         self.implicit: set[str] = set()
@@ -64,8 +68,7 @@ class Peer:
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one message from the wire, run what it holds, and answer what is refused."""
         self.messages += 1
-        self.bytes += len(data)
-        now = self.bridge.graph.clock.monotonic()
+        now = self._monotonic()
         if self._rate is not None and not self._rate.take(now):
             self._flooded()
             return
@@ -75,7 +78,7 @@ class Peer:
                 self.log(logging.WARNING, item.reason, item.id)
                 answer = item.answer
             else:
-                answer = self.bridge.dispatcher.dispatch(self, item)
+                answer = self._dispatch(self, item)
                 if answer is not None:
                     self.bridge.ledger.refuse(item.op)
                     self._log_answer(answer)
@@ -114,15 +117,15 @@ class Peer:
         """Send one op in the control lane; one that is too large is left out, and the client told so."""
         self.send_if_small(op)
 
-    def send_if_small(self, op: Op) -> bool:
-        """As :meth:`send`; whether it was sent.
+    def send_if_small(self, op: Op, fragment_size: int | None = None) -> bool:
+        """As :meth:`send`, in pieces of `fragment_size` characters if that is given; whether it was sent.
 
         The client is told so: of a result in its place, of anything else by a `status`.
         """
         frame = self.session.encode(op)
         reason = too_large(self, frame)
         if reason is None:
-            self.sink.send(frame)
+            self.send_cut(frame, fragment_size, op.id)
             return True
         self.log(logging.WARNING, f"{op.op}: {reason}", op.id)
         if isinstance(op, ActionResult):
@@ -130,6 +133,17 @@ class Peer:
         else:
             self._answer(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
         return False
+
+    def send_cut(self, frame: Frame, size: int | None, id_: str | int | None) -> None:
+        """Send a reply in the control lane, in pieces of `size` characters if that was asked for (FRG-20)."""
+        for piece in self.session.cut(frame, size, id_):
+            self.sink.send(piece)
+
+    def raw(self, payload: Payload) -> RawPayload:
+        """A message of the graph as the payload of an op for this client."""
+        if self.bridge.speaks_bson:
+            return Decoded(plain_message(payload))
+        return RawJson(payload.json())
 
     def warning(self, text: str) -> Frame | None:
         """A `status` about something that no op caused; None if this client does not want to hear it."""

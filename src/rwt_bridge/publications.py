@@ -13,7 +13,7 @@ from rwt_graph.errors import TypeConflict
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Callable, Hashable
 
     from rwt_bridge.ledger import Ledger
     from rwt_graph.api import Participant, Publisher
@@ -28,6 +28,7 @@ class Publication:
     """One shared publisher, who uses it, and the timer that ends it.
 
     Attributes:
+        publish: hands on a message, which its caller counts.
         counts: what is counted of the topic.
         deadline: watches that clients publish as often as they said they would.
     """
@@ -39,6 +40,7 @@ class Publication:
         "counts",
         "deadline",
         "linger",
+        "publish",
         "publisher",
         "topic",
         "type",
@@ -47,6 +49,7 @@ class Publication:
 
     def __init__(self, publisher: Publisher, clock: Clock, ledger: Ledger) -> None:
         self.publisher = publisher
+        self.publish: Callable[[Payload], None] = publisher.publish
         self.topic = publisher.topic
         self.type = publisher.type
         self.users: set[Hashable] = set()
@@ -57,12 +60,10 @@ class Publication:
         self.counts = ledger.use_topic(publisher.topic)
         seconds = publisher.qos.deadline
         self.deadline = DeadlineWatch(clock, seconds, self._late) if seconds else None
+        if self.deadline is not None:
+            self.publish = self._publish_in_time
 
-    def publish(self, payload: Payload, size: int) -> None:
-        """Hand on a message that was `size` bytes long."""
-        counts = self.counts
-        counts.received += 1
-        counts.received_bytes += size
+    def _publish_in_time(self, payload: Payload) -> None:
         if self.deadline is not None:
             self.deadline.met()
         self.publisher.publish(payload)

@@ -13,6 +13,7 @@ from rwt_bridge.origins import is_loopback_listener
 from rwt_bridge.pages import routes
 from rwt_bridge.settings import Settings
 from rwt_bridge.tls import server_tls
+from rwt_transports.extensions import Deflate
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
@@ -82,4 +83,5 @@ def _transport_limits(settings: Settings) -> Limits:
         data_frames=wished.data_frames,
         control_bytes=wished.control_bytes,
         control_frames=wished.control_frames,
+        deflate=Deflate(settings.deflate),
     )

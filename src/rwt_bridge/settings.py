@@ -246,6 +246,13 @@ class Settings(Table):
     unregister_timeout: Annotated[
         SecondsOrNone, Field(description="seconds a topic outlives its last rosbridge publisher")
     ] = 10.0
+    bson_only_mode: Annotated[
+        bool, Field(description="whether every message, both ways, is BSON; needs the extra `bson`")
+    ] = False
+    deflate: Annotated[
+        Literal["off", "shared", "context"],
+        Field(description="permessage-deflate for WebSocket clients that ask: `shared` or in `context`"),
+    ] = "off"
     limits: LimitSettings = LimitSettings()
     auth: AuthSettings = AuthSettings()
     roles: Mapping[str, RoleSettings] = Field(

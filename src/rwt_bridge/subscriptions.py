@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class ClientSubscription:
     """Every `subscribe` of one client under one spelling of a topic's name, by id.
 
-    The gate follows the smallest `throttle_rate` (SUB-05) and the smallest `queue_length` (X06), and the
-    encoding is the strongest that was asked for (SUB-08).
+    The gate follows the smallest `throttle_rate` (SUB-05), the smallest `queue_length` (X06) and the smallest
+    `fragment_size` (SUB-07), and the encoding is the strongest that was asked for (SUB-08).
     """
 
     def __init__(self, peer: Peer, name: str, fanout: Fanout) -> None:
@@ -101,6 +101,7 @@ class ClientSubscription:
     def _apply(self) -> Channel:
         wishes = self._wishes.values()
         encoding = max((encoding for _, encoding in wishes), key=lambda encoding: encoding.precedence)
+        self._gate.cut_to(min((op.fragment_size for op, _ in wishes if op.fragment_size), default=0))
         throttle = min(op.throttle_rate for op, _ in wishes) / 1000
         self._gate.configure(throttle, min(op.queue_length for op, _ in wishes))
         self._apply_qos([op for op, _ in wishes])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_bridge.encodings import encoding_of
 from rwt_bridge.qos import publisher_qos
 from rwt_bridge.quotas import require_advertisement, require_subscription
 from rwt_bridge.subscriptions import ClientSubscription
@@ -55,8 +54,12 @@ def on_publish(peer: Peer, op: ops.Publish) -> None:
     publication = peer.publishers.get(op.topic)
     if publication is None:
         publication = peer.publishers[op.topic] = _publication(peer, op)
-    payload = payload_of(publication.type, op.msg, "publish.msg", peer.bridge.now)
-    publication.publish(payload, len(op.msg.data))
+    raw = op.msg
+    payload = payload_of(publication.type, raw, "publish.msg", peer.bridge.now)
+    counts = publication.counts
+    counts.received += 1
+    counts.received_bytes += raw.size
+    publication.publish(payload)
 
 
 def _publication(peer: Peer, op: ops.Publish) -> Publication:
@@ -93,7 +96,7 @@ def on_subscribe(peer: Peer, op: ops.Subscribe) -> None:
     """Let samples of a topic flow to the client (SUB-01 … SUB-14)."""
     topic = resolve(op.topic)
     peer.role.require("subscribe", topic)
-    encoding = encoding_of(op.compression)
+    encoding = peer.bridge.encoding_of(op.compression)
     subscription = peer.subscriptions.get(op.topic)
     if subscription is None or not subscription.has(op.id):
         require_subscription(peer)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import signal
-import sys
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +14,7 @@ from rwt_bridge.serve import serve
 from rwt_bridge.settings import SettingsError
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
+from rwt_cli.logs import FORMATS, log_to_stderr
 from rwt_graph.memory import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
@@ -63,15 +62,17 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     )
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
+    parser.add_argument(
+        "--log-format",
+        choices=FORMATS,
+        default="text",
+        help="lines for people, or one JSON object a line (default text)",
+    )
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    logging.basicConfig(
-        stream=sys.stderr,
-        level=logging.DEBUG if arguments.verbose else logging.INFO,
-        format="%(asctime)s %(levelname)s %(name)s %(message)s",
-    )
+    log_to_stderr(arguments.log_format, verbose=arguments.verbose)
     settings = _settings(arguments)
     try:
         anyio.run(_serve, settings)

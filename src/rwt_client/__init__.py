@@ -1,1 +1,83 @@
-"""The client for Python programs, and a blocking face over it. Nothing is in here yet."""
+"""The client for Python programs: a robot's topics, services, actions, parameters and types, typed.
+
+>>> async with connect("ws://robot:9090") as robot:
+...     async for odometry in robot.topic("/odom", "nav_msgs/Odometry"):
+...         print(odometry.pose.pose.position.x)
+
+:mod:`rwt_client.blocking` is the same for notebooks and scripts.
+"""
+
+from rwt_client.actions import Goal, GoalResult, GoalStatus
+from rwt_client.api import FieldInfo, NodeInfo, RosApi, RosVersion, TopicInfo, TypeInfo
+from rwt_client.backoff import Backoff
+from rwt_client.connection import connect
+from rwt_client.errors import (
+    BadAddress,
+    CallFailed,
+    CannotConnect,
+    ClientError,
+    ConnectionClosed,
+    ConnectionLost,
+    GoalAborted,
+    GoalCanceled,
+    GoalEnded,
+    GoalFailed,
+    ImageFormat,
+    MisfitMessage,
+    NoAnswer,
+    NotConnected,
+    ParameterRefused,
+    ServerRefused,
+    ServiceFailed,
+    TypeUnavailable,
+)
+from rwt_client.events import ConnectionEvent, EventStream
+from rwt_client.offered_actions import OfferedAction, ReceivedGoal
+from rwt_client.params import Parameters
+from rwt_client.publishing import Publisher
+from rwt_client.robot import Robot
+from rwt_client.services import OfferedService
+from rwt_client.topics import Subscription
+from rwt_client.types import LiveTypes
+
+__all__ = [
+    "connect",
+    "Robot",
+    "Subscription",
+    "Publisher",
+    "OfferedService",
+    "Goal",
+    "GoalResult",
+    "GoalStatus",
+    "OfferedAction",
+    "ReceivedGoal",
+    "Parameters",
+    "LiveTypes",
+    "RosApi",
+    "TopicInfo",
+    "NodeInfo",
+    "RosVersion",
+    "TypeInfo",
+    "FieldInfo",
+    "ConnectionEvent",
+    "EventStream",
+    "Backoff",
+    "ClientError",
+    "BadAddress",
+    "ConnectionLost",
+    "CannotConnect",
+    "NotConnected",
+    "ConnectionClosed",
+    "NoAnswer",
+    "ServerRefused",
+    "CallFailed",
+    "GoalFailed",
+    "ParameterRefused",
+    "MisfitMessage",
+    "TypeUnavailable",
+    "ImageFormat",
+    "ServiceFailed",
+    "GoalEnded",
+    "GoalCanceled",
+    "GoalAborted",
+]

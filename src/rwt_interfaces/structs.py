@@ -8,6 +8,7 @@ is spoken. A message's Struct has its fields in the definition's order and a def
 from __future__ import annotations
 
 import keyword
+import math
 from collections.abc import Callable
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ import msgspec
 
 from rwt_interfaces import hashes, shapes
 from rwt_interfaces.definitions import MessageDefinition
+from rwt_interfaces.numbers import float32
 from rwt_interfaces.shapes import Shape, Slot
 
 if TYPE_CHECKING:
@@ -231,8 +233,20 @@ def slot_default(slot: Slot) -> Callable[[], object]:
         octets = bytes(default)
         return lambda: octets
     if isinstance(default, (list, tuple)):
-        return lambda: list(default)
-    return lambda: default
+        held = [_held(each, slot.shape) for each in default]
+        return lambda: list(held)
+    one = _held(default, slot.shape)
+    return lambda: one
+
+
+def _held(default: object, shape: Shape) -> object:
+    """A default as the field holds it: a float32 is the nearest one, and infinity beyond its range."""
+    number = shape.element if isinstance(shape, shapes.Array) else shape
+    if number != shapes.FLOAT32 or not isinstance(default, float):
+        return default
+    if abs(default) > shapes.FLOAT32_LIMIT:
+        return math.copysign(math.inf, default)
+    return float32(default)
 
 
 def _struct_field(slot: Slot) -> _StructField:

@@ -5,7 +5,7 @@
   * :exc:`Refused`: a message is well formed and is not done; handlers raise it.
 
     * :exc:`MalformedPayload`: the bytes of a payload are not one JSON value.
-    * :exc:`EncodingUnavailable`: an encoding that this program does not have was asked for.
+    * :exc:`EncodingUnavailable`: an encoding needs a package that is not installed.
 
   * :exc:`IncompleteDispatcher`: the table of handlers and the table of ops disagree.
 
@@ -43,7 +43,7 @@ class MalformedPayload(Refused):
 
 
 class EncodingUnavailable(Refused):
-    """The encoding is unknown, or is not part of this program."""
+    """An encoding needs a package that is not installed."""
 
 
 class IncompleteDispatcher(ProtocolError, TypeError):

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from rwt_protocol.codecs import JSON
+import msgspec
+
 from rwt_protocol.errors import Refused
 from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Fragment
+
+MOST_PIECES: Final = 10_000
+"""Frames that one message is cut into at most, however small the pieces that a client asks for."""
+
+_encode: Final = msgspec.json.Encoder().encode
+_numbers: Final = itertools.count(1)
 
 _OVERHEAD: Final = 200
 """Bytes that an open piece is counted as, beside its text: what it costs to keep it."""
@@ -108,21 +117,29 @@ class Reassembly:
         self._size += size
 
 
-def cut(frame: Frame, size: int, id: str) -> Sequence[Frame]:  # as on the wire
+def cut(frame: Frame, size: int, id: str = "") -> Sequence[Frame]:  # as on the wire
     """A frame as fragments of at most `size` characters of its text, if it is longer (FRG-21).
 
-    A binary frame is never cut (FRG-27), and a size below one asks for no cutting.
+    A binary frame is never cut (FRG-27), and a size below one asks for no cutting. A message that would take
+    more than 10,000 pieces is cut into that many, larger ones.
 
     Args:
         frame: the whole message.
         size: the most characters in one piece.
-        id: what the pieces are known by; clients need a string that is not empty (FRG-24).
+        id: what the pieces are known by; clients need a string that is not empty, so an empty one stands for
+            a new one that no other message has (FRG-24).
     """
     if frame.binary or size < 1 or frame.size <= size:
         return (frame,)
     text = frame.data.decode()
     if len(text) <= size:
         return (frame,)
-    pieces = [text[start : start + size] for start in range(0, len(text), size)]
-    total = len(pieces)
-    return [JSON.encode(Fragment(id=id, data=data, num=num, total=total)) for num, data in enumerate(pieces)]
+    size = max(size, math.ceil(len(text) / MOST_PIECES))
+    total = math.ceil(len(text) / size)
+    head = b'{"op":"fragment","id":' + _encode(id or f"fragment:{next(_numbers)}") + b',"data":'
+    return tuple(
+        Frame(
+            head + _encode(text[num * size : (num + 1) * size]) + f',"num":{num},"total":{total}}}'.encode()
+        )
+        for num in range(total)
+    )

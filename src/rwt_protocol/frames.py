@@ -18,7 +18,7 @@ class Frame:
     and parts once, and :meth:`framed` keeps the outcome for the next connection.
     """
 
-    __slots__ = ("_framed", "_framing", "binary", "parts", "size")
+    __slots__ = ("_framed", "_framing", "_pieces", "binary", "parts", "size")
 
     def __init__(self, *parts: Buffer, binary: bool = False) -> None:
         self.parts = parts
@@ -29,6 +29,7 @@ class Frame:
         self.size = size
         self._framing: object = None
         self._framed = b""
+        self._pieces: dict[int, Sequence[Frame]] | None = None
 
     @property
     def data(self) -> bytes:
@@ -41,6 +42,15 @@ class Frame:
             self._framed = framing(self)
             self._framing = framing
         return self._framed
+
+    def pieces(self, size: int, cut: Callable[[Frame, int], Sequence[Frame]]) -> Sequence[Frame]:
+        """This message cut into frames by `cut`; done once for each `size`, whoever it goes to."""
+        if self._pieces is None:
+            self._pieces = {}
+        pieces = self._pieces.get(size)
+        if pieces is None:
+            pieces = self._pieces[size] = cut(self, size)
+        return pieces
 
     def __repr__(self) -> str:
         kind = "binary" if self.binary else "text"
@@ -67,10 +77,12 @@ class FlowRules:
     Attributes:
         depth: messages that may wait, the newest stay; None: as many as the data lane has room for.
         keep_all: never give way to another topic's messages while one without this has some to give.
+        notes: these are a few small messages of the server itself, which take no other topic's place.
     """
 
     depth: int | None = None
     keep_all: bool = False
+    notes: bool = False
 
 
 AS_MANY_AS_FIT = FlowRules()
@@ -130,6 +142,7 @@ class Traffic:
         queued_messages: messages that wait in the lanes.
         queued_bytes: bytes that wait, in the lanes and in front of them.
         dropped: messages of the data lane that were dropped, by reason.
+        received_bytes: bytes that came the other way, the wire's own included.
     """
 
     messages: int = 0
@@ -137,6 +150,7 @@ class Traffic:
     queued_messages: int = 0
     queued_bytes: int = 0
     dropped: Mapping[DropReason, int] = field(default_factory=dict)
+    received_bytes: int = 0
 
 
 class Sink(Protocol):

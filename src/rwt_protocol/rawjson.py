@@ -37,6 +37,11 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
     prove: Callable[[], bytes] | None = None
 
     @property
+    def size(self) -> int:
+        """How many bytes there are."""
+        return len(self.data)
+
+    @property
     def verified(self) -> bool:
         """Whether the bytes are known to be one JSON value in UTF-8."""
         return self.prove is None

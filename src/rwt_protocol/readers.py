@@ -11,12 +11,12 @@ from pydantic import ValidationError
 
 from rwt_protocol.codecs.base import Members
 from rwt_protocol.codecs.members import UNDECODED
+from rwt_protocol.decoded import RawPayload, plain_value
 from rwt_protocol.ops import OPS, Direction, Op, OpSpec
 from rwt_protocol.ops.base import Opaque
 from rwt_protocol.profiles import Profile
-from rwt_protocol.rawjson import RawJson
 
-_Convert = Callable[[msgspec.Raw | RawJson], object]
+_Convert = Callable[[msgspec.Raw | RawPayload], object]
 
 
 class Reader:
@@ -85,6 +85,6 @@ def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
     return tuple(found)
 
 
-def _decoded(raw: msgspec.Raw | RawJson) -> object:
+def _decoded(raw: msgspec.Raw | RawPayload) -> object:
     """The value of a member that is a payload in another op, and a text in this one."""
-    return msgspec.json.decode(raw.data if isinstance(raw, RawJson) else raw)
+    return msgspec.json.decode(raw) if isinstance(raw, msgspec.Raw) else plain_value(raw)

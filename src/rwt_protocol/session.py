@@ -10,7 +10,7 @@ import msgspec
 from pydantic import ValidationError
 
 from rwt_protocol.codecs import CBOR, JSON, png
-from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.codecs.base import Codec, Fault, Members
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
 from rwt_protocol.frames import Frame
@@ -70,10 +70,11 @@ class Session:
         profile: which version of the protocol is spoken.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
         limits: what the peer may send.
+        codec: the one encoding of every message both ways; None is JSON, with CBOR accepted beside it.
     """
 
     __slots__ = (
-        "_cut",
+        "_codec",
         "_direction",
         "_inside",
         "_level",
@@ -89,12 +90,13 @@ class Session:
         profile: Profile = COMPAT,
         direction: Direction = Direction.TO_SERVER,
         limits: WireLimits = WireLimits(),
+        codec: Codec | None = None,
     ) -> None:
         self._profile = profile
         self._direction = direction
         self._max_size = limits.max_message_size
         self._max_depth = limits.max_depth
-        self._cut = 0
+        self._codec = codec
         self._inside = 0
         self._reassembly = Reassembly(limits.fragments)
         self._readers = readers(profile, direction)
@@ -103,18 +105,21 @@ class Session:
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
         """The messages of one frame, in order. Never raises, and keeps nothing of a frame that is cut short.
 
-        A binary frame is read as CBOR if it begins with a map, and as JSON text otherwise (ENV-12).
+        A binary frame is read as CBOR if it begins with a map, and as JSON text otherwise (ENV-12), unless
+        the session has one encoding for all.
 
         Args:
             data: the whole frame.
             binary: whether it came as binary rather than as text.
             now: seconds on any clock that never goes back.
         """
+        return self._decode(data, self._codec or (CBOR if binary and data[:1] in _MAPS else JSON), now)
+
+    def _decode(self, data: bytes, codec: Codec, now: float) -> Sequence[Op | Refusal]:
         if len(data) > self._max_size:
             return (
                 self._refusal({}, f"{len(data)} bytes: the limit is {self._max_size} (max_message_size)"),
             )
-        codec = CBOR if binary and data[:1] in _MAPS else JSON
         parts = codec.split(data, self._max_depth)
         if len(parts) == 1:
             return self._read(parts[0], now)
@@ -126,7 +131,7 @@ class Session:
         Raises:
             MalformedPayload: its payload came from another peer, and is not JSON.
         """
-        return JSON.encode(op)
+        return (self._codec or JSON).encode(op)
 
     def cut(
         self,
@@ -134,23 +139,20 @@ class Session:
         size: int | None,
         id: str | int | None = None,  # as on the wire
     ) -> Sequence[Frame]:
-        """A frame in pieces of at most `size` characters, if it is longer (FRG-21).
+        """A frame in pieces of at most `size` characters, if it is text and longer (FRG-21).
 
         Args:
             frame: the whole message.
             size: the `fragment_size` that the client asked for with what this answers; None and 0: none.
             id: the id of the message inside; the pieces are known by it, or by one of their own (FRG-24).
         """
-        if not size or frame.size <= size:
-            return (frame,)
-        self._cut += 1
-        return cut(frame, size, f"fragment:{self._cut}" if id is None or id == "" else str(id))
+        return cut(frame, size, str(id) if id is not None else "") if size else (frame,)
 
     def answer(self, op: Op) -> Frame | None:
         """One op as a frame, or None for a `status` that this client does not want to hear (STA-02)."""
         if isinstance(op, Status) and not self.wants_status(op.level):
             return None
-        return JSON.encode(op)
+        return self.encode(op)
 
     @property
     def level(self) -> Level | None:
@@ -221,7 +223,7 @@ class Session:
             raise Refused(f"messages inside messages, more than {_MOST_INSIDE} deep")
         self._inside += 1
         try:
-            return self.decode(data, False, now)
+            return self._decode(data, JSON, now)
         finally:
             self._inside -= 1
 

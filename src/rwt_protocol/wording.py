@@ -11,6 +11,7 @@ import msgspec
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from rwt_protocol.decoded import Decoded
 from rwt_protocol.ops import Op
 from rwt_protocol.ops.base import Expected
 from rwt_protocol.rawjson import RawJson, Shape
@@ -48,7 +49,9 @@ def describe(value: object) -> str:
 
 
 def describe_shape(value: object) -> str:
-    """The kind of a JSON value that is still undecoded."""
+    """The kind of a value that nobody has looked into yet."""
+    if isinstance(value, Decoded):
+        return _A_SHAPE[value.shape]
     data = (
         value.data if isinstance(value, RawJson) else bytes(value) if isinstance(value, msgspec.Raw) else b"0"
     )

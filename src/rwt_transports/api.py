@@ -26,10 +26,13 @@ class Framing:
     Attributes:
         whole: the frame as one piece.
         pieces: the same bytes in several pieces, of which the large ones are the frame's own parts, uncopied.
+        shared: False where the bytes depend on what was sent before on the same connection: then every frame
+            is made anew, exactly once each time it is sent, in the order of sending.
     """
 
     whole: Callable[[Frame], bytes]
     pieces: Callable[[Frame], tuple[Buffer, ...]]
+    shared: bool = True
 
 
 class Link(Protocol):

@@ -15,9 +15,13 @@ from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
 from .api import Link, OversizeAware, Wire, WireEvents
 from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from .errors import Refused
+from .extensions import DeflateTerms
+from .handshake import HandshakeAnswer
 from .http import HttpConversation, HttpRequest, HttpResponse, Routes
+from .incidents import report
 from .limits import Limits
 from .outbox import Outbox
+from .wires.deflate import deflate_server
 from .wires.spare import Spare
 
 logger = logging.getLogger("rwt_transports")
@@ -60,7 +64,12 @@ class Reception:
     def tick(self, now: float) -> None:
         """Look after every time-out; called about twice a second with a monotonic time in seconds."""
         for connection in tuple(self.connections):
-            connection.tick(now)
+            try:
+                connection.tick(now)
+            except Exception:
+                # The others must not wait for ever because of one.
+                report("looking after %s failed; cutting it", connection)
+                connection.abort()
 
     def close(self, code: int, reason: str) -> None:
         """Ask every peer to go."""
@@ -145,7 +154,7 @@ class Connection:
         except Refused as refused:
             self.close(POLICY, refused.reason)
         except Exception:
-            logger.exception("the accept function failed for %s", self)
+            report("the accept function failed for %s", self)
             self.close(INTERNAL_ERROR, "internal error")
 
     # -- the driver's side ---------------------------------------------------------------------------------
@@ -153,6 +162,7 @@ class Connection:
     def receive(self, data: bytes) -> None:
         """Bytes arrived."""
         self._alive = True
+        self.outbox.received += len(data)
         try:
             if self._conversation is not None:
                 self._conversation.feed(data)
@@ -168,6 +178,7 @@ class Connection:
     def filled(self, count: int) -> None:
         """`count` bytes were received into :meth:`space`."""
         self._alive = True
+        self.outbox.received += count
         try:
             self._wire.filled(count)
         except Exception:
@@ -225,7 +236,7 @@ class Connection:
         self.close(POLICY, reason)
 
     def _broken_inside(self) -> None:
-        logger.exception("an endpoint, a route or a wire failed; closing %s", self)
+        report("an endpoint, a route or a wire failed; closing %s", self)
         if self._conversation is not None:
             self._link.abort()
             return
@@ -259,7 +270,7 @@ class Connection:
 
     # -- what HTTP asks (HttpEvents) -----------------------------------------------------------------------
 
-    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
+    def upgrade(self, request: HttpRequest, answer: HandshakeAnswer, rest: bytes) -> HttpResponse | None:
         """Become a WebSocket, if the listener and the accept function have it."""
         reception = self._reception
         if reception.closing:
@@ -267,13 +278,21 @@ class Connection:
         if len(reception.connections) > reception.limits.connections:
             text = f"all {reception.limits.connections} connections of this server are taken (connections)\n"
             return HttpResponse(text.encode(), 503)
+        self._agree(answer.deflate)
         target = f"{request.path}?{request.query}" if request.query else request.path
         refusal = self._open_after(
-            PeerInfo(reception.transport, self._address, self._port, target, request.headers), head
+            PeerInfo(reception.transport, self._address, self._port, target, request.headers), answer.head
         )
         if refusal is None and rest:
             self._wire.feed(rest)
         return refusal
+
+    def _agree(self, terms: DeflateTerms | None) -> None:
+        """Speak as the handshake has agreed; nothing has gone through the wire yet."""
+        reception = self._reception
+        if terms is not None:
+            self._wire = deflate_server(terms, self, reception.limits, reception.spare)
+        self.outbox.speak(self._wire.framing)
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
         """Run an HTTP handler in a task that ends with the connection."""
@@ -305,7 +324,7 @@ class Connection:
             try:
                 await work()
             except Exception:
-                logger.exception("an HTTP answer failed; cutting %s", self)
+                report("an HTTP answer failed; cutting %s", self)
                 self._link.abort()
         self._scope = None
 
@@ -326,7 +345,7 @@ class Connection:
         except Refused as refused:
             refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
         except Exception:
-            logger.exception("the accept function failed for %s", self)
+            report("the accept function failed for %s", self)
             refusal = HttpResponse(b"internal error\n", 500)
         else:
             self.outbox.insert(mark, head)

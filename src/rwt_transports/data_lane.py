@@ -88,7 +88,8 @@ class DataLane:
         if depth is not None:
             self.cut(queue, max(depth, 1) - 1)
         limits = self._limits
-        if self.size >= limits.data_bytes or self.messages >= limits.data_frames:
+        full = self.size >= limits.data_bytes or self.messages >= limits.data_frames
+        if full and not queue.rules.notes:
             self._make_place(queue, size)
         queue.waiting.append((pieces[0], tuple(pieces[1:]), expires_ns))
         queue.size += size

@@ -3,6 +3,7 @@
 - :exc:`TransportError`
     - :exc:`BadUrl`: a URL names no transport, or names it wrongly
     - :exc:`ListenError`: a listener could not be opened
+    - :exc:`ConnectError`: a connection could not be opened
     - :exc:`Refused`: raised *by* an accept function, to turn a peer away
 """
 
@@ -21,6 +22,10 @@ class BadUrl(TransportError):
 
 class ListenError(TransportError):
     """The address could not be opened: in use, not ours, or not permitted."""
+
+
+class ConnectError(TransportError):
+    """Nobody answers there, or who answers does not let this side in."""
 
 
 class Refused(TransportError):

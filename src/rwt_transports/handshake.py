@@ -12,6 +12,8 @@ from websockets.http11 import Request
 from websockets.server import ServerProtocol
 from websockets.typing import Subprotocol
 
+from .extensions import Deflate, DeflateTerms, agreed_terms, extension_factories
+
 SUBPROTOCOL = Subprotocol("rwt")
 """What a client offers that wants the server to confirm what is spoken; it may offer others beside it."""
 
@@ -26,11 +28,13 @@ class HandshakeAnswer:
         status: 101 when the connection may open, else a 4xx.
         head: the whole 101 response, empty for a refusal.
         reason: why it was refused, one line.
+        deflate: what was agreed on compression; None where it was not.
     """
 
     status: int
     head: bytes = b""
     reason: str = ""
+    deflate: DeflateTerms | None = None
 
 
 def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
@@ -42,9 +46,12 @@ def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
     )
 
 
-def answer_handshake(path: str, headers: Iterable[tuple[str, str]]) -> HandshakeAnswer:
+def answer_handshake(
+    path: str, headers: Iterable[tuple[str, str]], deflate: Deflate = Deflate.OFF
+) -> HandshakeAnswer:
     """Check the upgrade request and make the answer (RFC 6455 section 4.2)."""
-    protocol = ServerProtocol(logger=_quiet, select_subprotocol=_select)
+    extensions = extension_factories(deflate)
+    protocol = ServerProtocol(logger=_quiet, select_subprotocol=_select, extensions=extensions)
     try:
         given = Headers(list(headers))
     except InvalidHeader as error:
@@ -52,7 +59,7 @@ def answer_handshake(path: str, headers: Iterable[tuple[str, str]]) -> Handshake
         return HandshakeAnswer(400, reason=_reason(error))
     response = protocol.accept(Request(path, given))
     if response.status_code == 101:
-        return HandshakeAnswer(101, response.serialize())
+        return HandshakeAnswer(101, response.serialize(), deflate=agreed_terms(protocol.extensions))
     failure = protocol.handshake_exc
     wrong_version = isinstance(failure, InvalidHeader) and failure.name == "Sec-WebSocket-Version"
     # RFC 6455 section 4.4 asks for 426 with the version that is spoken.

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import h11
 
-from .handshake import answer_handshake, wants_websocket
+from .handshake import HandshakeAnswer, answer_handshake, wants_websocket
 from .limits import Limits
 
 logger = logging.getLogger("rwt_transports.http")
@@ -106,8 +106,9 @@ class HttpEvents(Protocol):
     def answer(self, data: bytes) -> None:
         """Send these bytes."""
 
-    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
-        """The peer may become a WebSocket: send `head`, feed it `rest`. A response refuses instead."""
+    def upgrade(self, request: HttpRequest, answer: HandshakeAnswer, rest: bytes) -> HttpResponse | None:
+        """The peer may become a WebSocket: send the answer's head, feed it `rest`. A response refuses
+        instead."""
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
         """Run `work` in a task that is cancelled when the connection is gone."""
@@ -225,7 +226,7 @@ class HttpConversation:
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
 
     def _upgrade(self, request: HttpRequest, target: str, pairs: list[tuple[str, str]]) -> None:
-        answer = answer_handshake(target, pairs) if request.method == "GET" else None
+        answer = answer_handshake(target, pairs, self._limits.deflate) if request.method == "GET" else None
         if answer is None or answer.status != 101:
             reason = answer.reason if answer else "a WebSocket is opened with GET"
             self._respond_text(
@@ -233,7 +234,7 @@ class HttpConversation:
             )
             return
         self._over = True
-        refusal = self._events.upgrade(request, answer.head, self._h11.trailing_data[0])
+        refusal = self._events.upgrade(request, answer, self._h11.trailing_data[0])
         if refusal is not None:
             self._over = False
             self._respond(refusal)

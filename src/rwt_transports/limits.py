@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .extensions import Deflate
+
 KIB = 1024
 MIB = 1024 * KIB
 
@@ -34,6 +36,7 @@ class Limits:
         control_bytes: bytes queued in one connection's control lane. Reached, the connection is closed with
             1008.
         control_frames: the same bound as a number of frames.
+        deflate: whether WebSocket peers that ask for it get compressed messages (RFC 7692).
     """
 
     message_bytes: int = 64 * MIB
@@ -50,3 +53,4 @@ class Limits:
     data_frames: int = 10_000
     control_bytes: int = 64 * MIB
     control_frames: int = 100_000
+    deflate: Deflate = Deflate.OFF

@@ -48,7 +48,7 @@ class OutboxFlow:
         room = outbox.room
         if room <= 0:
             outbox.send_later(self._queue, (frame,))
-        elif frame.size < ALONE_BYTES:
+        elif frame.size < outbox.small:
             # The same as send_at_once, written out: this runs for each sample and each subscriber.
             ready = outbox.ready
             if not ready:
@@ -95,11 +95,15 @@ class Outbox:
         ready: bytes that go out next.
         room: bytes that may still join them; none while anything waits in a lane.
         messages: frames that have been made ready so far.
+        received: bytes that came the other way; the connection counts them here, beside what it sends.
+        small: frames below this many bytes are one piece that every connection shares.
+        whole: makes that piece.
     """
 
     __slots__ = (
         "_closed", "_control", "_control_bytes", "_current", "_data", "_framing", "_hang_up", "_large",
-        "_limits", "_on_empty", "_overflow", "_taken", "messages", "ready", "room", "wake", "whole",
+        "_limits", "_on_empty", "_overflow", "_taken", "messages", "ready", "received", "room", "small",
+        "wake", "whole",
     )  # fmt: skip
 
     def __init__(
@@ -110,8 +114,7 @@ class Outbox:
         overflow: Callable[[str], None],
         hang_up: Callable[[int, str], None],
     ) -> None:
-        self._framing = framing
-        self.whole = framing.whole
+        self.speak(framing)
         self._limits = limits
         self.wake = wake
         self._overflow = overflow
@@ -124,6 +127,7 @@ class Outbox:
         self._control_bytes = 0
         self._data = DataLane(limits)
         self.messages = 0
+        self.received = 0
         self._taken = 0
         self._on_empty: Callable[[], None] | None = None
         self._closed = False
@@ -136,6 +140,12 @@ class Outbox:
             self.send_at_once(frame)
         elif not self._closed:
             self._queue_control(frame)
+
+    def speak(self, framing: Framing) -> None:
+        """From now on frames become bytes in this way."""
+        self._framing = framing
+        self.whole = framing.whole
+        self.small = ALONE_BYTES if framing.shared else 0
 
     def flow(
         self,
@@ -153,7 +163,7 @@ class Outbox:
         ready = self.ready
         if not ready:
             self.wake()
-        if frame.size < ALONE_BYTES:
+        if frame.size < self.small:
             ready.append(frame.framed(self.whole))
         else:
             self._ready_large(frame)
@@ -190,17 +200,24 @@ class Outbox:
     def traffic(self) -> Traffic:
         """Counts since the connection began."""
         waiting = len(self._control) + self._data.messages
-        return Traffic(self.messages, self._taken, waiting, self.backlog, dict(self._data.dropped))
+        return Traffic(
+            self.messages, self._taken, waiting, self.backlog, dict(self._data.dropped), self.received
+        )
 
     def _ready_frame(self, frame: Frame) -> None:
         self.messages += 1
-        if frame.size < ALONE_BYTES:
+        if frame.size < self.small:
             self.ready.append(frame.framed(self.whole))
         else:
             self._ready_large(frame)
 
     def _ready_large(self, frame: Frame) -> None:
-        pieces = (frame.framed(self.whole),) if frame.size < PIECES_BYTES else self._framing.pieces(frame)
+        if not self._framing.shared:
+            pieces = self._framing.pieces(frame)  # never from what was kept: each time is another
+        elif frame.size < PIECES_BYTES:
+            pieces = (frame.framed(self.whole),)
+        else:
+            pieces = self._framing.pieces(frame)
         self.ready.extend(pieces)
         self._large += sum(len(piece) >= ALONE_BYTES for piece in pieces)
 

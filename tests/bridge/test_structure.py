@@ -11,6 +11,7 @@ import pytest
 from websockets.asyncio.client import connect as connect_websocket
 
 from rwt_bridge import Settings, encodings, serve
+from rwt_bridge import bridge as bridge_module
 from rwt_bridge.encodings import Encoder, Encoding
 from rwt_graph.api import Sample
 from rwt_graph.memory import MemoryGraph
@@ -33,7 +34,7 @@ def encoded(monkeypatch: pytest.MonkeyPatch) -> list[Sample]:
 
         return counting
 
-    monkeypatch.setitem(encodings.ENCODINGS, "none", Encoding("none", 0, encoder))
+    monkeypatch.setattr(bridge_module, "ENCODINGS", {"none": Encoding("none", 0, encoder)})
     return samples
 
 

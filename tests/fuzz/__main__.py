@@ -2,13 +2,13 @@
 
 Each target runs in a process of its own for its share of the time, starts from its kept inputs and is stopped
 by the first exception, by more than 10 s for one input, or by more memory than its bound. What it finds worth
-keeping goes to a scratch folder; `--keep` merges that into the kept inputs. Prints one line for each target.
+keeping goes to a scratch folder; `--keep` adds to the kept inputs what of it reaches a line that none of them
+reaches. Prints one line for each target.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import re
 import subprocess
 import sys
@@ -16,6 +16,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.fuzz.keeping import keep, write
 from tests.fuzz.seeds import seeds
 from tests.fuzz.targets import CORPUS, TARGETS
 
@@ -39,7 +40,7 @@ class Outcome:
     log: str
 
 
-def run(target: str, seconds: int, scratch: Path, *, merge: bool) -> Outcome:
+def run(target: str, seconds: int, scratch: Path) -> Outcome:
     """Fuzz one target in a process of its own; that ends by itself, and is ended if it does not."""
     found = scratch / target
     found.mkdir()
@@ -53,11 +54,6 @@ def run(target: str, seconds: int, scratch: Path, *, merge: bool) -> Outcome:
         )  # fmt: skip
     except subprocess.TimeoutExpired as late:
         return Outcome(0, 0, 0, True, f"still running after {late.timeout:.0f} s")
-    if merge and done.returncode == 0:
-        subprocess.run(
-            [sys.executable, "-m", "tests.fuzz.one", target, "-merge=1", str(CORPUS / target), str(found)],
-            capture_output=True, timeout=300, check=True,
-        )  # fmt: skip
     log = done.stderr
     statistics = {name: int(value) for name, value in _STATISTIC.findall(log)}
     covered = max((int(value) for value in _PROGRESS.findall(log)), default=0)
@@ -65,15 +61,6 @@ def run(target: str, seconds: int, scratch: Path, *, merge: bool) -> Outcome:
         statistics.get("number_of_executed_units", 0), covered, statistics.get("peak_rss_mb", 0),
         done.returncode != 0, log,
     )  # fmt: skip
-
-
-def write_seeds() -> None:
-    """Write the first inputs of each target."""
-    for name in TARGETS:
-        folder = CORPUS / name
-        folder.mkdir(parents=True, exist_ok=True)
-        for seed in seeds(name):
-            (folder / hashlib.sha1(seed, usedforsecurity=False).hexdigest()).write_bytes(seed)
 
 
 def main() -> int:
@@ -85,24 +72,28 @@ def main() -> int:
     parser.add_argument("--seed", action="store_true", help="write the first inputs of each target, no more")
     arguments = parser.parse_args()
     if arguments.seed:
-        write_seeds()
+        for name in TARGETS:
+            for seed in seeds(name):
+                write(name, seed)
         return 0
     chosen = arguments.targets or list(TARGETS)
     unknown = set(chosen) - TARGETS.keys()
     if unknown:
         parser.error(f"no target {', '.join(sorted(unknown))}; there are {', '.join(TARGETS)}")
-    return _run_all(chosen, max(1, arguments.seconds // len(chosen)), keep=arguments.keep)
+    return _run_all(chosen, max(1, arguments.seconds // len(chosen)), keeping=arguments.keep)
 
 
-def _run_all(chosen: list[str], share: int, *, keep: bool) -> int:
+def _run_all(chosen: list[str], share: int, *, keeping: bool) -> int:
     total, failures = 0, 0
     scratch = Path(tempfile.mkdtemp(prefix="fuzz-"))
     _say(f"{'target':14} {'executions':>12} {'covered':>8} {'MB':>5}")
     for name in chosen:
-        outcome = run(name, share, scratch, merge=keep)
+        outcome = run(name, share, scratch)
         total += outcome.executions
         failures += outcome.failed
         _say(f"{name:14} {outcome.executions:12,} {outcome.covered:8,} {outcome.memory_mb:5}")
+        if keeping and not outcome.failed:
+            _say(f"{'':14} {keep(name, scratch / name):12,} inputs kept")
         if outcome.failed:
             _say(f"FAILED; the input is in {scratch}/{name}-*\n{outcome.log[-3000:]}")
     _say(f"{'all':14} {total:12,}")

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
+from tests.fuzz.admission_targets import TOKEN
 from tests.fuzz.interface_targets import TYPES
 from tests.protocol.wire_examples import EXAMPLES
 from tests.transports.rfc6455.chapters import CHAPTERS
@@ -46,6 +47,8 @@ def seeds(name: str) -> Iterator[bytes]:
         "http": _requests,
         "definition": _definitions,
         "names": _names,
+        "admission": _admissions,
+        "settings": _settings,
     }[name]()
 
 
@@ -149,3 +152,22 @@ def _definitions() -> Iterator[bytes]:
 
 def _names() -> Iterator[bytes]:
     return (name.encode() for name in _NAMES)
+
+
+def _admissions() -> Iterator[bytes]:
+    for first in range(4):
+        for lines in (
+            f"/?token={TOKEN}",
+            f"/\nAuthorization: Bearer {TOKEN}",
+            f"/\nSec-WebSocket-Protocol: rwt, bearer.{TOKEN}",
+            "/x?access_token=a&token=b\nOrigin: http://localhost:80\nHost: [::1]:9090",
+            "/\nOrigin: https://ui.example.com",
+        ):
+            yield bytes((first,)) + lines.encode()
+
+
+def _settings() -> Iterator[bytes]:
+    yield b"LISTEN=ws://127.0.0.1:0,tcp://[::]:9091\nDISTRO=noetic\nDEMO=true"
+    yield b'LIMITS__CONNECTIONS=20\nLISTEN=["ws://h:1"]\nORIGINS__ALLOW=*'
+    yield b"AUTH__TOKENS__A__TOKEN=a-token-of-some-length\nAUTH__TOKENS__A__ROLE=viewer"
+    yield b"LIMITS__PING_SECONDS=nan\nMAX_MESSAGE_SIZE=1\nNONSENSE=1\nLIMITS=3"

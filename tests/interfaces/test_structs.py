@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -82,3 +83,13 @@ def test_every_standard_message_goes_through_json_and_back(distro: Any) -> None:
 def test_fingerprints() -> None:
     assert Registry(NOETIC).message("std_msgs/Header").md5 == "2176decaecbce78abc3b96ef049fabed"
     assert Registry().message("std_msgs/String").rihs01.startswith("RIHS01_df668c74")
+
+
+def test_a_default_of_a_float32_is_a_float32() -> None:
+    registry = Registry()
+    registry.add_text("float32 x 3.14\nfloat32[2] a [0.1, 1e300]\nfloat64 y 3.14", "t_msgs/Defaults")
+    message_type = registry.message("t_msgs/Defaults")
+    value: Any = message_type.struct()
+    assert (value.x, value.a, value.y) == (3.140000104904175, [0.10000000149011612, math.inf], 3.14)
+    sent = bytes(Payload.from_value(message_type, {}).json())
+    assert bytes(Payload.from_json(message_type, sent).json()) == sent

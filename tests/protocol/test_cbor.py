@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
 from typing import Any
 
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 
 from rwt_protocol.codecs import CBOR
 from rwt_protocol.codecs.cbor import publish_frame, publish_prefix
+from rwt_protocol.decoded import Decoded
 from rwt_protocol.ops import Direction, Publish, ServiceResponse, Subscribe
 from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal, Session
@@ -41,22 +43,22 @@ def test_the_shared_frames_are_built_by_splicing(example: CborFrame) -> None:
     assert frame.parts[1] is body
 
 
-_PAYLOADS = {
-    "cbor-string": '{"data":"hi"}',
-    "cbor-uint8-array": '{"data":"AAEC/w=="}',
-    "cbor-float32-array": '{"ranges":[1.0,2.5,null]}',
-    "cbor-int64-array": '{"v":[-1,9007199254740993]}',
-    "cbor-time-ros1": '{"data":{"secs":5,"nsecs":7}}',
-    "cbor-time-ros2": '{"sec":5,"nanosec":7}',
-    "cbor-raw-ros1-string": '{"secs":5,"nsecs":7,"bytes":"AgAAAGhp"}',
-    "cbor-raw-ros2-string": '{"secs":5,"nsecs":7,"bytes":"AAEAAAMAAABoaQA="}',
+_PAYLOADS: dict[str, dict[str, object]] = {
+    "cbor-string": {"data": "hi"},
+    "cbor-uint8-array": {"data": b"\x00\x01\x02\xff"},
+    "cbor-float32-array": {"ranges": [1.0, 2.5, math.inf]},
+    "cbor-int64-array": {"v": [-1, 9007199254740993]},
+    "cbor-time-ros1": {"data": {"secs": 5, "nsecs": 7}},
+    "cbor-time-ros2": {"sec": 5, "nanosec": 7},
+    "cbor-raw-ros1-string": {"secs": 5, "nsecs": 7, "bytes": b"\x02\x00\x00\x00hi"},
+    "cbor-raw-ros2-string": {"secs": 5, "nsecs": 7, "bytes": b"\x00\x01\x00\x00\x03\x00\x00\x00hi\x00"},
 }
 
 
 @pytest.mark.parametrize("example", EXAMPLES.cbor, ids=lambda example: str(example.name))
 def test_the_shared_frames_are_read(example: CborFrame) -> None:
     whole = bytes.fromhex(example.hex)
-    payload = RawJson(_PAYLOADS[example.name].encode())
+    payload = Decoded(_PAYLOADS[example.name])
     assert one(whole) == Publish(topic=example.decoded["topic"], msg=payload)
     for end in range(1, len(whole)):
         assert reason(whole[:end]).startswith("not CBOR: malformed")
@@ -81,7 +83,7 @@ def test_typed_arrays_of_both_byte_orders(tag: int, code: str) -> None:
     message = {"op": "publish", "topic": "/a", "msg": {"v": cbor2.CBORTag(tag, data)}}
     op = one(cbor2.dumps(message))
     assert isinstance(op, Publish)
-    assert json.loads(bytes(op.msg.data)) == {"v": [1, 2, 3]}
+    assert op.msg == Decoded({"v": [1, 2, 3]})
     if struct.calcsize(code) > 1:
         message["msg"] = {"v": cbor2.CBORTag(tag, data[1:])}
         assert reason(cbor2.dumps(message)).startswith("not CBOR: malformed")
@@ -108,10 +110,6 @@ def test_what_is_wrong_is_addressed() -> None:
     assert isinstance(found, Refusal)
     assert (found.op, found.id) == ("call_service", 3)
     assert found.reason.startswith("call_service.service: expected a string, got ")
-    found = one(cbor2.dumps({"op": "call_service", "service": "/s", "id": 3, "args": {"a": cbor2.undefined}}))
-    assert isinstance(found, Refusal)
-    assert found.reason == "args: holds something that JSON has not"
-    assert isinstance(found.answer, ServiceResponse)
 
 
 @pytest.mark.parametrize("tag", [*range(64), 76, 83, *range(87, 300), 1004, 43000, 55800])
@@ -157,4 +155,4 @@ def test_what_is_written_is_read_back(topic: str, members: dict[str, object]) ->
     assert frame.binary
     (found,) = Session(direction=Direction.TO_CLIENT).decode(frame.data, True, 0.0)
     assert isinstance(found, Publish)
-    assert (found.topic, json.loads(bytes(found.msg.data))) == (topic, members)
+    assert (found.topic, found.msg) == (topic, Decoded(members))

@@ -129,10 +129,12 @@ def test_a_long_message_is_cut() -> None:
     frame = JSON.encode(Publish(topic="/a", msg=RawJson(b'{"data":"0123456789"}')))
     pieces = [json.loads(piece.data) for piece in session.cut(frame, 30)]
     assert [piece["num"] for piece in pieces] == [0, 1]
-    assert {(piece["op"], piece["id"], piece["total"]) for piece in pieces} == {("fragment", "fragment:1", 2)}
+    assert {(piece["op"], piece["total"]) for piece in pieces} == {("fragment", 2)}
+    (id_,) = {piece["id"] for piece in pieces}
+    assert id_.startswith("fragment:")
     assert [len(piece["data"]) for piece in pieces] == [30, frame.size - 30]
     assert all(type(piece["total"]) is int for piece in pieces)
-    assert json.loads(session.cut(frame, 30)[0].data)["id"] == "fragment:2"
+    assert json.loads(session.cut(frame, 30)[0].data)["id"] not in (id_, "")
     assert json.loads(session.cut(frame, 30, 0)[0].data)["id"] == "0"
     assert json.loads(session.cut(frame, 30, "i")[0].data)["id"] == "i"
 

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.codecs import CODECS, JSON, codec_for
+from rwt_protocol.codecs import JSON
 from rwt_protocol.codecs.json import call_frame, publish_frame, publish_prefix, response_frame
-from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,
@@ -122,13 +121,3 @@ _OPS: st.SearchStrategy[Op] = st.one_of(
 def test_what_is_written_is_read_back(op: Op, direction: Direction) -> None:
     frame = JSON.encode(op)
     assert list(Session(direction=direction).decode(frame.data, False, 0.0)) == [op]
-
-
-def test_the_table_says_which_encodings_there_are() -> None:
-    assert codec_for("none") is JSON
-    assert codec_for("cbor").name == "cbor"
-    for name in ("png", "cbor-raw", "bson"):
-        assert name not in CODECS
-        with pytest.raises(EncodingUnavailable) as caught:
-            codec_for(name)
-        assert caught.value.reason == f'compression "{name}" is not available here; available: "none", "cbor"'

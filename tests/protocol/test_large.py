@@ -14,6 +14,7 @@ from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.ops import OPS, Publish
 from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal, Session
+from tests.protocol.wire_examples import text_of
 
 FILL = "x" * (LARGE + 1)
 
@@ -124,7 +125,7 @@ def test_two_messages_in_a_large_frame_both_run() -> None:
 def test_a_cut_at_the_wrong_place_is_mended_by_the_proof(text: str, msg: object) -> None:
     (op,) = Session().decode(text.replace("FILL", FILL).encode(), False, 0.0)
     assert isinstance(op, Publish)
-    assert json.loads(bytes(op.msg.proven().data)) == msg
+    assert json.loads(bytes(text_of(op.msg).proven().data)) == msg
 
 
 @pytest.mark.parametrize(
@@ -144,7 +145,7 @@ def test_what_the_proof_refuses(text: str, reason: str) -> None:
     (op,) = Session().decode(text.replace("FILL", FILL).encode(), False, 0.0)
     assert isinstance(op, Publish)
     with pytest.raises(MalformedPayload) as caught:
-        op.msg.proven()
+        text_of(op.msg).proven()
     assert caught.value.reason == reason
 
 
@@ -157,7 +158,7 @@ def test_utf8_is_checked_at_the_ends_at_once_and_in_the_payload_by_the_proof() -
     (op,) = Session().decode(data, False, 0.0)
     assert isinstance(op, Publish)
     with pytest.raises(MalformedPayload, match="not UTF-8, at byte 44"):
-        op.msg.proven()
+        text_of(op.msg).proven()
 
 
 def test_only_large_frames_are_left_unproven() -> None:
@@ -165,8 +166,8 @@ def test_only_large_frames_are_left_unproven() -> None:
     for size, verified in ((LARGE - 60, True), (LARGE + 60, False)):
         (op,) = Session().decode(data % (b"x" * size), False, 0.0)
         assert isinstance(op, Publish)
-        assert op.msg.verified is verified
-        assert isinstance(op.msg.data, bytes) is verified
+        assert text_of(op.msg).verified is verified
+        assert isinstance(text_of(op.msg).data, bytes) is verified
 
 
 _TEXT = st.text(alphabet='"\\{}[],:ab \n\u00e4', max_size=12)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import io
 import json
+import random
 import struct
+import sys
 import zlib
 
 import pytest
@@ -19,7 +21,7 @@ from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Direction, Publish
 from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal, Session
-from tests.protocol.wire_examples import EXAMPLES, Picture
+from tests.protocol.wire_examples import EXAMPLES, Picture, text_of
 
 LIMIT = 10_000_000
 
@@ -120,10 +122,40 @@ def test_a_client_reads_the_message_inside_and_a_server_takes_no_pictures() -> N
     (found,) = Session(direction=Direction.TO_CLIENT).decode(frame.data, False, 0.0)
     assert isinstance(found, Publish)
     assert found.topic == "/é"
-    assert found.msg.data == b'{"data":"\\u00e9"}'
+    assert text_of(found.msg).data == b'{"data":"\\u00e9"}'
     (refusal,) = Session().decode(frame.data, False, 0.0)
     assert isinstance(refusal, Refusal)
     assert refusal.reason == 'operation "png" only goes server to client'
     (refusal,) = Session(direction=Direction.TO_CLIENT).decode(b'{"op":"png","data":"AAAA"}', False, 0.0)
     assert isinstance(refusal, Refusal)
     assert refusal.op == "png"
+
+
+_TEXTS = {
+    "short": b'{"data":"hello"}',
+    "many matches": b"[" + b"0,0,0,-1,100,0," * 20_000 + b"0]",
+    "some matches": json.dumps([number % 97 / 7 for number in range(60_000)]).encode(),
+    "large, no matches": b'"' + base64.b64encode(random.Random(2).randbytes(1_800_000)) + b'"',
+    "no matches": b'"' + base64.b64encode(random.Random(1).randbytes(200_000)) + b'"',
+}
+
+
+@pytest.mark.parametrize("fast", [True, False])
+@pytest.mark.parametrize("name", list(_TEXTS))
+def test_every_way_to_compress_keeps_the_text(name: str, fast: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not fast:
+        monkeypatch.setitem(sys.modules, "isal", None)
+    png._fast_library.cache_clear()
+    try:
+        frame = png.encode(Frame(_TEXTS[name]))
+    finally:
+        png._fast_library.cache_clear()
+    data = json.loads(frame.data)["data"]
+    with Image.open(io.BytesIO(base64.b64decode(data))) as image:
+        assert image.tobytes().rstrip(b"\n") == _TEXTS[name]
+    assert png.decode(data, 10_000_000).rstrip(b"\n") == _TEXTS[name]
+
+
+def test_what_repeats_becomes_small() -> None:
+    text = _TEXTS["many matches"]
+    assert len(text) / png.encode(Frame(text)).size > 70

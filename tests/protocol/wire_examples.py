@@ -7,7 +7,9 @@ from typing import Any
 
 import msgspec
 
+from rwt_protocol.decoded import RawPayload
 from rwt_protocol.ops import Direction
+from rwt_protocol.rawjson import RawJson
 
 
 class Example(msgspec.Struct, frozen=True):
@@ -51,3 +53,9 @@ class Examples(msgspec.Struct, frozen=True):
 
 
 EXAMPLES = msgspec.json.decode((Path(__file__).parent / "examples.json").read_bytes(), type=Examples)
+
+
+def text_of(payload: RawPayload) -> RawJson:
+    """A payload that came as JSON."""
+    assert isinstance(payload, RawJson)
+    return payload

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 
 import pytest
 
+from rwt_transports.handshake import HandshakeAnswer
 from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
 
@@ -23,7 +24,7 @@ class Browser:
     def answer(self, data: bytes) -> None:
         self.sent += data
 
-    def upgrade(self, request: HttpRequest, head: bytes, rest: bytes) -> HttpResponse | None:
+    def upgrade(self, request: HttpRequest, answer: HandshakeAnswer, rest: bytes) -> HttpResponse | None:
         raise AssertionError("nothing here upgrades")
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:

@@ -504,3 +504,14 @@ def test_rolling_back_forgets_what_a_refused_endpoint_sent() -> None:
     box.roll_back(mark)
     box.push(b"<403>")
     assert drain(box) == b"<response><403>"
+
+
+def test_the_servers_own_notes_take_nobodys_place() -> None:
+    box = stalled(Limits(data_frames=3))
+    for at in range(3):
+        data(box, "/a", b"%d" % at)
+    box.topic("notes", FlowRules(depth=1, notes=True))
+    for at in range(3):
+        data(box, "notes", b"note %d" % at)
+    assert box.drops == {("notes", DropReason.QUEUE): 2}
+    assert framed(b"note 2") in drain(box)

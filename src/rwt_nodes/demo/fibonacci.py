@@ -7,8 +7,8 @@ from typing import Protocol
 from rwt_graph import ActionGoal, GoalCanceled, Node
 from rwt_nodes.demo.messages import Message
 
-#: The last of which the numbers fit the message's int32.
-_HIGHEST_ORDER = 46
+#: As many numbers, from 0 on, fit the message's int32.
+_MOST_NUMBERS = 47
 
 
 class FibonacciRequest(Protocol):
@@ -18,30 +18,35 @@ class FibonacciRequest(Protocol):
 
 
 class Fibonacci:
-    """Finds one number after another.
+    """Finds one number after another, as slowly as people can watch, and cancel.
+
+    The tutorial of ROS 1 (`actionlib_tutorials`, its C++ server) finds two numbers more than the order says,
+    and those of ROS 2 one: programs written for either count on it.
 
     Attributes:
         rate: numbers in a second.
     """
 
-    rate = 5.0
+    rate = 2.0
 
     def __init__(self, node: Node) -> None:
         ros1 = node.distro.ros_version == 1
         name = "actionlib_tutorials/Fibonacci" if ros1 else "example_interfaces/Fibonacci"
         self._node = node
+        self._surplus = 2 if ros1 else 1
         node.advertise_action("/fibonacci", name, self._execute, accept=self._accept)
 
     def _accept(self, request: FibonacciRequest) -> bool | str:
-        if 0 <= request.order <= _HIGHEST_ORDER:
+        highest = _MOST_NUMBERS - self._surplus
+        if 0 <= request.order <= highest:
             return True
-        return f"order must be 0 to {_HIGHEST_ORDER}, where int32 ends, got {request.order}"
+        return f"order must be 0 to {highest}, where int32 ends, got {request.order}"
 
     async def _execute(self, goal: ActionGoal) -> Message:
         request: FibonacciRequest = goal.request
-        order = request.order
-        sequence = [0, 1][: order + 1]
-        while len(sequence) <= order:
+        count = request.order + self._surplus
+        sequence = [0, 1][:count]
+        while len(sequence) < count:
             await self._node.clock.sleep(1 / self.rate)
             if goal.cancel_requested:
                 raise GoalCanceled({"sequence": sequence})

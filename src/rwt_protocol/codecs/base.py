@@ -10,7 +10,8 @@ from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Op
 
 Members = dict[str, object]
-"""The members of one message: scalars decoded, payloads as `msgspec.Raw` or `RawJson`; nothing validated."""
+"""The members of one message, nothing validated: scalars decoded, payloads as `msgspec.Raw`, `RawJson` or
+`Decoded`."""
 
 
 @dataclass(frozen=True, slots=True)

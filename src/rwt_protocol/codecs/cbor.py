@@ -1,8 +1,7 @@
 """The CBOR encoding (CBR): one map a binary frame.
 
-On the way out the message that is published is CBOR already, and is spliced in. On the way in a payload is
-turned into JSON, so that what follows is the same for both encodings: byte strings become base64 and typed
-arrays become lists, both of which JSON has for such fields; NaN and infinities become null.
+On the way out the message that is published is CBOR already, and is spliced in. On the way in the frame is
+decoded once, envelope and payload together: a payload is handed on as the plain objects it was decoded to.
 """
 
 from __future__ import annotations
@@ -12,14 +11,10 @@ from collections.abc import Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING, Final, NoReturn
 
-import msgspec
-from pydantic import BaseModel
-
 from rwt_protocol.codecs.base import Fault, Members
-from rwt_protocol.codecs.members import UNDECODED
+from rwt_protocol.codecs.plain import members_of, message_of
 from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.ops import Op
-from rwt_protocol.rawjson import RawJson
 
 if TYPE_CHECKING:
     import cbor2
@@ -68,7 +63,7 @@ class CborCodec:
             return (Fault("not CBOR: more than one value in the frame"),)
         if not isinstance(found, dict):
             return (Fault(f"expected a map, got {_KIND[data[0] >> 5]}"),)
-        return (_members(found),)
+        return (members_of(found, len(data)),)
 
     def encode(self, op: Op) -> Frame:
         """One op as a binary frame, its members in the order of the model.
@@ -78,13 +73,7 @@ class CborCodec:
         """
         import cbor2  # only for those who use it
 
-        message: dict[str, object] = {"op": op.op}
-        for name, value in op:
-            if isinstance(value, RawJson):
-                message[name] = msgspec.json.decode(value.proven().data)
-            elif name in op.model_fields_set and value is not None:
-                message[name] = value.model_dump(exclude_none=True) if isinstance(value, BaseModel) else value
-        return Frame(cbor2.dumps(message), binary=True)
+        return Frame(cbor2.dumps(message_of(op)), binary=True)
 
 
 def publish_prefix(topic: str) -> bytes:
@@ -97,31 +86,32 @@ def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
     return Frame(prefix, payload, binary=True)
 
 
+def raw_publish_frame(prefix: bytes, data: Buffer, stamp_ns: int) -> Frame:
+    """One message of the topic of `prefix` as its robot serialises it (CBR-10).
+
+    Args:
+        prefix: what :func:`publish_prefix` made.
+        data: the serialised message; spliced in.
+        stamp_ns: ROS time, nanoseconds since the epoch. The keys are secs and nsecs in both ROS versions.
+    """
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    stamp = b"\xa3\x64secs" + _head(0, seconds) + b"\x65nsecs" + _head(0, nanoseconds)
+    return Frame(prefix + stamp + b"\x65bytes" + _head(2, len(data)), data, binary=True)
+
+
 def _text(text: str) -> bytes:
     """A CBOR text string of definite length (RFC 8949 section 3.1)."""
     data = text.encode()
-    size = len(data)
-    if size < 24:
-        return bytes((0x60 | size,)) + data
-    if size < 0x100:
-        return bytes((0x78, size)) + data
-    return (
-        b"\x79" + size.to_bytes(2, "big") + data
-        if size < 0x10000
-        else b"\x7a" + size.to_bytes(4, "big") + data
-    )
+    return _head(3, len(data)) + data
 
 
-def _members(found: dict[object, object]) -> Members | Fault:
-    """The members of a message, its payloads as JSON."""
-    members: Members = {name: value for name, value in found.items() if isinstance(name, str)}
-    for name in UNDECODED & members.keys():
-        try:
-            members[name] = msgspec.Raw(msgspec.json.encode(members[name]))
-        except (TypeError, ValueError, OverflowError, msgspec.MsgspecError, RecursionError):
-            rest = {key: value for key, value in members.items() if key not in UNDECODED}
-            return Fault(f"{name}: holds something that JSON has not", rest)
-    return members
+def _head(major: int, argument: int) -> bytes:
+    """The head of a data item, as short as it can be (RFC 8949 section 3)."""
+    if argument < 24:
+        return bytes((major << 5 | argument,))
+    size = (argument.bit_length() + 7) // 8
+    exponent = (size - 1).bit_length()
+    return bytes((major << 5 | 24 + exponent,)) + argument.to_bytes(1 << exponent, "big")
 
 
 def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:

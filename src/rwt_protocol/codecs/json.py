@@ -14,17 +14,15 @@ from pydantic import BaseModel
 
 from rwt_protocol.codecs.base import Fault, Members
 from rwt_protocol.codecs.large import LARGE, split_large
-from rwt_protocol.codecs.members import DECODER, PAYLOADS
+from rwt_protocol.codecs.members import DECODER, PAYLOADS, RELIED_ON
 from rwt_protocol.codecs.whole import split_whole
+from rwt_protocol.decoded import Decoded
 from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.ops import OPS, Op
 from rwt_protocol.rawjson import RawJson
 
 _decode: Final = DECODER.decode
 _encode: Final = msgspec.json.Encoder().encode
-
-_RELIED_ON: Final = frozenset({"result", "status"})
-"""Members that readers need even where they hold what is usual (CLI-01, ACT-03)."""
 
 
 class JsonCodec:
@@ -64,6 +62,8 @@ class JsonCodec:
             if isinstance(value, RawJson):
                 parts += (text, value.proven().data)
                 text = b""
+            elif isinstance(value, Decoded):
+                text += _encode(value.value)
             else:
                 text += _encode(
                     value.model_dump(exclude_none=True) if isinstance(value, BaseModel) else value
@@ -97,7 +97,7 @@ def _layout(model: type[Op]) -> tuple[tuple[str, bytes, bool], ...]:
     """Name, written key, and whether it is always written, of each member in the order of the wire."""
     fields = model.model_fields
     name_of_op = str(fields["op"].default)
-    always = PAYLOADS[name_of_op] | _RELIED_ON
+    always = PAYLOADS[name_of_op] | RELIED_ON
     names = model.wire_order or tuple(name for name in fields if name != "op")
     return tuple(
         (name, f',"{name}":'.encode(), fields[name].is_required() or name in always) for name in names

@@ -29,6 +29,9 @@ def payload_names(model: type[Op]) -> frozenset[str]:
 PAYLOADS: Final = {name: payload_names(spec.model) for name, spec in OPS.items()}
 """The members of each op that hold undecoded JSON."""
 
+RELIED_ON: Final = frozenset({"result", "status"})
+"""Members that readers need even where they hold what is usual (CLI-01, ACT-03)."""
+
 UNDECODED: Final = frozenset[str]().union(*PAYLOADS.values())
 """The members that hold undecoded JSON in some op."""
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchem
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.errors import Level
 from rwt_protocol.rawjson import EMPTY, RawJson
 
@@ -25,14 +26,14 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Opaque:
-    """Marks a payload: a member whose JSON this package does not decode.
+    """Marks a payload: a member that this package does not look into.
 
     Attributes:
-        convert: makes the member's value from its undecoded bytes.
+        convert: makes the member's value from what the codec left of it.
         schema: the JSON Schema of what ROS puts there.
     """
 
-    convert: Callable[[msgspec.Raw | RawJson], RawJson | str]
+    convert: Callable[[msgspec.Raw | RawPayload], RawPayload | str]
     schema: Mapping[str, object]
 
     def __get_pydantic_json_schema__(
@@ -41,20 +42,22 @@ class Opaque:
         return dict(self.schema)
 
 
-def opaque(raw: msgspec.Raw | RawJson) -> RawJson:
+def opaque(raw: msgspec.Raw | RawPayload) -> RawPayload:
     """The undecoded bytes as a payload of their own: copied, so that they do not keep the frame alive."""
     return RawJson(bytes(raw)) if type(raw) is msgspec.Raw else raw
 
 
-def opaque_or_empty(raw: msgspec.Raw | RawJson) -> RawJson:
+def opaque_or_empty(raw: msgspec.Raw | RawPayload) -> RawPayload:
     """As :func:`opaque`; null is the same as an absent member (SRV-02, SVP-05)."""
     payload = opaque(raw)
-    return EMPTY if payload.data == b"null" else payload
+    return EMPTY if payload.shape == "null" else payload
 
 
-def opaque_or_text(raw: msgspec.Raw | RawJson) -> RawJson | str:
-    """As :func:`opaque_or_empty`; a JSON string, which is how a failure is told, is decoded (SRV-05)."""
+def opaque_or_text(raw: msgspec.Raw | RawPayload) -> RawPayload | str:
+    """As :func:`opaque_or_empty`; a string, which is how a failure is told, is decoded (SRV-05)."""
     payload = opaque_or_empty(raw)
+    if isinstance(payload, Decoded):
+        return payload.value if isinstance(payload.value, str) else payload
     return msgspec.json.decode(payload.data, type=str) if payload.shape == "string" else payload
 
 
@@ -85,12 +88,12 @@ Count = Annotated[
     Expected("a whole number, zero or more"),
 ]
 
-Message = Annotated[RawJson, Opaque(opaque, {"type": "object"}), Expected("an object")]
+Message = Annotated[RawPayload, Opaque(opaque, {"type": "object"}), Expected("an object")]
 Arguments = Annotated[
-    RawJson, Opaque(opaque_or_empty, {"type": ["object", "array"]}), Expected("an object or an array")
+    RawPayload, Opaque(opaque_or_empty, {"type": ["object", "array"]}), Expected("an object or an array")
 ]
 Values = Annotated[
-    RawJson | str,
+    RawPayload | str,
     Opaque(opaque_or_text, {"type": ["object", "string"]}),
     Expected("an object, or a string that says what failed"),
 ]

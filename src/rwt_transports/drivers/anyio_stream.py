@@ -14,6 +14,7 @@ from anyio.streams.stapled import MultiListener
 from anyio.streams.tls import TLSListener
 
 from ..api import Attach, Driven, Place
+from ..incidents import report
 from .sockets import bind_tcp, bind_unix, remove_unix
 
 logger = logging.getLogger("rwt_transports")
@@ -143,7 +144,7 @@ async def serve_stream(attach: Attach, stream: ByteStream) -> None:
         await link.run(attach(link, host, port))
     except Exception:
         # One connection must not take the listener with it.
-        logger.exception("the connection of %s:%s failed", host, port)
+        report("the connection of %s:%s failed", host, port)
 
 
 class _QuietTLSListener(TLSListener):

@@ -4,15 +4,13 @@ at once."""
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 
 from ..api import Attach, Driven, Place
+from ..incidents import report
 from .sockets import bind_tcp, bind_unix, remove_unix
-
-logger = logging.getLogger("rwt_transports")
 
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
@@ -41,7 +39,7 @@ class _Turn:
                 link.flush()
             except Exception:
                 # The others of this turn must not wait for ever because of one.
-                logger.exception("writing to a connection failed; cutting it")
+                report("writing to a connection failed; cutting it")
                 link.abort()
 
 
@@ -146,6 +144,11 @@ class _Link(asyncio.BufferedProtocol):
     def abort(self) -> None:
         """Close at once."""
         self._transport.abort()
+
+
+def client_link(attach: Attach, loop: asyncio.AbstractEventLoop) -> asyncio.BufferedProtocol:
+    """The link of a connection that this side opens: give it to ``loop.create_connection``."""
+    return _Link(attach, _Turn(loop), bytearray(READ_BYTES))
 
 
 class AsyncioDriver:

@@ -52,11 +52,13 @@ def _server_header(frame: Frame) -> bytes:
     return _LONG(0x80 | opcode, 127, size)
 
 
-def _server_whole(frame: Frame) -> bytes:
+def server_whole(frame: Frame) -> bytes:
+    """A message as one unmasked frame."""
     return b"".join((_server_header(frame), *frame.parts))
 
 
-def _server_pieces(frame: Frame) -> tuple[Buffer, ...]:
+def server_pieces(frame: Frame) -> tuple[Buffer, ...]:
+    """The same in pieces, the large parts of the message uncopied."""
     pieces: list[Buffer] = []
     small: list[Buffer] = [_server_header(frame)]
     for part in frame.parts:
@@ -71,10 +73,10 @@ def _server_pieces(frame: Frame) -> tuple[Buffer, ...]:
 
 
 def _client_whole(frame: Frame) -> bytes:
-    return _pack(BINARY if frame.binary else TEXT, frame.data, masked=True)
+    return pack(BINARY if frame.binary else TEXT, frame.data, masked=True)
 
 
-SERVER_FRAMING = Framing(_server_whole, _server_pieces)
+SERVER_FRAMING = Framing(server_whole, server_pieces)
 """One unfragmented, unmasked WebSocket frame (RFC 6455 section 5.2)."""
 CLIENT_FRAMING = Framing(_client_whole, lambda frame: (_client_whole(frame),))
 """One unfragmented frame masked with a key of its own, as a client must send it (RFC 6455 section 5.3)."""
@@ -88,7 +90,8 @@ def close_payload(code: int, reason: str) -> bytes:
     return _UINT16.pack(code) + text.decode("utf-8", "ignore").encode()
 
 
-def _pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
+def pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
+    """One final frame; `opcode` may have reserved bits set."""
     size = len(payload)
     bit = 0x80 if masked else 0
     if size < 126:
@@ -99,11 +102,24 @@ def _pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
         header = _LONG(0x80 | opcode, bit | 127, size)
     if not masked:
         return b"".join((header, payload))
-    key = secrets.token_bytes(4)
+    key = _masking_key()
     return b"".join((header, key, apply_mask(payload, key)))
 
 
-class _Broken(Exception):
+_keys: list[bytes] = []
+
+
+def _masking_key() -> bytes:
+    """Four bytes that nobody can foresee (RFC 6455 section 5.3); many are drawn at once, which is cheaper."""
+    try:
+        return _keys.pop()
+    except IndexError:
+        pool = secrets.token_bytes(4 * 256)
+        _keys.extend(pool[at : at + 4] for at in range(4, len(pool), 4))
+        return pool[:4]
+
+
+class Broken(Exception):
     """The peer broke the protocol; becomes a close frame in :meth:`WebSocketWire.feed` and nowhere else."""
 
     def __init__(self, code: int, reason: str) -> None:
@@ -184,11 +200,11 @@ class WebSocketWire:
             return b""
         self._closing = True
         self.message = _ignore
-        return _pack(CLOSE, close_payload(code, reason), masked=not self._server)
+        return pack(CLOSE, close_payload(code, reason), masked=not self._server)
 
     def ping(self) -> bytes:
         """A ping without content (RFC 6455 section 5.5.2)."""
-        return b"" if self._closing else _pack(PING, b"", masked=not self._server)
+        return b"" if self._closing else pack(PING, b"", masked=not self._server)
 
     # -- incoming ------------------------------------------------------------------------------------------
 
@@ -198,7 +214,7 @@ class WebSocketWire:
             return
         try:
             self._read(data)
-        except _Broken as broken:
+        except Broken as broken:
             self._fail(broken.code, str(broken))
 
     def space(self) -> memoryview | None:
@@ -219,7 +235,7 @@ class WebSocketWire:
         if staged.filled == staged.size:
             try:
                 self._unstage(staged)
-            except _Broken as broken:
+            except Broken as broken:
                 self._fail(broken.code, str(broken))
 
     def _fail(self, code: int, reason: str) -> None:
@@ -270,6 +286,12 @@ class WebSocketWire:
                 # Nearly every frame: a whole message, masked, all here.
                 self._deliver(apply_mask(data[start:stop], data[start - 4 : start]), first == 0x82)
                 return stop
+        elif not self._server and self._whole and (first == 0x81 or first == 0x82):
+            # Nearly every frame from a server: the same, and not masked.
+            stop = start + size
+            if stop <= end and size <= self._max_size:
+                self._deliver(data[start:stop], first == 0x82)
+                return stop
         if start > end:
             return position
         self._check(first, size, masked=second > 127)
@@ -280,20 +302,20 @@ class WebSocketWire:
         """The header rules of RFC 6455 sections 5.1, 5.2, 5.4 and 5.5."""
         opcode = first & 0x0F
         if first & 0x70:
-            raise _Broken(PROTOCOL_ERROR, "a reserved bit is set and no extension was negotiated")
+            raise Broken(PROTOCOL_ERROR, "a reserved bit is set and no extension was negotiated")
         if opcode not in (CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG):
-            raise _Broken(PROTOCOL_ERROR, f"opcode {opcode} is reserved")
+            raise Broken(PROTOCOL_ERROR, f"opcode {opcode} is reserved")
         if masked is not self._server:
-            raise _Broken(PROTOCOL_ERROR, "a client must mask its frames, a server must not")
+            raise Broken(PROTOCOL_ERROR, "a client must mask its frames, a server must not")
         if opcode >= CLOSE:
             if size > 125:
-                raise _Broken(PROTOCOL_ERROR, "a control frame holds at most 125 bytes")
+                raise Broken(PROTOCOL_ERROR, "a control frame holds at most 125 bytes")
             if first < 0x80:
-                raise _Broken(PROTOCOL_ERROR, "a control frame cannot be fragmented")
+                raise Broken(PROTOCOL_ERROR, "a control frame cannot be fragmented")
         elif opcode == CONTINUATION and self._whole:
-            raise _Broken(PROTOCOL_ERROR, "a continuation frame without a message to continue")
+            raise Broken(PROTOCOL_ERROR, "a continuation frame without a message to continue")
         elif opcode != CONTINUATION and not self._whole:
-            raise _Broken(PROTOCOL_ERROR, "a new message before the last fragment of the one before")
+            raise Broken(PROTOCOL_ERROR, "a new message before the last fragment of the one before")
 
     def _read_any(self, data: bytes, first: int, key: bytes, start: int, size: int) -> int:
         """Take a checked frame of any kind; returns where the next one starts, as far as it is here."""
@@ -322,7 +344,7 @@ class WebSocketWire:
         if total <= self._max_size:
             return True
         if self._closing or not self._events.oversized(total):
-            raise _Broken(
+            raise Broken(
                 TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
             )
         self._skipping = True
@@ -373,7 +395,7 @@ class WebSocketWire:
         opcode = first & 0x0F
         if opcode == PING:
             if not self._closing:
-                self._events.pong(_pack(PONG, payload, masked=not self._server))
+                self._events.pong(pack(PONG, payload, masked=not self._server))
         elif opcode == CLOSE:
             self._close_frame(payload)
         elif opcode != PONG:
@@ -407,7 +429,7 @@ class WebSocketWire:
             try:
                 payload.decode()
             except UnicodeDecodeError:
-                raise _Broken(INVALID_DATA, "a text message must be UTF-8") from None
+                raise Broken(INVALID_DATA, "a text message must be UTF-8") from None
         self.message(payload, binary)
 
     def _close_frame(self, payload: bytes) -> None:
@@ -428,9 +450,9 @@ def _long_size(field: bytes) -> int:
     """A length of two or eight bytes; the shortest form must be used (RFC 6455 section 5.2)."""
     size = int.from_bytes(field, "big")
     if size < 126 or (len(field) == 8 and size < 65536):
-        raise _Broken(PROTOCOL_ERROR, "a payload length must use the shortest form")
+        raise Broken(PROTOCOL_ERROR, "a payload length must use the shortest form")
     if size >> 63:
-        raise _Broken(PROTOCOL_ERROR, "the first bit of a payload length must be 0")
+        raise Broken(PROTOCOL_ERROR, "the first bit of a payload length must be 0")
     return size
 
 
@@ -438,16 +460,23 @@ def _parse_close(payload: bytes) -> tuple[int, str]:
     if not payload:
         return NO_STATUS, ""
     if len(payload) == 1:
-        raise _Broken(PROTOCOL_ERROR, "a close frame needs two bytes for its code")
+        raise Broken(PROTOCOL_ERROR, "a close frame needs two bytes for its code")
     (code,) = _UINT16.unpack_from(payload)
     if not may_travel(code):
-        raise _Broken(PROTOCOL_ERROR, f"close code {code} may not travel in a frame")
+        raise Broken(PROTOCOL_ERROR, f"close code {code} may not travel in a frame")
     try:
         return code, payload[2:].decode()
     except UnicodeDecodeError:
-        raise _Broken(INVALID_DATA, "the reason of a close frame must be UTF-8") from None
+        raise Broken(INVALID_DATA, "the reason of a close frame must be UTF-8") from None
 
 
 def websocket_server(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
     """The wire of one peer that connected to this server."""
     return WebSocketWire(events, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, spare=spare)
+
+
+def websocket_client(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
+    """The wire of the server that this side connected to."""
+    return WebSocketWire(
+        events, max_size=limits.message_bytes, server=False, strict_utf8=limits.strict_utf8, spare=spare
+    )

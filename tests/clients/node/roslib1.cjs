@@ -14,6 +14,7 @@ const library = {
 async function main() {
   const { actionlibScenarios } = await import('./actionlib.mjs');
   const { Asking } = await import('./asking.mjs');
+  const { encodingScenarios } = await import('./encodings.mjs');
   const { introspectionScenarios } = await import('./introspection.mjs');
   const { runProgram } = await import('./program.mjs');
   const { robotScenarios } = await import('./robot.mjs');
@@ -51,6 +52,7 @@ async function main() {
     ...introspectionScenarios(asking),
     ...robotScenarios(asking),
     ...actionlibScenarios(asking),
+    ...encodingScenarios(asking),
     ...only,
   });
 }

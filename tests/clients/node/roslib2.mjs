@@ -5,6 +5,7 @@ import * as ROSLIB from 'roslib';
 import { actionScenarios } from './actions.mjs';
 import { actionlibScenarios } from './actionlib.mjs';
 import { Asking } from './asking.mjs';
+import { encodingScenarios } from './encodings.mjs';
 import { introspectionScenarios } from './introspection.mjs';
 import { pause, runProgram } from './program.mjs';
 import { robotScenarios } from './robot.mjs';
@@ -88,5 +89,6 @@ await runProgram(library, {
   ...robotScenarios(asking),
   ...actionScenarios(asking),
   ...actionlibScenarios(asking),
+  ...encodingScenarios(asking),
   ...only,
 });

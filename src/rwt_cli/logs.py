@@ -1,0 +1,77 @@
+"""The log of `rwt serve`, on stderr: lines for people, or one JSON object a line for programs."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from datetime import UTC, datetime
+from typing import Final, Literal, TextIO
+
+Format = Literal["text", "json"]
+
+FORMATS: Final[tuple[Format, ...]] = ("text", "json")
+
+_TEXT: Final = "%(asctime)s %(levelname)s %(name)s %(message)s"
+_FIELDS: Final = ("client", "op_id")
+
+
+class JsonFormatter(logging.Formatter):
+    """One JSON object a line: `time` (UTC, RFC 3339), `level`, `logger`, `message`; and where there are any,
+    `client` (its number), `op_id` and `error` (the traceback)."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The object of one record."""
+        line: dict[str, object] = {
+            "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        for field in _FIELDS:
+            value = getattr(record, field, None)
+            if value is not None:
+                line[field] = value
+        if record.exc_info:
+            line["error"] = self.formatException(record.exc_info)
+        return json.dumps(line, default=str, ensure_ascii=False)
+
+
+class SteadyHandler(logging.StreamHandler[TextIO]):
+    """Writes to a stream that may fail, and goes on with the next line when the disk has room again.
+
+    Attributes:
+        lost: lines that could not be written; the next one that can is preceded by their number.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        super().__init__(stream)
+        self.lost = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record."""
+        try:
+            line = self.format(record)
+            if self.lost:
+                note = logging.LogRecord(
+                    __name__, logging.WARNING, "", 0, "%d lines of the log were lost", (self.lost,), None
+                )
+                line = f"{self.format(note)}\n{line}"
+            self.stream.write(f"{line}\n")
+            self.flush()
+        except OSError:
+            self.lost += 1
+        except Exception:
+            # A record that cannot be formatted is a mistake in the program: logging's own way to say so.
+            self.handleError(record)
+        else:
+            self.lost = 0
+
+
+def log_to_stderr(style: Format, *, verbose: bool) -> None:
+    """Let everything of level info and above, or debug if `verbose`, go to stderr in that format."""
+    handler = SteadyHandler(sys.stderr)
+    handler.setFormatter(JsonFormatter() if style == "json" else logging.Formatter(_TEXT))
+    root = logging.getLogger()
+    root.addHandler(handler)
+    root.setLevel(logging.DEBUG if verbose else logging.INFO)

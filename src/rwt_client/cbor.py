@@ -1,0 +1,140 @@
+"""CBOR frames as servers send them, read without copying the bytes in them.
+
+Read are the items that messages are made of, of definite length (RFC 8949 section 3, CBR-01 to CBR-06).
+Anything else, which no message needs, makes the frame unreadable.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final, NamedTuple
+
+FORMATS: Final = {
+    64: "<B", 65: ">H", 66: ">I", 67: ">Q", 68: "<B", 69: "<H", 70: "<I", 71: "<Q",
+    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
+    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
+}  # fmt: skip
+"""Byte order and element of the typed arrays of RFC 8746 section 2.1, by tag."""
+
+_DEEPEST: Final = 64
+_SIMPLE: Final = {20: False, 21: True, 22: None, 23: None}
+_FLOATS: Final = {25: struct.Struct(">e"), 26: struct.Struct(">f"), 27: struct.Struct(">d")}
+_UNSIGNED, _NEGATIVE, _BYTES, _TEXT, _ARRAY, _MAP, _TAG = range(7)
+
+
+class TypedArray(NamedTuple):
+    """A typed array as it came.
+
+    Attributes:
+        format: byte order and letter of :mod:`struct`.
+        data: its elements; a view of the frame.
+    """
+
+    format: str
+    data: memoryview
+
+    def plain(self) -> object:
+        """As Python's own: octets as bytes, anything else as a list."""
+        if self.format == "<B":
+            return bytes(self.data)
+        order, letter = self.format[0], self.format[1]
+        return list(struct.unpack(f"{order}{len(self.data) // struct.calcsize(letter)}{letter}", self.data))
+
+    def numpy(self) -> object:
+        """As a numpy array on the same memory, which cannot be written to."""
+        import numpy  # heavy, and only for those who ask for it
+
+        return numpy.frombuffer(self.data, dtype=self.format)
+
+
+class Unreadable(Exception):
+    """Not one item of the kinds that messages are made of."""
+
+
+def read_cbor(frame: bytes) -> object:
+    """The one item in a frame; byte strings as views of it, typed arrays as :class:`TypedArray`.
+
+    Raises:
+        Unreadable: it is anything else; no other exception, whatever the bytes.
+    """
+    reader = _Reader(frame)
+    try:
+        item = reader.item(0)
+    except (IndexError, struct.error, UnicodeDecodeError):
+        raise Unreadable from None
+    if reader.position != len(frame):
+        raise Unreadable
+    return item
+
+
+class _Reader:
+    """Reads one frame from its beginning."""
+
+    __slots__ = ("_frame", "_view", "position")
+
+    def __init__(self, frame: bytes) -> None:
+        self._frame = frame
+        self._view = memoryview(frame)
+        self.position = 0
+
+    def item(self, depth: int) -> object:
+        """The next item, `depth` deep in others."""
+        first = self._frame[self.position]
+        self.position += 1
+        major, minor = first >> 5, first & 0x1F
+        if major == 7:
+            return self._simple(minor)
+        count = minor if minor < 24 else self._argument(minor)
+        if major == _TEXT:
+            return str(self._take(count), "utf-8")
+        if major == _UNSIGNED:
+            return count
+        if major == _NEGATIVE:
+            return -1 - count
+        if major == _BYTES:
+            return self._take(count)
+        if depth >= _DEEPEST:
+            raise Unreadable
+        return self._nested(major, count, depth + 1)
+
+    def _nested(self, major: int, count: int, depth: int) -> object:
+        if major == _TAG:
+            content = self.item(depth)
+            form = FORMATS.get(count)
+            if form is None or not isinstance(content, memoryview) or len(content) % struct.calcsize(form):
+                raise Unreadable
+            return TypedArray(form, content)
+        # Each item takes a byte at least, so more than there are bytes is a lie.
+        if count > len(self._frame) - self.position:
+            raise Unreadable
+        if major == _ARRAY:
+            return [self.item(depth) for _ in range(count)]
+        found: dict[str, object] = {}
+        for _ in range(count):
+            key = self.item(depth)
+            if not isinstance(key, str):
+                raise Unreadable
+            found[key] = self.item(depth)
+        return found
+
+    def _argument(self, minor: int) -> int:
+        if minor > 27:
+            raise Unreadable
+        return int.from_bytes(self._take(1 << (minor - 24)), "big")
+
+    def _take(self, count: int) -> memoryview:
+        end = self.position + count
+        if end > len(self._frame):
+            raise Unreadable
+        taken = self._view[self.position : end]
+        self.position = end
+        return taken
+
+    def _simple(self, minor: int) -> object:
+        if minor in _SIMPLE:
+            return _SIMPLE[minor]
+        form = _FLOATS.get(minor)
+        if form is None:
+            raise Unreadable
+        number: float = form.unpack(self._take(form.size))[0]
+        return number

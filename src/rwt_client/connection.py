@@ -1,0 +1,205 @@
+"""Connecting to a robot, and staying connected."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Final, Literal, TypedDict, Unpack
+
+import anyio
+import anyio.lowlevel
+
+from rwt_client.arrays import ArrayKind
+from rwt_client.backoff import Backoff
+from rwt_client.errors import BadAddress, CannotConnect, ConnectionClosed, ConnectionLost
+from rwt_client.events import ConnectionEvent
+from rwt_client.line import Line
+from rwt_client.robot import Robot
+from rwt_protocol.errors import Level
+from rwt_protocol.fragments import FragmentLimits
+from rwt_protocol.frames import Accept
+from rwt_protocol.session import WireLimits
+from rwt_transports.background import background_tasks
+from rwt_transports.connect import ConnectOptions
+from rwt_transports.connect import connect as connect_transport
+from rwt_transports.errors import BadUrl, TransportError
+from rwt_transports.limits import Limits
+from rwt_transports.pair import connect_pair
+
+if TYPE_CHECKING:
+    from anyio.abc import TaskGroup, TaskStatus
+
+RECONNECT = Backoff()
+"""What :func:`connect` does by default: never gives up."""
+
+_FAREWELL_SECONDS: Final = 2.0
+_FOREVER: Final = float("inf")
+
+
+Drained = Callable[[], Awaitable[None]]
+"""Waits until everything sent on one connection has gone out."""
+
+Dial = Callable[[Accept], AbstractAsyncContextManager[Drained]]
+"""Opens one connection for the length of a block. Raises TransportError."""
+
+
+class ConnectKeywords(TypedDict, total=False):
+    """The keyword arguments of :func:`connect`."""
+
+    timeout: float | None
+    reconnect: Backoff | None
+    arrays: ArrayKind
+    ros_version: Literal[1, 2] | None
+    fetch_types: bool
+    status_level: Level | None
+    headers: Mapping[str, str] | None
+    tls: ssl.SSLContext | None
+    limits: Limits | None
+
+
+@asynccontextmanager
+async def connect(
+    target: str | Accept,
+    *,
+    timeout: float | None = 10.0,  # noqa: ASYNC109 - raises our own error
+    reconnect: Backoff | None = RECONNECT,
+    arrays: ArrayKind = "list",
+    ros_version: Literal[1, 2] | None = None,
+    fetch_types: bool = True,
+    status_level: Level | None = "warning",
+    headers: Mapping[str, str] | None = None,
+    tls: ssl.SSLContext | None = None,
+    limits: Limits | None = None,
+) -> AsyncIterator[Robot]:
+    """Connect to a robot for the length of the block, on asyncio or trio.
+
+    Args:
+        target: ``ws://``, ``wss://``, ``tcp://`` or ``tcps://`` with host and port, ``unix:///path``,
+            ``stdio:COMMAND``, or the accept function of a server in the same process
+            (``Bridge(graph).accept``).
+        timeout: seconds to connect in, and what every call waits by default; None waits for ever.
+        reconnect: how to come back when the connection is lost; None does not.
+        arrays: what numeric arrays become where nothing else is asked for: ``list``, or ``numpy``.
+        ros_version: 1 or 2; None asks the robot.
+        fetch_types: take the definitions of the robot's topics, which win over the standard ones.
+        status_level: of which complaints the server is asked to tell; None asks for none.
+        headers: request headers, for ``ws`` and ``wss``.
+        tls: how to check the server's certificate; by default against the system's authorities.
+        limits: bounds of the connection, among them the largest message.
+
+    Raises:
+        BadAddress: the URL is not one to connect to.
+        CannotConnect: there is no connection; says why.
+    """
+    bounds = limits or Limits()
+    fragments = FragmentLimits(max_size=2 * bounds.message_bytes)
+    line = Line(status_level, WireLimits(bounds.message_bytes, fragments=fragments))
+    dial = _dial(target, bounds, timeout, headers, tls)
+    keeper = _Keeper(line, dial, reconnect)
+    name = target if isinstance(target, str) else "memory"
+    async with background_tasks() as tasks:
+        robot = Robot(name, line, tasks, keeper.drain, timeout=timeout, arrays=arrays)
+        try:
+            await _begin(keeper, tasks)
+            await robot.identify(ros_version, fetch_types)
+            yield robot
+        finally:
+            with anyio.move_on_after(_FAREWELL_SECONDS):
+                await keeper.drain()
+            line.close(ConnectionClosed("the connection was closed by this program"))
+
+
+async def _begin(keeper: _Keeper, tasks: TaskGroup) -> None:
+    try:
+        await tasks.start(keeper.run)
+    except BadUrl as error:
+        raise BadAddress(str(error)) from error
+    except TransportError as error:
+        raise CannotConnect(str(error)) from error
+
+
+def _dial(
+    target: str | Accept,
+    limits: Limits,
+    timeout: float | None,
+    headers: Mapping[str, str] | None,
+    tls: ssl.SSLContext | None,
+) -> Dial:
+    """How to open a connection to `target`."""
+    if not isinstance(target, str):
+        return partial(_dial_memory, target)
+    patience = _FOREVER if timeout is None else timeout
+    return partial(_dial_url, target, limits=limits, tls=tls, headers=headers, timeout=patience)
+
+
+@asynccontextmanager
+async def _dial_url(url: str, accept: Accept, **options: Unpack[ConnectOptions]) -> AsyncIterator[Drained]:
+    async with connect_transport(url, accept, **options) as dialed:
+        yield dialed.drained
+
+
+@asynccontextmanager
+async def _dial_memory(server: Accept, accept: Accept) -> AsyncIterator[Drained]:
+    async with connect_pair(accept, server):
+        yield anyio.lowlevel.checkpoint
+
+
+class _Keeper:
+    """Keeps one line connected."""
+
+    def __init__(self, line: Line, dial: Dial, backoff: Backoff | None) -> None:
+        self._line = line
+        self._dial = dial
+        self._backoff = backoff
+        self._drained: Drained | None = None
+
+    async def run(self, *, task_status: TaskStatus[None]) -> None:
+        """Connect; whenever the connection is lost, connect again, until there is no hope.
+
+        Raises:
+            TransportError: the first connection could not be had.
+        """
+        await self._stay_connected(task_status.started)
+        while await self._come_back():
+            pass
+
+    async def drain(self) -> None:
+        """Wait until everything sent so far was handed to the network, or the connection is gone."""
+        if self._drained is None or not self._line.backlog:
+            await anyio.lowlevel.checkpoint()
+            return
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(self._cancel_when_lost, tasks.cancel_scope)
+            await self._drained()
+            tasks.cancel_scope.cancel()
+
+    async def _cancel_when_lost(self, scope: anyio.CancelScope) -> None:
+        await self._line.ended()
+        scope.cancel()
+
+    async def _stay_connected(self, begun: Callable[[], object]) -> None:
+        async with self._dial(self._line.accept) as self._drained:
+            begun()
+            await self._line.ended()
+        self._drained = None
+
+    async def _come_back(self) -> bool:
+        """Connect again and stay so until that connection is lost, too; False when it is given up."""
+        text = "the connection was lost"
+        for attempt, delay in enumerate(() if self._backoff is None else self._backoff.delays(), 1):
+            self._line.events.tell(ConnectionEvent("retrying", text, attempt, delay))
+            await anyio.sleep(delay)
+            try:
+                await self._stay_connected(_nothing)
+            except TransportError as error:
+                text = str(error)
+            else:
+                return True
+        self._line.close(ConnectionLost(f"{text}, and it is not tried again"))
+        return False
+
+
+def _nothing() -> None:
+    """Nobody waits for a connection that comes back."""

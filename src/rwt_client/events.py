@@ -1,0 +1,108 @@
+"""What happens to a connection, as events."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import anyio
+
+logger = logging.getLogger("rwt_client")
+
+Kind = Literal["connected", "lost", "retrying", "restored", "status", "closed"]
+
+_KEPT = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectionEvent:
+    """Something that happened to the connection.
+
+    Attributes:
+        kind: ``connected`` (the first time), ``lost``, ``retrying`` (after `delay` seconds), ``restored``
+            (connected again, and everything is subscribed and advertised again), ``status`` (the server
+            complains of something that nobody waits for), ``closed`` (for good; nothing follows).
+        text: why, in the server's or the system's words; may be empty.
+        attempt: of ``retrying``, which attempt follows, counted from 1.
+        delay: of ``retrying``, seconds until it.
+        level: of ``status``: ``info``, ``warning`` or ``error``.
+    """
+
+    kind: Kind
+    text: str = ""
+    attempt: int = 0
+    delay: float = 0.0
+    level: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.text}" if self.text else self.kind
+
+
+class Events:
+    """Tells everybody who listens."""
+
+    __slots__ = ("_callbacks", "_streams")
+
+    def __init__(self) -> None:
+        self._callbacks: list[Callable[[ConnectionEvent], object]] = []
+        self._streams: list[EventStream] = []
+
+    def tell(self, event: ConnectionEvent) -> None:
+        """Pass `event` on, at once."""
+        for callback in tuple(self._callbacks):
+            try:
+                callback(event)
+            except Exception:
+                logger.exception("a callback for connection events failed on %s", event)
+        for stream in tuple(self._streams):
+            stream.put(event)
+            if event.kind == "closed":
+                self._streams.remove(stream)
+
+    def listen(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
+        """Call `callback` with each event from now on; returns a function that ends this."""
+        self._callbacks.append(callback)
+
+        def end() -> None:
+            if callback in self._callbacks:
+                self._callbacks.remove(callback)
+
+        return end
+
+    def stream(self) -> EventStream:
+        """The events from now on, as an async iterator."""
+        stream = EventStream()
+        self._streams.append(stream)
+        return stream
+
+
+class EventStream:
+    """The events of a connection, as an async iterator that ends after ``closed``."""
+
+    __slots__ = ("_awake", "_ended", "_events")
+
+    def __init__(self) -> None:
+        self._events: deque[ConnectionEvent] = deque(maxlen=_KEPT)
+        self._awake = anyio.Event()
+        self._ended = False
+
+    def put(self, event: ConnectionEvent) -> None:
+        """Add one; of very many that nobody takes the newest stay."""
+        self._events.append(event)
+        self._awake.set()
+
+    def __aiter__(self) -> EventStream:
+        return self
+
+    async def __anext__(self) -> ConnectionEvent:
+        if self._ended:
+            raise StopAsyncIteration
+        while not self._events:
+            self._awake = anyio.Event()
+            await self._awake.wait()
+        event = self._events.popleft()
+        self._ended = event.kind == "closed"
+        return event

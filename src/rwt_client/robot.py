@@ -1,0 +1,409 @@
+"""A robot as its programs see it: topics, services, actions, parameters, types, time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Awaitable, Callable, Mapping
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+
+import msgspec
+
+from rwt_client.actionlib import ActionlibGoals
+from rwt_client.actions import Goal, SentGoals
+from rwt_client.api import RosApi
+from rwt_client.arrays import ArrayKind
+from rwt_client.errors import CallFailed, MisfitMessage, NoAnswer, ServiceFailed, TypeUnavailable
+from rwt_client.events import ConnectionEvent, EventStream
+from rwt_client.line import Line
+from rwt_client.offered_actions import Execute, OfferedAction, OfferedActions
+from rwt_client.params import Parameters
+from rwt_client.publishing import AdvertiseOptions, MessageLike, Publisher, payload_of
+from rwt_client.reading import Message
+from rwt_client.services import Calls, OfferedService, OfferedServices, ServiceHandler
+from rwt_client.topics import Callback, Compression, Hub, SubscribeOptions, Subscription
+from rwt_client.types import LiveTypes
+from rwt_interfaces import InterfaceError
+from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.ops import (
+    ActionFeedback,
+    ActionResult,
+    CallService,
+    CancelActionGoal,
+    Direction,
+    Op,
+    Publish,
+    Qos,
+    SendActionGoal,
+    ServiceResponse,
+    Status,
+)
+from rwt_protocol.rawjson import RawJson
+
+if TYPE_CHECKING:
+    from anyio.abc import TaskGroup
+
+logger = logging.getLogger("rwt_client")
+
+_ROSAPI = "/rosapi"
+_DEFAULT: Any = object()
+
+
+class SubscribeKeywords(TypedDict, total=False):
+    """Keyword arguments of everything that subscribes; see :class:`~rwt_client.topics.SubscribeOptions`."""
+
+    arrays: ArrayKind
+    compression: Compression
+    throttle: float
+    queue: int
+    queue_bytes: int
+    fragment_size: int | None
+    qos: Qos | Mapping[str, object] | None
+
+
+class AdvertiseKeywords(TypedDict, total=False):
+    """Keyword arguments of :meth:`Robot.advertise`; see :class:`~rwt_client.publishing.AdvertiseOptions`."""
+
+    latch: bool
+    queue_size: int | None
+    qos: Qos | Mapping[str, object] | None
+
+
+class Robot:
+    """A connection to a robot; made by :func:`rwt_client.connect`.
+
+    Attributes:
+        url: where it was connected to.
+        types: its types.
+        api: what rosapi answers.
+        params: its parameters.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        line: Line,
+        tasks: TaskGroup,
+        drained: Callable[[], Awaitable[None]],
+        *,
+        timeout: float | None,
+        arrays: ArrayKind,
+    ) -> None:
+        self.url = url
+        self.types = LiveTypes(self._ask)
+        self.api = RosApi(self._ask)
+        self.params = Parameters(self._ask)
+        self._line = line
+        self._tasks = tasks
+        self._drained = drained
+        self._timeout = timeout
+        self._arrays: ArrayKind = arrays
+        self._hub = Hub(line, self.types, tasks)
+        self._calls = Calls(line)
+        self._goals = SentGoals(line)
+        self._services = OfferedServices()
+        self._actions = OfferedActions()
+        self._publishers: dict[str, Publisher] = {}
+        line.dispatcher = self._dispatcher()
+
+    # -- the connection ------------------------------------------------------------------------------------
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection now."""
+        return self._line.connected
+
+    def events(self) -> EventStream:
+        """What happens to the connection from now on, as an async iterator."""
+        return self._line.events.stream()
+
+    def on_event(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
+        """Call `callback` with what happens to the connection; returns a function that ends this."""
+        return self._line.events.listen(callback)
+
+    async def drain(self) -> None:
+        """Wait until the network has taken everything that was sent."""
+        await self._drained()
+
+    # -- topics --------------------------------------------------------------------------------------------
+
+    def topic(
+        self, name: str, type_name: str | None = None, **options: Unpack[SubscribeKeywords]
+    ) -> Subscription:
+        """The messages of a topic, as an async iterator. Nothing is sent before the iteration begins.
+
+        Args:
+            name: the topic.
+            type_name: its type; None asks the robot, which must know the topic then.
+            options: see :class:`~rwt_client.topics.SubscribeOptions`.
+        """
+        return Subscription(self._hub, name, type_name, self._options(options))
+
+    async def subscribe(
+        self,
+        name: str,
+        type_name: str | None,
+        callback: Callback,
+        **options: Unpack[SubscribeKeywords],
+    ) -> Subscription:
+        """Call `callback` with each message of a topic.
+
+        A plain function is called at once and should be quick. A coroutine function is called with one
+        message after the other; while it is busy the newest `queue` messages wait.
+
+        Raises:
+            TypeUnavailable: the topic's type is not known.
+        """
+        return await Subscription(self._hub, name, type_name, self._options(options), callback).start()
+
+    async def once(
+        self,
+        name: str,
+        type_name: str | None = None,
+        *,
+        timeout: float | None = _DEFAULT,  # noqa: ASYNC109 - raises our own error
+        **options: Unpack[SubscribeKeywords],
+    ) -> Message:
+        """The next message of a topic.
+
+        Raises:
+            NoAnswer: none came in time.
+            ServerRefused: the server does not serve the topic so; its text.
+            TypeUnavailable: the topic's type is not known.
+        """
+        async with self.topic(name, type_name, **options) as messages:
+            return await messages.get(self._patience(timeout))
+
+    async def advertise(self, name: str, type_name: str, **options: Unpack[AdvertiseKeywords]) -> Publisher:
+        """Advertise a topic; gives what publishes on it.
+
+        Args:
+            options: see :class:`~rwt_client.publishing.AdvertiseOptions`.
+
+        Raises:
+            TypeUnavailable: the type is not known.
+        """
+        message_type = await self.types.message(type_name)
+        wire_type = self.types.wire_name(message_type.name)
+        advertised = AdvertiseOptions(**options)
+        return Publisher(self._line, name, message_type, wire_type, advertised, self._drained)
+
+    async def publish(self, name: str, message: MessageLike, type_name: str | None = None) -> None:
+        """Publish one message; the topic is advertised with the first and stays so.
+
+        Args:
+            name: the topic.
+            message: an instance of the type's class, a mapping, or a dataclass instance.
+            type_name: the topic's type. None takes that of the instance, or asks the robot.
+
+        Raises:
+            MisfitMessage: the message does not fit the type.
+            TypeUnavailable: the type is not known.
+            NotConnected: there is no connection now.
+        """
+        publisher = self._publishers.get(name)
+        if publisher is None:
+            wanted = type_name or self._type_of(message) or await self.types.of_topic(name)
+            publisher = self._publishers[name] = await self.advertise(name, wanted)
+        publisher.publish(message)
+
+    # -- services ------------------------------------------------------------------------------------------
+
+    async def call(
+        self,
+        service: str,
+        request: MessageLike | None = None,
+        type_name: str | None = None,
+        *,
+        timeout: float | None = _DEFAULT,  # noqa: ASYNC109 - raises our own error
+        repeat: bool = False,
+    ) -> Message:
+        """Call a service.
+
+        Args:
+            request: an instance, a mapping or a dataclass; None is a request with default values.
+            type_name: the service's type; None asks the robot, once for each service.
+            timeout: seconds; None waits for ever. By default what :func:`rwt_client.connect` was told.
+            repeat: wait for a connection where there is none, and call once more when it is lost before the
+                answer. Only for services that may run twice.
+
+        Returns:
+            The response, an instance of its class.
+
+        Raises:
+            CallFailed: the service failed or is not there; the server's text.
+            NoAnswer: no answer came in time.
+            ConnectionLost: the connection was lost before the answer.
+            MisfitMessage: the request does not fit the type, or the response does not.
+            TypeUnavailable: the type is not known.
+        """
+        service_type = await self.types.service(type_name or await self.types.of_service(service))
+        args = RawJson(payload_of(service_type.request, {} if request is None else request).json())
+        answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
+        return self.types.reader(service_type.response, self._arrays).read(answer)
+
+    async def advertise_service(
+        self, service: str, type_name: str, handler: ServiceHandler
+    ) -> OfferedService:
+        """Offer a service.
+
+        Args:
+            handler: takes the request; returns the response, or an awaitable of it. It raises
+                :exc:`~rwt_client.errors.ServiceFailed` to tell the caller why there is none.
+
+        Raises:
+            TypeUnavailable: the type is not known.
+        """
+        service_type = await self.types.service(type_name)
+        offered = OfferedService(
+            self._line, service, service_type, self._interface_name(service_type), handler, self._tasks
+        )
+        self._services.add(offered)
+        return offered
+
+    # -- actions -------------------------------------------------------------------------------------------
+
+    async def send_goal(
+        self,
+        action: str,
+        goal: MessageLike | None = None,
+        type_name: str | None = None,
+        *,
+        on_feedback: Callable[[Any], object] | None = None,
+    ) -> Goal:
+        """Send a goal to an action.
+
+        Args:
+            goal: an instance, a mapping or a dataclass; None is a goal with default values.
+            type_name: the action's type; None asks the robot.
+            on_feedback: called with each feedback; without it iterate over the goal.
+
+        Raises:
+            MisfitMessage: the goal does not fit the type.
+            TypeUnavailable: the type is not known.
+            NotConnected: there is no connection now.
+        """
+        action_type = await self.types.action(type_name or await self.types.of_action(action))
+        payload = payload_of(action_type.goal, {} if goal is None else goal)
+        sent = Goal(action, self._line.next_id("send_action_goal", action), on_feedback)
+        if self.types.ros_version == 1:
+            return await ActionlibGoals(self).send(sent, action_type, payload)
+        readers = (
+            self.types.reader(action_type.feedback, self._arrays),
+            self.types.reader(action_type.result, self._arrays),
+        )
+        return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
+
+    async def advertise_action(self, action: str, type_name: str, execute: Execute) -> OfferedAction:
+        """Offer an action (ROS 2).
+
+        Args:
+            execute: works on one goal and returns its result; goals run side by side.
+
+        Raises:
+            TypeUnavailable: the type is not known.
+        """
+        action_type = await self.types.action(type_name)
+        offered = OfferedAction(
+            self._line, action, action_type, self._interface_name(action_type), execute, self._tasks
+        )
+        self._actions.add(offered)
+        return offered
+
+    # -- time ----------------------------------------------------------------------------------------------
+
+    async def time_ns(self) -> int:
+        """The robot's time, in nanoseconds; simulated time where the robot is simulated.
+
+        Raises:
+            CallFailed: the robot has no rosapi.
+        """
+        return await self.api.time_ns()
+
+    def __repr__(self) -> str:
+        return f"<Robot {self.url} {'connected' if self.connected else 'not connected'}>"
+
+    # -- beginning -----------------------------------------------------------------------------------------
+
+    async def identify(self, ros_version: int | None, fetch_types: bool) -> None:
+        """Find out which ROS the robot speaks, and take its types. Does not fail: rosapi may not be there."""
+        if ros_version is None:
+            ros_version, distro = await self._ros_version()
+        else:
+            distro = ""
+        self.types.speak(ros_version, distro)
+        if fetch_types and ros_version:
+            try:
+                await self.types.refresh()
+            except (CallFailed, NoAnswer) as error:
+                logger.info("the robot does not tell its types: %s", error)
+
+    async def _ros_version(self) -> tuple[int, str]:
+        """0 where there is no rosapi; ROS 1 often has rosapi without this question."""
+        try:
+            found = await self.api.ros_version()
+        except (CallFailed, NoAnswer):
+            try:
+                await self.api.time_ns()
+            except (CallFailed, NoAnswer):
+                logger.info("the robot has no rosapi: its version of ROS is not known")
+                return 0, ""
+            return 1, ""
+        return found.version, found.distro
+
+    # -- parts ---------------------------------------------------------------------------------------------
+
+    def _dispatcher(self) -> Dispatcher[None]:
+        return Dispatcher(
+            {
+                Publish: _nothing,
+                Status: _nothing,
+                ServiceResponse: self._calls.on_response,
+                CallService: self._services.on_call,
+                ActionFeedback: self._goals.on_feedback,
+                ActionResult: self._goals.on_result,
+                SendActionGoal: self._actions.on_goal,
+                CancelActionGoal: self._actions.on_cancel,
+            },
+            _log_failure,
+            (ServiceFailed, MisfitMessage),
+            Direction.TO_CLIENT,
+        )
+
+    async def _ask(self, question: str, args: Mapping[str, object]) -> Any:
+        """Ask rosapi."""
+        request = RawJson(msgspec.json.encode(args))
+        answer = await self._calls.call(f"{_ROSAPI}/{question}", request, self._timeout)
+        return msgspec.json.decode(answer.proven().data)
+
+    def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
+        merged: SubscribeKeywords = {"arrays": self._arrays, **given}
+        return SubscribeOptions(**merged)
+
+    def _patience(self, timeout: float | None) -> float | None:
+        return self._timeout if timeout is _DEFAULT else timeout
+
+    def _type_of(self, message: MessageLike) -> str | None:
+        """The type whose class made `message`, None for any other value."""
+        if not isinstance(message, msgspec.Struct):
+            return None
+        name = f"{type(message).__module__}/{type(message).__name__}"
+        try:
+            known = self.types.registry.message(name)
+        except InterfaceError:
+            return None
+        return name if known.struct is type(message) else None
+
+    def _interface_name(self, interface: Any) -> str:
+        """What the server calls a service or action type."""
+        return self.types.registry.type_name(interface) if self.types.ros_version == 2 else interface.name
+
+
+def _nothing(_: None, op: Op) -> None:
+    """The line has taken it already."""
+
+
+def _log_failure(_: None, op: Op, error: Exception) -> None:
+    logger.error("a %s of the server could not be handled", op.op, exc_info=error)
+
+
+__all__ = ["Robot", "TypeUnavailable"]

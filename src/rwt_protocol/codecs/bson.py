@@ -1,0 +1,91 @@
+"""The BSON encoding (BSN): one document a frame, for clients of servers that were set to nothing else.
+
+It needs the package `pymongo`, which is loaded when the first session that speaks BSON is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.codecs.plain import members_of, message_of
+from rwt_protocol.errors import EncodingUnavailable
+from rwt_protocol.frames import Frame
+from rwt_protocol.ops import Op
+
+try:
+    import bson
+    from bson.errors import BSONError
+except ImportError as missing:
+    raise EncodingUnavailable(
+        "BSON needs the package pymongo: install robot-web-tools with the extra `bson`"
+    ) from missing
+
+_SMALLEST_LEVEL: Final = 7
+"""Bytes that one document inside another takes at least: its type, an empty name, its length and its end."""
+
+_INT64: Final = range(-(2**63), 2**63)
+
+
+class BsonCodec:
+    """The BSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+
+    name: Final = "bson"
+
+    def split(self, data: bytes, max_depth: int) -> Sequence[Members | Fault]:
+        """The message in one frame. Never raises."""
+        try:
+            found = bson.decode(data)
+        except (BSONError, ValueError, OverflowError, RecursionError):
+            return (Fault("not BSON: expected one document, neither malformed nor cut short"),)
+        members = members_of(found, len(data))
+        if len(data) > _SMALLEST_LEVEL * max_depth and _deeper_than(found, max_depth):
+            return (Fault(f"nested more than {max_depth} levels deep", members),)
+        return (members,)
+
+    def encode(self, op: Op) -> Frame:
+        """One op as a binary frame, its members in the order of the model.
+
+        Raises:
+            MalformedPayload: its payload came from another peer, and is not JSON.
+        """
+        return document(message_of(op))
+
+
+def document(message: Mapping[str, object]) -> Frame:
+    """A message as one document. Octets are binary of subtype 0, NaN and infinities are kept (BSN-01).
+
+    BSON has no unsigned 64-bit integers: one beyond the signed ones goes out as the nearest double.
+    """
+    try:
+        data = bson.encode(message)
+    except OverflowError:
+        data = bson.encode({key: _within(value) for key, value in message.items()})
+    return Frame(data, binary=True)
+
+
+def _within(value: object) -> object:
+    """The same value with each integer that BSON has not as a double."""
+    if isinstance(value, int):
+        return value if value in _INT64 else float(value)
+    if isinstance(value, dict):
+        return {key: _within(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_within(each) for each in value]
+    return value
+
+
+def _deeper_than(found: object, limit: int) -> bool:
+    """Whether more than `limit` documents and arrays are open at once, `found` being the first."""
+    level = [found]
+    for _ in range(limit):
+        level = [
+            child
+            for each in level
+            for child in (each.values() if isinstance(each, dict) else each if isinstance(each, list) else ())
+            if isinstance(child, dict | list)
+        ]
+        if not level:
+            return False
+    return True

@@ -1,0 +1,61 @@
+"""What a WebSocket's two sides may agree on beside the protocol itself: permessage-deflate (RFC 7692)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from websockets.extensions import Extension, ServerExtensionFactory
+from websockets.extensions.permessage_deflate import PerMessageDeflate, ServerPerMessageDeflateFactory
+
+WINDOW_BITS: Final = 12
+"""The window with which this side compresses in context: 4 KiB, enough for messages that resemble each
+other."""
+
+
+class Deflate(StrEnum):
+    """Whether a server compresses what it sends to clients that can inflate it."""
+
+    OFF = "off"
+    SHARED = "shared"
+    """Each message by itself, once for all its readers."""
+    CONTEXT = "context"
+    """Each in the context of those before it, on every connection anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeflateTerms:
+    """What was agreed (RFC 7692 section 7.1).
+
+    Attributes:
+        keeps_context: whether what this side sends is in the context of what it sent before.
+        peer_keeps_context: the same of the other side.
+        window_bits: of this side's window.
+    """
+
+    keeps_context: bool
+    peer_keeps_context: bool
+    window_bits: int
+
+
+def extension_factories(deflate: Deflate) -> Sequence[ServerExtensionFactory] | None:
+    """What the handshake may agree to."""
+    if deflate is Deflate.OFF:
+        return None
+    if deflate is Deflate.SHARED:
+        return [ServerPerMessageDeflateFactory(server_no_context_takeover=True)]
+    return [ServerPerMessageDeflateFactory(server_max_window_bits=WINDOW_BITS)]
+
+
+def agreed_terms(extensions: Sequence[Extension]) -> DeflateTerms | None:
+    """What the handshake agreed to."""
+    for extension in extensions:
+        if isinstance(extension, PerMessageDeflate):
+            return DeflateTerms(
+                keeps_context=not extension.local_no_context_takeover,
+                peer_keeps_context=not extension.remote_no_context_takeover,
+                window_bits=extension.local_max_window_bits,
+            )
+    return None

@@ -1,0 +1,59 @@
+"""The bridge's log: every line has the client and the op as fields, and no handler can break the server."""
+
+from __future__ import annotations
+
+import errno
+import logging
+from collections.abc import Iterator
+
+import pytest
+
+from rwt_bridge.bridge import Bridge
+from rwt_bridge.logs import LostLines
+from tests.bridge.recording_client import Client
+
+
+class FullDisk(logging.Handler):
+    """A handler that does not catch what its disk says."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.fixture
+def full_disk() -> Iterator[None]:
+    logger = logging.getLogger("rwt.bridge")
+    handler = FullDisk()
+    logger.addHandler(handler)
+    level = logger.level
+    logger.setLevel(logging.DEBUG)
+    yield
+    logger.setLevel(level)
+    logger.removeHandler(handler)
+
+
+def test_every_line_of_a_clients_life_has_its_number(
+    client: Client, bridge: Bridge, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "rwt.bridge")
+    second = Client(bridge)
+    second.say("unsubscribe", topic="/x", id="u:1")
+    second.say("call_service", service="/x", id=7)
+    second.say_raw("no JSON")
+    second.leave()
+    fields = [(record.__dict__["client"], record.__dict__["op_id"]) for record in caplog.records]
+    assert fields == [(2, None), (2, "u:1"), (2, 7), (2, None), (2, None)]
+    assert all(record.funcName != "write" for record in caplog.records)
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_full_disk_takes_nothing_down(bridge: Bridge) -> None:
+    before = LostLines.count
+    client = Client(bridge)
+    client.say("set_level", level="error")
+    client.say("unadvertise", topic="/x")
+    client.say("nonsense")
+    client.say("call_service", service="/x", id="c")
+    assert [message["op"] for message in client.heard()] == ["status", "service_response"]
+    client.leave()
+    assert bridge.client_count == 0 and LostLines.count - before == 5

@@ -1,0 +1,22 @@
+"""Every test of the client runs on asyncio and on trio; trio's clock is virtual where no socket is used."""
+
+from __future__ import annotations
+
+import pytest
+import trio.testing
+
+
+@pytest.fixture(params=["asyncio", "trio"])
+def anyio_backend(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(params=["memory", "ws"])
+def transport(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def virtual_time() -> tuple[str, dict[str, object]]:
+    """A backend on which time goes by only when everybody waits: use it as `anyio_backend`."""
+    return "trio", {"clock": trio.testing.MockClock(autojump_threshold=0)}

@@ -1,0 +1,77 @@
+"""A server on loopback, in a thread of its own, with a service, under asyncio and under trio."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import pytest
+from anyio.from_thread import BlockingPortal, start_blocking_portal
+
+from rwt_bridge import Settings, serve
+from rwt_bridge.bridge import Bridge
+from rwt_bridge.settings import LimitSettings
+from rwt_graph import MemoryGraph
+from rwt_nodes import Rosapi
+from tests.faults.blocking_client import PATIENCE, BlockingClient
+
+MIB = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """A running server.
+
+    Attributes:
+        ports: of the WebSocket listener and of the one for JSON over TCP.
+        bridge: belongs to the portal's thread; `clients` asks it there.
+    """
+
+    ports: tuple[int, int]
+    bridge: Bridge
+    portal: BlockingPortal
+
+    def connect(self, *headers: bytes) -> BlockingClient:
+        return BlockingClient(self.ports[0], *headers)
+
+    @property
+    def clients(self) -> int:
+        return self.portal.call(lambda: self.bridge.client_count)
+
+    def wait_for_clients(self, count: int) -> None:
+        """Wait until so many are connected."""
+        deadline = time.monotonic() + PATIENCE
+        while (found := self.clients) != count:
+            assert time.monotonic() < deadline, f"{found} clients are connected, not {count}"
+            time.sleep(0.02)
+
+
+Start = Callable[[Settings], Robot]
+
+BRIEF = LimitSettings(ping_seconds=0.4, pong_seconds=0.4, handshake_seconds=0.6, close_seconds=0.5)
+"""Time-outs that a test can wait for."""
+
+
+@pytest.fixture(params=["asyncio", "trio"])
+def start(request: pytest.FixtureRequest) -> Iterator[Start]:
+    backend: Literal["asyncio", "trio"] = request.param
+    with start_blocking_portal(backend) as portal, contextlib.ExitStack() as running:
+
+        def begin(settings: Settings) -> Robot:
+            graph = running.enter_context(portal.wrap_async_context_manager(MemoryGraph()))
+            rosapi = portal.call(Rosapi, graph)
+            running.callback(portal.call, rosapi.close)
+            opening = serve(graph, "ws://127.0.0.1:0", "tcp://127.0.0.1:0", settings=settings)
+            server = running.enter_context(portal.wrap_async_context_manager(opening))
+            web, tcp = (int(url.rpartition(":")[2]) for url in server.urls)
+            return Robot((web, tcp), server.bridge, portal)
+
+        yield begin
+
+
+@pytest.fixture
+def robot(start: Start) -> Robot:
+    return start(Settings(max_message_size=MIB, limits=BRIEF))
