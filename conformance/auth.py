@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import secrets
 import time
 
 from conformance.values import Json
@@ -21,7 +22,7 @@ def fill_auth(body: Json, secret: str | None) -> Json:
     given = dict(wanted) if isinstance(wanted, dict) else {}
     now = int(time.time())
     fields: dict[str, Json] = {
-        "client": "192.168.0.10", "dest": "192.168.0.2", "rand": "xyzabc", "level": "admin"
+        "client": "192.168.0.10", "dest": "192.168.0.2", "rand": secrets.token_hex(6), "level": "admin"
     }  # fmt: skip
     for name, usual in (("t", 0), ("end", 120)):
         offset = given.pop(name, usual)

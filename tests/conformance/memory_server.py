@@ -49,7 +49,7 @@ class MemoryWire(Wire):
     def __init__(self, accept: Accept) -> None:
         self._arrivals = _Arrivals()
         self._taken = 0
-        self._peer = MemoryPeer(accept, PeerInfo("memory"))
+        self._peer = MemoryPeer(accept, PeerInfo("memory", "192.0.2.1"))
         self._arrivals += self._peer.received
         self._peer.received = self._arrivals
 

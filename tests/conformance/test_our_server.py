@@ -55,12 +55,12 @@ def test_the_suite_finds_every_fault() -> None:
 
 
 @contextmanager
-def _server(*arguments: str) -> Iterator[str]:
-    command = [sys.executable, "-m", "rwt_cli", "serve", "ws://127.0.0.1:0", *arguments]
+def _server(*arguments: str, scheme: str = "ws") -> Iterator[str]:
+    command = [sys.executable, "-m", "rwt_cli", "serve", f"{scheme}://127.0.0.1:0", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         assert process.stdout is not None
-        match = re.search(r"ws://\S+", process.stdout.readline())
+        match = re.search(r"\w+://\S+", process.stdout.readline())
         assert match is not None
         yield match[0]
     finally:
@@ -92,6 +92,36 @@ def test_over_websockets_with_every_report(
     assert "https://" not in page.replace("https://www.w3.org", "")
     ElementTree.parse(files["badge"])
     assert "| section |" in files["summary"].read_text()
+
+
+def _globs(*names: str) -> list[str]:
+    return [part for name in names for part in ("--run", name)]
+
+
+def test_over_tcp(capsys: pytest.CaptureFixture[str]) -> None:
+    with _server(scheme="tcp") as url:
+        code = main([url, "--target", "rwt-jazzy", *_globs("tcp/*", "fragments/*", "services/*", "json/*")])
+    assert code == 0, capsys.readouterr().err
+
+
+def test_with_rosauth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("abcdefghijklmnop\n")
+    secret.chmod(0o600)
+    settings = (f"auth.rosauth_secret_file={secret}", "auth.rosauth_role=admin")
+    with _server(*(part for setting in settings for part in ("--set", setting))) as url:
+        code = main([url, "--target", "rwt-auth", *_globs("auth/*", "services/*")])
+    assert code == 0, capsys.readouterr().err
+
+
+def test_with_globs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "globs.toml"
+    guarded = ("publish", "subscribe", "call", "provide", "goals")
+    rules = "\n".join(f'{name} = ["/c*"]' for name in guarded)
+    config.write_text(f'[auth]\ndefault_role = "c"\n[roles.c]\n{rules}\n')
+    with _server("--config", str(config)) as url:
+        code = main([url, "--target", "rwt-globs", *_globs("globs/*", "publish/*")])
+    assert code == 0, capsys.readouterr().err
 
 
 def test_a_server_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
