@@ -22,7 +22,7 @@ from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.frames import Accept
 from rwt_protocol.session import WireLimits
 from rwt_transports.background import background_tasks
-from rwt_transports.connect import ConnectOptions
+from rwt_transports.connect import ConnectOptions, carries_binary
 from rwt_transports.connect import connect as connect_transport
 from rwt_transports.errors import BadUrl, TransportError
 from rwt_transports.limits import Limits
@@ -100,7 +100,8 @@ async def connect(
     keeper = _Keeper(line, dial, reconnect)
     name = target if isinstance(target, str) else "memory"
     async with background_tasks() as tasks:
-        robot = Robot(name, line, tasks, keeper.drain, timeout=timeout, arrays=arrays)
+        binary = not isinstance(target, str) or carries_binary(target)
+        robot = Robot(name, line, tasks, keeper.drain, timeout=timeout, arrays=arrays, binary=binary)
         try:
             await _begin(keeper, tasks)
             await robot.identify(ros_version, fetch_types)

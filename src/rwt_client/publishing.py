@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +44,7 @@ class AdvertiseOptions:
 
     latch: bool = False
     queue_size: int | None = None
-    qos: Qos | Mapping[str, object] | None = None
+    qos: Qos | None = None
 
 
 class Publisher:
@@ -133,7 +133,7 @@ class Publisher:
         if options.queue_size is not None:
             given["queue_size"] = options.queue_size
         if options.qos is not None:
-            given["qos"] = options.qos if isinstance(options.qos, Qos) else Qos.model_validate(options.qos)
+            given["qos"] = options.qos
         self._line.send(Advertise(topic=self.name, type=self._wire_type, id=self._id, **given))
         self._flow = self._line.flow(self.name, self._on_drop)
 

@@ -18,6 +18,7 @@ from rwt_client.line import Line
 from rwt_client.offered_actions import Execute, OfferedAction, OfferedActions
 from rwt_client.params import Parameters
 from rwt_client.publishing import AdvertiseOptions, MessageLike, Publisher, payload_of
+from rwt_client.qos import qos_of
 from rwt_client.reading import Message
 from rwt_client.services import Calls, OfferedService, OfferedServices, ServiceHandler
 from rwt_client.topics import Callback, Compression, Hub, SubscribeOptions, Subscription
@@ -43,6 +44,9 @@ if TYPE_CHECKING:
     from anyio.abc import TaskGroup
 
 logger = logging.getLogger("rwt_client")
+
+IDENTIFY_SECONDS = 3.0
+"""How long an answer of rosapi is waited for while connecting."""
 
 _ROSAPI = "/rosapi"
 _DEFAULT: Any = object()
@@ -87,6 +91,7 @@ class Robot:
         *,
         timeout: float | None,
         arrays: ArrayKind,
+        binary: bool,
     ) -> None:
         self.url = url
         self.types = LiveTypes(self._ask)
@@ -97,7 +102,8 @@ class Robot:
         self._drained = drained
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
-        self._hub = Hub(line, self.types, tasks)
+        self._identifying = RosApi(self._ask_briefly)
+        self._hub = Hub(line, self.types, tasks, binary=binary)
         self._calls = Calls(line)
         self._goals = SentGoals(line)
         self._services = OfferedServices()
@@ -184,7 +190,8 @@ class Robot:
         """
         message_type = await self.types.message(type_name)
         wire_type = self.types.wire_name(message_type.name)
-        advertised = AdvertiseOptions(**options)
+        qos = qos_of(options.get("qos"))
+        advertised = AdvertiseOptions(options.get("latch", False), options.get("queue_size"), qos)
         return Publisher(self._line, name, message_type, wire_type, advertised, self._drained)
 
     async def publish(self, name: str, message: MessageLike, type_name: str | None = None) -> None:
@@ -340,15 +347,21 @@ class Robot:
     async def _ros_version(self) -> tuple[int, str]:
         """0 where there is no rosapi; ROS 1 often has rosapi without this question."""
         try:
-            found = await self.api.ros_version()
-        except (CallFailed, NoAnswer):
-            try:
-                await self.api.time_ns()
-            except (CallFailed, NoAnswer):
-                logger.info("the robot has no rosapi: its version of ROS is not known")
-                return 0, ""
-            return 1, ""
+            found = await self._identifying.ros_version()
+        except CallFailed:
+            return await self._whether_ros_1()
+        except NoAnswer:
+            logger.info("the robot does not answer rosapi's questions: its version of ROS is not known")
+            return 0, ""
         return found.version, found.distro
+
+    async def _whether_ros_1(self) -> tuple[int, str]:
+        try:
+            await self._identifying.time_ns()
+        except (CallFailed, NoAnswer):
+            logger.info("the robot has no rosapi: its version of ROS is not known")
+            return 0, ""
+        return 1, ""
 
     # -- parts ---------------------------------------------------------------------------------------------
 
@@ -371,13 +384,29 @@ class Robot:
 
     async def _ask(self, question: str, args: Mapping[str, object]) -> Any:
         """Ask rosapi."""
+        return await self._question(question, args, self._timeout)
+
+    async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
+        """Ask rosapi while somebody waits for the connection: perhaps nobody answers."""
+        patience = IDENTIFY_SECONDS if self._timeout is None else min(self._timeout, IDENTIFY_SECONDS)
+        return await self._question(question, args, patience)
+
+    async def _question(self, question: str, args: Mapping[str, object], patience: float | None) -> Any:
         request = RawJson(msgspec.json.encode(args))
-        answer = await self._calls.call(f"{_ROSAPI}/{question}", request, self._timeout)
+        answer = await self._calls.call(f"{_ROSAPI}/{question}", request, patience)
         return msgspec.json.decode(answer.proven().data)
 
     def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
-        merged: SubscribeKeywords = {"arrays": self._arrays, **given}
-        return SubscribeOptions(**merged)
+        usual = SubscribeOptions()
+        return SubscribeOptions(
+            arrays=given.get("arrays", self._arrays),
+            compression=given.get("compression", usual.compression),
+            throttle=given.get("throttle", usual.throttle),
+            queue=given.get("queue", usual.queue),
+            queue_bytes=given.get("queue_bytes", usual.queue_bytes),
+            fragment_size=given.get("fragment_size"),
+            qos=qos_of(given.get("qos")),
+        )
 
     def _patience(self, timeout: float | None) -> float | None:
         return self._timeout if timeout is _DEFAULT else timeout

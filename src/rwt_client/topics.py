@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -57,7 +57,7 @@ class SubscribeOptions:
     queue: int = 1000
     queue_bytes: int = 64 * 1024 * 1024
     fragment_size: int | None = None
-    qos: Qos | Mapping[str, object] | None = None
+    qos: Qos | None = None
 
 
 class TopicSubscriptions:
@@ -75,15 +75,19 @@ class TopicSubscriptions:
 
 
 class Hub:
-    """What all subscriptions of a client share."""
+    """What all subscriptions of a client share.
+
+    Args:
+        binary: whether the transport can carry CBOR (TCP-05).
+    """
 
     __slots__ = ("_topics", "cbor_offered", "line", "tasks", "types")
 
-    def __init__(self, line: Line, types: LiveTypes, tasks: TaskGroup) -> None:
+    def __init__(self, line: Line, types: LiveTypes, tasks: TaskGroup, *, binary: bool) -> None:
         self.line = line
         self.types = types
         self.tasks = tasks
-        self.cbor_offered = True
+        self.cbor_offered = binary
         self._topics: dict[str, TopicSubscriptions] = {}
 
     def add(self, subscription: Subscription) -> None:
@@ -303,7 +307,7 @@ class Subscription:
         if options.fragment_size:
             given["fragment_size"] = options.fragment_size
         if options.qos is not None:
-            given["qos"] = options.qos if isinstance(options.qos, Qos) else Qos.model_validate(options.qos)
+            given["qos"] = options.qos
         wire_type = self._hub.types.wire_name(self.type_name)
         self._hub.line.send(Subscribe(topic=self.name, type=wire_type, id=self._id, **given))
 

@@ -58,6 +58,12 @@ SCHEMES: Mapping[str, _Scheme] = {
 """What can be connected to. ``ws`` without a port means rosbridge's, 9090, and ``wss`` means 443."""
 
 
+def carries_binary(url: str) -> bool:
+    """Whether binary messages can be sent to that URL; not on a stream of JSON objects (TCP-05)."""
+    scheme = SCHEMES.get(url.partition(":")[0].lower())
+    return scheme is not None and scheme.websocket
+
+
 @dataclass(frozen=True, slots=True)
 class ConnectUrl:
     """A URL to connect to, taken apart.

@@ -11,7 +11,7 @@ def anyio_backend(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-@pytest.fixture(params=["memory", "ws"])
+@pytest.fixture(params=["memory", "ws", "tcp"])
 def transport(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rwt_client.cbor import TypedArray, Unreadable, read_cbor
 from rwt_client.reading import MessageReader
 from rwt_interfaces import JAZZY, NOETIC, Payload, Registry
-from tests.client.worlds import scripted
+from tests.client.worlds import scripted, world
 
 ASKED = ["sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2"]
 ASKED += ["nav_msgs/OccupancyGrid", "sensor_msgs/LaserScan"]
@@ -88,6 +88,13 @@ async def test_a_server_that_answers_in_json_all_the_same_is_understood() -> Non
         await server.hears("subscribe")
         server.publish("/camera", {"data": "AAEC"})
         assert (await images.get(timeout=5)).data == b"\x00\x01\x02"
+
+
+@pytest.mark.anyio
+async def test_it_is_not_asked_for_where_only_text_can_be_sent() -> None:
+    async with world("tcp") as it:
+        it.node.advertise("/camera", "sensor_msgs/Image", latch=True).publish({"data": b"abc"})
+        assert (await it.robot.once("/camera", timeout=5)).data == b"abc"
 
 
 FULL: dict[str, dict[str, object]] = {

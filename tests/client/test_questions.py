@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import anyio
 import pytest
 
 from rwt_client import (
@@ -102,6 +103,18 @@ async def test_time_and_version() -> None:
         with pytest.raises(CallFailed):
             await it.robot.api.ros_version()
         assert it.robot.types.ros_version == 1
+
+
+class TestInVirtualTime:
+    @pytest.fixture
+    def anyio_backend(self, virtual_time: object) -> object:
+        return virtual_time
+
+    async def test_a_robot_without_rosapi_is_not_waited_for_long(self) -> None:
+        start = anyio.current_time()
+        async with scripted(ros_version=None, timeout=30) as (_, robot):
+            assert anyio.current_time() - start == pytest.approx(3.0)
+            assert robot.types.ros_version == 0
 
 
 async def test_an_answer_of_another_shape_is_told() -> None:

@@ -155,6 +155,17 @@ async def test_options_reach_the_server() -> None:
         assert (op["compression"], op["qos"]) == ("png", {"depth": 3})
 
 
+async def test_a_policy_that_is_none_is_told_before_anything_is_sent() -> None:
+    async with scripted() as (server, robot):
+        with pytest.raises(
+            MisfitMessage, match=r'^qos.depth: expected a whole number, zero or more, got "3"$'
+        ):
+            robot.topic("/odom", "nav_msgs/Odometry", qos={"depth": "3"})
+        with pytest.raises(MisfitMessage, match=r"^qos.reliability: expected .reliable."):
+            await robot.advertise("/odom", "nav_msgs/Odometry", qos={"reliability": "most"})
+        assert server.ops("subscribe") == server.ops("advertise") == []
+
+
 async def test_a_refused_subscription_says_why_in_the_servers_words() -> None:
     async with scripted() as (server, robot):
         messages = robot.topic("/secret", "std_msgs/String")

@@ -73,7 +73,7 @@ async def _connected(graph: MemoryGraph, transport: str, options: ConnectKeyword
             yield robot
     else:
         async with (
-            serve(graph, "ws://127.0.0.1:0") as server,
+            serve(graph, f"{transport}://127.0.0.1:0") as server,
             connect(server.urls[0], **options) as robot,
         ):
             yield robot

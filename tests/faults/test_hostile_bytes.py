@@ -23,12 +23,14 @@ from rwt_protocol.session import Refusal, Session
 from rwt_transports import Limits, Routes
 from rwt_transports.connection import MakeWire, Reception
 from rwt_transports.drivers.memory import MemoryPipe
+from rwt_transports.extensions import Deflate
 from rwt_transports.wires.json_stream import json_over_tcp
 from rwt_transports.wires.websocket import websocket_server
 from tests.bridge.recording_client import Client
 from tests.faults.blocking_client import BlockingClient
 from tests.faults.conftest import MIB, Robot
-from tests.transports.rfc6455.frames import BINARY, FIN, KEY, text
+from tests.transports.rfc6455.compression import RSV1, deflated
+from tests.transports.rfc6455.frames import BINARY, FIN, KEY, frame, text
 from tests.transports.rfc6455.handshake import REQUEST
 
 
@@ -125,6 +127,18 @@ def test_a_message_of_a_gigabyte_is_passed_over() -> None:
             pipe.send(chunk)
     pipe.send(text("after"))
     assert (told.oversizes, told.messages) == ([1 << 30], [5])
+
+
+def test_a_compressed_message_is_inflated_up_to_the_limit_and_no_further() -> None:
+    told = Told()
+    limits = Limits(message_bytes=MIB, deflate=Deflate.SHARED)
+    reception = Reception(told.accept, websocket_server, limits, Routes(), "test")
+    pipe = MemoryPipe(reception.attach, "memory", 0)
+    pipe.send(REQUEST[:-2] + b"Sec-WebSocket-Extensions: permessage-deflate\r\n\r\n")
+    (bomb,) = deflated([bytes(100 * MIB)], keep=False)
+    with memory_below(4 * MIB):
+        pipe.send(frame(BINARY, bomb, reserved=RSV1))
+    assert told.messages == [] and pipe.ended
 
 
 def test_an_object_that_never_ends_is_passed_over() -> None:

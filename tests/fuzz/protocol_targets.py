@@ -14,6 +14,7 @@ from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
 from rwt_protocol.codecs import JSON, png
+from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.whole import MOST_MESSAGES
 from rwt_protocol.errors import Refused
 from rwt_protocol.fragments import FragmentLimits
@@ -35,7 +36,23 @@ def session(data: bytes) -> None:
     first byte says binary, and 0x1e ends a frame."""
     if not data:
         return
-    chosen = Session(_PROFILES[data[0] % len(_PROFILES)], _DIRECTIONS[data[0] >> 7], LIMITS)
+    _frames(Session(_PROFILES[data[0] % len(_PROFILES)], _DIRECTIONS[data[0] >> 7], LIMITS), data)
+
+
+def bson(data: bytes) -> None:
+    """The same for a peer that speaks nothing but BSON; the length that begins a document is put right, so
+    that what follows it is looked at."""
+    if not data:
+        return
+    documents = [(len(each) + 5).to_bytes(4, "little") + each + b"\0" for each in data[1:].split(b"\x1e")]
+    raw = data[0] & 0x40
+    chosen = Session(_PROFILES[data[0] % len(_PROFILES)], _DIRECTIONS[data[0] >> 7], LIMITS, BsonCodec())
+    for now, each in enumerate(data[1:].split(b"\x1e") if raw else documents):
+        for item in chosen.decode(each, True, float(now)):
+            _check_item(item)
+
+
+def _frames(chosen: Session, data: bytes) -> None:
     for now, each in enumerate(data[1:].split(b"\x1e")):
         binary = bool(each) and each[0] >= 0xA0
         found = chosen.decode(each, binary, float(now))

@@ -9,11 +9,14 @@ import base64
 import json
 from collections.abc import Iterator
 
+import bson
+
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
 from tests.fuzz.admission_targets import TOKEN
 from tests.fuzz.interface_targets import TYPES
 from tests.protocol.wire_examples import EXAMPLES
+from tests.transports.rfc6455 import compression
 from tests.transports.rfc6455.chapters import CHAPTERS
 from tests.transports.rfc6455.frames import text
 from tests.transports.rfc6455.handshake import HANDSHAKES
@@ -40,6 +43,8 @@ def seeds(name: str) -> Iterator[bytes]:
         return
     yield from {
         "session": _sessions,
+        "bson": _documents,
+        "deflate": _compressed,
         "bridge": _bridges,
         "picture": _pictures,
         "websocket": _websockets,
@@ -67,6 +72,25 @@ def _sessions() -> Iterator[bytes]:
     pieces = [json.dumps({"op": "fragment", "id": "f", "data": data, "num": num, "total": 2}).encode()
               for num, data in enumerate(('{"op":"set_level",', '"level":"none"}'))]  # fmt: skip
     yield b"\x03" + b"\x1e".join(pieces)
+
+
+def _documents() -> Iterator[bytes]:
+    for at, example in enumerate(EXAMPLES.examples[::2]):
+        document = bson.encode(example.message)
+        if len(document) <= _LARGEST:
+            yield bytes((at & 0x83,)) + document[4:-1]
+            yield bytes((at & 0x83 | 0x40,)) + document
+
+
+def _compressed() -> Iterator[bytes]:
+    for chapter in compression.CHAPTERS:
+        for case in chapter.cases:
+            if len(case.sent) <= _LARGEST:
+                yield bytes((_TERMS[case.site], 5)) + case.sent
+    yield b"\x07\x03" + b'{"op":"publish"}' * 5
+
+
+_TERMS = {"shared": 2, "context": 3, "forgetful": 1}
 
 
 def _bridges() -> Iterator[bytes]:

@@ -14,9 +14,11 @@ TARGETS: Mapping[str, Target] = {
     target.__name__: target
     for target in (
         protocol_targets.session,
+        protocol_targets.bson,
         protocol_targets.picture,
         protocol_targets.bridge,
         wire_targets.websocket,
+        wire_targets.deflate,
         wire_targets.json_stream,
         wire_targets.http,
         interface_targets.payload_json,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import zlib
 from collections.abc import Callable, Iterator
 
 from rwt_protocol.frames import Endpoint, PeerInfo, Sink
@@ -10,9 +11,12 @@ from rwt_transports import Limits, Routes
 from rwt_transports.api import Wire, WireEvents
 from rwt_transports.connection import Reception
 from rwt_transports.drivers.memory import MemoryPipe
+from rwt_transports.extensions import DeflateTerms
 from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.wires.deflate import DeflateWire
 from rwt_transports.wires.json_stream import PLAIN, JsonStreamWire
 from rwt_transports.wires.websocket import WebSocketWire, websocket_server
+from tests.transports.rfc6455.frames import BINARY, frame
 
 LARGEST = 2_000
 """Largest message, so that small inputs reach what happens beyond it."""
@@ -91,6 +95,25 @@ def websocket(data: bytes) -> None:
     heard = _compare(make, bool(options & 4), rest, cut)
     assert sum(len(message) for message, _ in heard.messages) <= len(rest)
     assert len(heard.answers) <= 3 * len(rest) + 127, "more answers than questions"
+
+
+def deflate(data: bytes) -> None:
+    """The same where permessage-deflate was agreed; the first byte chooses the terms, and whether the rest is
+    what the network brings, or a message to be compressed and sent twice."""
+    if len(data) < 2:
+        return
+    options, cut, rest = data[0], data[1] or 256, data[2:]
+    terms = DeflateTerms(bool(options & 1), bool(options & 2), 12)
+    if options & 4:
+        packer = zlib.compressobj(wbits=-15)
+        for _ in range(2):
+            packed = (packer.compress(rest) + packer.flush(zlib.Z_SYNC_FLUSH))[:-4]
+            rest += frame(BINARY, packed, reserved=4)
+
+    def make(events: WireEvents) -> Wire:
+        return DeflateWire(events, terms, max_size=LARGEST, strict_utf8=bool(options & 8))
+
+    _compare(make, bool(options & 16), rest, cut)
 
 
 def json_stream(data: bytes) -> None:

@@ -32,7 +32,7 @@ def _passes(case: Case) -> bool:
 
 def _opens(handshake: Handshake) -> bool:
     opens = handshake.status == 101
-    data, _ = in_memory("default", handshake.request, [text(SENTINEL)] if opens else [], opens)
+    data, _ = in_memory("default", handshake.request, [text(SENTINEL)] if opens else [], None)
     return data.startswith(b"HTTP/1.1 %d " % handshake.status)
 
 

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from tests.transports.rfc6455 import closing, control, framing, utf8
+from tests.transports.rfc6455 import closing, compression, control, framing, utf8
 
-CHAPTERS = (*framing.CHAPTERS, *control.CHAPTERS, *utf8.CHAPTERS, *closing.CHAPTERS)
+CHAPTERS = (*framing.CHAPTERS, *control.CHAPTERS, *utf8.CHAPTERS, *closing.CHAPTERS, *compression.CHAPTERS)

@@ -1,13 +1,14 @@
 """Where the cases are played: a pipe in memory, and real sockets under each driver and event loop.
 
 Every stack has the same listeners: `default`; `strict`, which checks UTF-8; `untold`, whose endpoint cannot
-be told of messages over the limit.
+be told of messages over the limit; and those of :mod:`tests.transports.rfc6455.compression`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import socket
+import struct
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager
@@ -23,10 +24,12 @@ from rwt_transports.connection import Reception
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.drivers.memory import MemoryPipe
+from rwt_transports.extensions import Deflate
 from rwt_transports.listener import OpenListener
 from rwt_transports.wires.websocket import websocket_server
 from tests.transports.rfc6455.case import Case
 from tests.transports.rfc6455.closing import LIMIT
+from tests.transports.rfc6455.compression import inflated
 from tests.transports.rfc6455.frames import FIN, TEXT, ReadFrame, read_frames, text
 from tests.transports.rfc6455.handshake import REQUEST
 
@@ -68,16 +71,32 @@ def accept_untold(sink: Sink, peer: PeerInfo) -> Endpoint:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """One listener's settings."""
+    """One listener's settings, and what its clients offer: a header line."""
 
     accept: Accept
     limits: Limits
+    offer: bytes = b""
+
+    @property
+    def request(self) -> bytes:
+        """The handshake with which the cases begin."""
+        return REQUEST[:-2] + self.offer + b"\r\n" if self.offer else REQUEST
+
+
+_OFFER = b"Sec-WebSocket-Extensions: permessage-deflate"
 
 
 SITES: Mapping[str, Site] = {
     "default": Site(accept_told, Limits(message_bytes=LIMIT)),
     "strict": Site(accept_told, Limits(message_bytes=LIMIT, strict_utf8=True)),
     "untold": Site(accept_untold, Limits(message_bytes=LIMIT // 4)),
+    "shared": Site(accept_told, Limits(message_bytes=LIMIT, deflate=Deflate.SHARED), _OFFER + b"\r\n"),
+    "context": Site(accept_told, Limits(message_bytes=LIMIT, deflate=Deflate.CONTEXT), _OFFER + b"\r\n"),
+    "forgetful": Site(
+        accept_told,
+        Limits(message_bytes=LIMIT, deflate=Deflate.CONTEXT),
+        _OFFER + b"; client_no_context_takeover\r\n",
+    ),
 }
 
 
@@ -89,22 +108,43 @@ class Seen:
     ended: bool
 
 
-Exchange = Callable[[str, bytes, Sequence[bytes], bool], tuple[bytes, bool]]
+Done = Callable[[bytes | bytearray], bool]
+"""Whether what came back is all."""
+Exchange = Callable[[str, bytes, Sequence[bytes], Done | None], tuple[bytes, bool]]
 """Sends a request and then pieces to a site; gives every byte that came back, and whether the server ended
-the connection. The last argument: wait for the echo of the sentinel rather than for the end."""
+the connection. Without a last argument it waits for the end."""
 
 
 def play(exchange: Exchange, case: Case, cut: int) -> Seen:
     """Play one case in pieces of `cut` bytes; 0 sends it as one."""
     sent = case.sent + (text(SENTINEL) if case.lives else b"")
     pieces = [sent[at : at + cut] for at in range(0, len(sent), cut)] if cut else [sent]
-    data, ended = exchange(case.site, REQUEST, pieces, case.lives)
+    site = SITES[case.site]
+    done = (_all_is_here if site.offer else ends_with_sentinel) if case.lives else None
+    data, ended = exchange(case.site, site.request, pieces, done)
     head, _, rest = data.partition(b"\r\n\r\n")
     assert head.startswith(b"HTTP/1.1 101 ")
+    assert (b"permessage-deflate" in head) is bool(site.offer)
     frames = read_frames(rest)
+    if site.offer:
+        frames = inflated(frames)
     if case.lives:
         assert frames.pop() == (FIN | TEXT, SENTINEL)
     return Seen(frames, ended)
+
+
+def ends_with_sentinel(data: bytes | bytearray) -> bool:
+    """Whether the sentinel has come back, as a message that is not compressed."""
+    return data.endswith(_ECHO_OF_SENTINEL)
+
+
+def _all_is_here(data: bytes | bytearray) -> bool:
+    """The same where it may be compressed."""
+    try:
+        frames = inflated(read_frames(bytes(data).partition(b"\r\n\r\n")[2]))
+    except (AssertionError, IndexError, struct.error):
+        return False  # a frame is cut
+    return frames[-1:] == [(FIN | TEXT, SENTINEL)]
 
 
 def check(case: Case, seen: Seen) -> None:
@@ -122,7 +162,7 @@ def check(case: Case, seen: Seen) -> None:
 # -- in memory ---------------------------------------------------------------------------------------------
 
 
-def in_memory(site: str, request: bytes, pieces: Sequence[bytes], lives: bool) -> tuple[bytes, bool]:
+def in_memory(site: str, request: bytes, pieces: Sequence[bytes], done: Done | None) -> tuple[bytes, bool]:
     """A pipe without sockets, loop or time."""
     chosen = SITES[site]
     reception = Reception(chosen.accept, websocket_server, chosen.limits, Routes(), "ws")
@@ -168,7 +208,9 @@ class _SocketExchange:
     def __init__(self, ports: Mapping[str, int]) -> None:
         self._ports = ports
 
-    def __call__(self, site: str, request: bytes, pieces: Sequence[bytes], lives: bool) -> tuple[bytes, bool]:
+    def __call__(
+        self, site: str, request: bytes, pieces: Sequence[bytes], done: Done | None
+    ) -> tuple[bytes, bool]:
         with socket.create_connection(("127.0.0.1", self._ports[site]), PATIENCE) as client:
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             # A server that has closed may answer what is still sent with a reset.
@@ -179,10 +221,10 @@ class _SocketExchange:
                 if not pieces:
                     # After a refused request another could follow.
                     client.shutdown(socket.SHUT_WR)
-            return _receive(client, _ECHO_OF_SENTINEL if lives else None)
+            return _receive(client, done)
 
 
-def _receive(client: socket.socket, last: bytes | None) -> tuple[bytes, bool]:
+def _receive(client: socket.socket, done: Done | None) -> tuple[bytes, bool]:
     data = bytearray()
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
@@ -193,6 +235,6 @@ def _receive(client: socket.socket, last: bytes | None) -> tuple[bytes, bool]:
         if not more:
             return bytes(data), True
         data += more
-        if last is not None and data.endswith(last):
+        if done is not None and done(data):
             return bytes(data), False
     raise TimeoutError(f"the server sent {len(data)} bytes and then nothing that the case waits for")

@@ -10,7 +10,16 @@ from tests.transports.rfc6455.case import Case, Chapter
 from tests.transports.rfc6455.chapters import CHAPTERS
 from tests.transports.rfc6455.frames import text
 from tests.transports.rfc6455.handshake import ACCEPT, HANDSHAKES, Handshake
-from tests.transports.rfc6455.sites import SENTINEL, STACKS, Exchange, check, in_memory, over_sockets, play
+from tests.transports.rfc6455.sites import (
+    SENTINEL,
+    STACKS,
+    Exchange,
+    check,
+    ends_with_sentinel,
+    in_memory,
+    over_sockets,
+    play,
+)
 
 CASES = [
     pytest.param(case, id=f"{chapter.title}: {case.name}") for chapter in CHAPTERS for case in chapter.cases
@@ -47,6 +56,8 @@ def test_cuts_do_not_matter_on_the_network(exchange: Exchange, chapter: Chapter)
 @pytest.mark.parametrize("handshake", HANDSHAKES, ids=lambda handshake: handshake.name)
 def test_the_opening_handshake(exchange: Exchange, handshake: Handshake) -> None:
     opens = handshake.status == 101
-    data, _ = exchange("default", handshake.request, [text(SENTINEL)] if opens else [], opens)
+    data, _ = exchange(
+        "default", handshake.request, [text(SENTINEL)] if opens else [], ends_with_sentinel if opens else None
+    )
     assert data.split(b" ", 2)[:2] == [b"HTTP/1.1", b"%d" % handshake.status]
     assert (ACCEPT in data) is opens

@@ -1,0 +1,129 @@
+"""BSON documents one after the other on a stream of bytes, as a wire (BSN-03).
+
+A document begins with its own length, a little-endian int32 that counts itself, so nothing else is needed to
+tell where it ends. A length that no document can have leaves no way to find the next one, and ends the
+connection. Text frames have no place on this wire: one is logged and left out.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Callable
+from typing import Final
+
+from rwt_protocol.frames import Buffer, Frame
+
+from ..api import Framing, WireEvents
+from ..close_codes import PROTOCOL_ERROR, TOO_BIG
+from ..limits import Limits
+from .spare import Spare
+
+logger = logging.getLogger("rwt_transports.bson_stream")
+
+_LENGTH: Final = struct.Struct("<i")
+
+#: An empty document: its length, and the zero byte that ends it.
+SMALLEST: Final = 5
+
+
+class BsonStreamWire:
+    """One connection's documents.
+
+    Args:
+        events: who is told about everything but messages.
+        max_size: largest document in bytes; a larger one is skipped as it comes in, and kept nowhere.
+    """
+
+    __slots__ = ("_buffer", "_events", "_max_size", "_over", "_to_skip", "message")
+
+    def __init__(self, events: WireEvents, *, max_size: int) -> None:
+        self._events = events
+        self._max_size = max_size
+        self.message: Callable[[bytes, bool], None] = _ignore
+        self._buffer = bytearray()
+        self._to_skip = 0
+        self._over = False
+
+    @property
+    def framing(self) -> Framing:
+        """How outgoing frames become bytes: a document is its own frame."""
+        return DOCUMENTS
+
+    def close(self, code: int, reason: str) -> bytes:
+        """Nothing is said at the end of this protocol."""
+        self._over = True
+        self.message = _ignore
+        return b""
+
+    def ping(self) -> bytes:
+        """There is none."""
+        return b""
+
+    def space(self) -> None:
+        """Documents are put together in a buffer of the wire's own."""
+
+    def filled(self, count: int) -> None:
+        """Never called, since there is no :meth:`space`."""
+
+    def feed(self, data: bytes) -> None:
+        """Read documents; each whole one goes to :attr:`message` within the call."""
+        self._buffer += data
+        while not self._over and self._step():
+            pass
+        if self._over:
+            self._buffer.clear()
+
+    def _step(self) -> bool:
+        """Take one document, or what is here of one to skip; False when more bytes are needed."""
+        buffer = self._buffer
+        if self._to_skip:
+            skipped = min(self._to_skip, len(buffer))
+            del buffer[:skipped]
+            self._to_skip -= skipped
+            return self._to_skip == 0
+        if len(buffer) < _LENGTH.size:
+            return False
+        (length,) = _LENGTH.unpack_from(buffer)
+        if length < SMALLEST:
+            self._end(PROTOCOL_ERROR, f"a BSON document of {length} bytes; {SMALLEST} is the smallest")
+            return False
+        if length > self._max_size:
+            return self._skip(length)
+        if len(buffer) < length:
+            return False
+        document = bytes(buffer[:length])
+        del buffer[:length]
+        self.message(document, True)
+        return True
+
+    def _skip(self, length: int) -> bool:
+        """Leave out a document over the limit, if the endpoint can be told of it."""
+        if self._events.oversized(length):
+            self._to_skip = length
+            return True
+        self._end(TOO_BIG, f"a message of {length} bytes; the limit is {self._max_size} (message_bytes)")
+        return False
+
+    def _end(self, code: int, reason: str) -> None:
+        self._over = True
+        self._events.ended(code, reason, agreed=False)
+
+
+def _ignore(_data: bytes, _binary: bool) -> None:
+    """Where messages go before an endpoint is there, and after the connection began to close."""
+
+
+def _pieces(frame: Frame) -> tuple[Buffer, ...]:
+    if frame.binary:
+        return frame.parts
+    logger.warning("a text message of %d bytes has no place on a BSON stream; left out", frame.size)
+    return ()
+
+
+DOCUMENTS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
+
+
+def bson_documents(events: WireEvents, limits: Limits, _spare: Spare) -> BsonStreamWire:
+    """The wire of one peer that speaks BSON on a stream."""
+    return BsonStreamWire(events, max_size=limits.message_bytes)
