@@ -81,7 +81,14 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
         stack.callback(bridge.close)
         listeners = [
             await stack.enter_async_context(
-                listen(url, _accept_at(url, bridge), routes=routes(bridge), limits=limits, tls=tls)
+                listen(
+                    url,
+                    _accept_at(url, bridge),
+                    routes=routes(bridge),
+                    limits=limits,
+                    tls=tls,
+                    bson=settings.bson_only_mode,
+                )
             )
             for url in urls or settings.listen
         ]

@@ -18,7 +18,7 @@ class Frame:
     and parts once, and :meth:`framed` keeps the outcome for the next connection.
     """
 
-    __slots__ = ("_framed", "_framing", "_pieces", "binary", "parts", "size")
+    __slots__ = ("_framed", "_framing", "_others", "_pieces", "binary", "parts", "size")
 
     def __init__(self, *parts: Buffer, binary: bool = False) -> None:
         self.parts = parts
@@ -29,6 +29,7 @@ class Frame:
         self.size = size
         self._framing: object = None
         self._framed = b""
+        self._others: dict[object, bytes] | None = None
         self._pieces: dict[int, Sequence[Frame]] | None = None
 
     @property
@@ -37,11 +38,22 @@ class Frame:
         return b"".join(self.parts)
 
     def framed(self, framing: Callable[[Frame], bytes]) -> bytes:
-        """The bytes of this frame on a wire whose `framing` needs nothing but the frame; computed once."""
-        if self._framing is not framing:
-            self._framed = framing(self)
+        """The bytes of this frame on a wire whose `framing` needs nothing but the frame; computed once.
+
+        Most frames meet one kind of wire. Those that meet more, as where some peers compress, keep each.
+        """
+        if self._framing is framing:
+            return self._framed
+        if self._framing is None:
             self._framing = framing
-        return self._framed
+            self._framed = framing(self)
+            return self._framed
+        if self._others is None:
+            self._others = {}
+        framed = self._others.get(framing)
+        if framed is None:
+            framed = self._others[framing] = framing(self)
+        return framed
 
     def pieces(self, size: int, cut: Callable[[Frame, int], Sequence[Frame]]) -> Sequence[Frame]:
         """This message cut into frames by `cut`; done once for each `size`, whoever it goes to."""

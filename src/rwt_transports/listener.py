@@ -18,6 +18,7 @@ from .close_codes import GOING_AWAY
 from .connection import Reception
 from .drivers.anyio_stream import AnyioDriver
 from .drivers.asyncio_protocol import AsyncioDriver
+from .errors import BadUrl
 from .http import Routes
 from .limits import Limits
 from .urls import parse_listen_url
@@ -54,6 +55,7 @@ async def listen(
     limits: Limits | None = None,
     driver: Driver | None = None,
     tls: SSLContext | None = None,
+    bson: bool = False,
 ) -> AsyncIterator[OpenListener]:
     """Accept peers on `url` within the block, for example ``ws://127.0.0.1:9090``; port 0 picks a free one.
 
@@ -65,6 +67,7 @@ async def listen(
         routes: plain HTTP requests that the same port answers.
         limits: bounds per listener and per connection.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
+        bson: whether every message is a BSON document; on a stream it says itself where it ends (BSN-03).
         driver: what moves the bytes; by default the fastest one for the scheme and the running event loop.
 
     Raises:
@@ -75,9 +78,12 @@ async def listen(
     chosen = Limits() if limits is None else limits
     pages = (routes or Routes()) if target.scheme.http else None
     scheme = target.scheme
+    make_wire = scheme.wire(bson=bson)
+    if make_wire is None:
+        raise BadUrl(f"cannot listen on {url!r}: BSON is not spoken over {target.name}; use ws:// or tcp://")
     reception = Reception(
         accept,
-        scheme.make_wire,
+        make_wire,
         chosen,
         pages,
         target.name,

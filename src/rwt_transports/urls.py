@@ -12,6 +12,7 @@ from .connection import MakeWire
 from .drivers.datagrams import DatagramDriver
 from .drivers.standard_streams import StandardStreamsDriver
 from .errors import BadUrl
+from .wires.bson_stream import bson_documents
 from .wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
 from .wires.json_stream import json_lines, json_over_tcp
 from .wires.websocket import websocket_server
@@ -34,6 +35,7 @@ class Scheme:
         single: whether there is one peer, with which the listener ends; it names no place.
         carries: bytes of the largest message that can be sent; 0 for any.
         expires: whether a silent peer is forgotten, since nothing else says that it has gone.
+        bson_wire: the wire spoken where every message is BSON; None: BSON cannot be spoken.
     """
 
     make_wire: MakeWire
@@ -45,14 +47,19 @@ class Scheme:
     single: bool = False
     expires: bool = False
     carries: int = 0
+    bson_wire: MakeWire | None = None
+
+    def wire(self, *, bson: bool) -> MakeWire | None:
+        """The wire for JSON, or the one for BSON documents if there is one."""
+        return self.bson_wire if bson else self.make_wire
 
 
 SCHEMES = {
-    "ws": Scheme(websocket_server, "ws://127.0.0.1:9090", http=True),
-    "wss": Scheme(websocket_server, "wss://0.0.0.0:9090", http=True, tls=True),
-    "tcp": Scheme(json_over_tcp, "tcp://127.0.0.1:9091"),
-    "tcps": Scheme(json_over_tcp, "tcps://0.0.0.0:9091", tls=True),
-    "unix": Scheme(json_lines, "unix:///run/user/1000/robot.sock", unix=True),
+    "ws": Scheme(websocket_server, "ws://127.0.0.1:9090", http=True, bson_wire=websocket_server),
+    "wss": Scheme(websocket_server, "wss://0.0.0.0:9090", http=True, tls=True, bson_wire=websocket_server),
+    "tcp": Scheme(json_over_tcp, "tcp://127.0.0.1:9091", bson_wire=bson_documents),
+    "tcps": Scheme(json_over_tcp, "tcps://0.0.0.0:9091", tls=True, bson_wire=bson_documents),
+    "unix": Scheme(json_lines, "unix:///run/user/1000/robot.sock", unix=True, bson_wire=bson_documents),
     "udp": Scheme(
         json_datagrams,
         "udp://127.0.0.1:9092",
@@ -60,7 +67,9 @@ SCHEMES = {
         expires=True,
         carries=DATAGRAM_BYTES,
     ),
-    "stdio": Scheme(json_lines, "stdio:", make_driver=StandardStreamsDriver, single=True),
+    "stdio": Scheme(
+        json_lines, "stdio:", make_driver=StandardStreamsDriver, single=True, bson_wire=bson_documents
+    ),
 }
 
 
