@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Codec
     from rwt_protocol.frames import Endpoint, PeerInfo, Sink
+    from rwt_transports.dial import Dialed
 
 #: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
 _MOST_ORPHANS = 1000
@@ -72,6 +73,7 @@ class Bridge:
         ledger: what is counted.
         census: who is connected, told to the graph.
         loop_lag: how late the event loop is.
+        dials: how each dial-out goes.
 
     Raises:
         SettingsError: a file that the settings name cannot be used.
@@ -93,6 +95,7 @@ class Bridge:
         self._codec = _one_codec(settings)
         self._fanouts: dict[str, Fanout] = {}
         self._peers: set[Peer] = set()
+        self.dials: list[Dialed] = []
         self._count = 0
         self._orphans: dict[SentGoal, str] = {}
         self.dispatcher: Dispatcher[Peer] = Dispatcher(

@@ -65,9 +65,26 @@ def _write_totals(page: Exposition, bridge: Bridge, clients: list[tuple[Peer, Tr
         "rwt_topic_client_subscriptions", "gauge", "Clients that listen to a topic.",
         [({"topic": name}, fanout.subscriptions) for name, fanout in sorted(bridge.fanouts.items())],
     )  # fmt: skip
+    _write_dials(page, bridge)
     page.histogram(
         "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
         BUCKETS, bridge.loop_lag.counts, bridge.loop_lag.total,
+    )  # fmt: skip
+
+
+def _write_dials(page: Exposition, bridge: Bridge) -> None:
+    """How each dial-out goes; nothing where there are none."""
+    page.family(
+        "rwt_dial_waiting_connections", "gauge", "Connections that wait at a hub for a client.",
+        [({"hub": dialed.url}, dialed.spares) for dialed in bridge.dials],
+    )  # fmt: skip
+    page.family(
+        "rwt_dial_clients", "gauge", "Clients that came through a hub.",
+        [({"hub": dialed.url}, dialed.clients) for dialed in bridge.dials],
+    )  # fmt: skip
+    page.family(
+        "rwt_dial_failures", "gauge", "Attempts in a row that a hub did not answer.",
+        [({"hub": dialed.url}, dialed.failures) for dialed in bridge.dials],
     )  # fmt: skip
 
 

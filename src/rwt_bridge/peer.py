@@ -123,7 +123,7 @@ class Peer:
         The client is told so: of a result in its place, of anything else by a `status`.
         """
         frame = self.session.encode(op)
-        reason = too_large(self, frame)
+        reason = too_large(self, frame, in_pieces=fragment_size is not None)
         if reason is None:
             self.send_cut(frame, fragment_size, op.id)
             return True

@@ -73,8 +73,14 @@ def require_call(peer: Peer, op: str) -> None:
     _require(op, "calls", len(peer.calls) + len(peer.goals), peer.bridge.limits.calls)
 
 
-def too_large(peer: Peer, frame: Frame) -> str | None:
-    """Why a message may not be sent to a client; None when it may."""
+def too_large(peer: Peer, frame: Frame, *, in_pieces: bool = False) -> str | None:
+    """Why a message may not be sent to a client, or not `in_pieces`; None when it may."""
+    carries = peer.info.carries
+    if carries and frame.size > carries and not in_pieces:
+        return (
+            f"a message of {frame.size} bytes, and {peer.info.transport} carries {carries}: ask for "
+            "`fragment_size`, or connect by tcp"
+        )
     most = peer.bridge.limits.outgoing_message_bytes
     if frame.size <= most:
         return None

@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+import anyio
+
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.origins import is_loopback_listener
 from rwt_bridge.pages import routes
 from rwt_bridge.settings import Settings
-from rwt_bridge.tls import server_tls
+from rwt_bridge.tls import client_tls, server_tls
+from rwt_transports.dial import dial
 from rwt_transports.extensions import Deflate
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
@@ -20,6 +23,8 @@ from rwt_transports.listener import listen
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_protocol.frames import Accept
+    from rwt_transports.api import Listener
+    from rwt_transports.dial import Dialed
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +34,26 @@ class Server:
     Attributes:
         urls: where it listens, with the ports it has got.
         bridge: the clients.
+        dials: how each dial-out goes (`dial.urls`).
     """
 
     urls: tuple[str, ...]
     bridge: Bridge
+    dials: tuple[Dialed, ...]
+    _listeners: tuple[Listener, ...]
+
+    async def ended(self) -> None:
+        """Wait until whoever started this program has closed its standard input; without ``stdio:`` for
+        ever."""
+        async with anyio.create_task_group() as tasks:
+
+            async def watch(listener: Listener) -> None:
+                await listener.ended()
+                tasks.cancel_scope.cancel()
+
+            for listener in self._listeners:
+                tasks.start_soon(watch, listener)
+            await anyio.sleep_forever()
 
 
 @asynccontextmanager
@@ -41,7 +62,9 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
 
     Args:
         graph: a graph that runs (`async with graph`).
-        urls: where to listen, for example ``ws://127.0.0.1:9090``; none means what `settings` says.
+        urls: where to listen, for example ``ws://127.0.0.1:9090``; none means what `settings` says. The
+            schemes are those of :data:`rwt_transports.urls.SCHEMES`; ``wss`` and ``tcps`` need `tls.certfile`
+            and `tls.keyfile` in the settings.
         settings: everything else.
 
     Raises:
@@ -51,6 +74,8 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
     settings = settings or Settings()
     bridge = Bridge(graph, settings)
     limits = _transport_limits(settings)
+    dial_token = settings.dial.token.get_secret_value() if settings.dial.token else None
+    dial_tls = client_tls(settings.dial.cafile)
     tls = server_tls(settings.tls)
     async with AsyncExitStack() as stack:
         stack.callback(bridge.close)
@@ -60,7 +85,11 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
             )
             for url in urls or settings.listen
         ]
-        yield Server(tuple(listener.url for listener in listeners), bridge)
+        for url in settings.dial.urls:
+            dialing = dial(url, _accept_at(url, bridge), token=dial_token, limits=limits, tls=dial_tls)
+            bridge.dials.append(await stack.enter_async_context(dialing))
+        urls_in_use = tuple(listener.url for listener in listeners)
+        yield Server(urls_in_use, bridge, tuple(bridge.dials), tuple(listeners))
 
 
 def _accept_at(url: str, bridge: Bridge) -> Accept:
@@ -79,6 +108,7 @@ def _transport_limits(settings: Settings) -> Limits:
         close_seconds=wished.close_seconds,
         ping_seconds=wished.ping_seconds,
         pong_seconds=wished.pong_seconds,
+        idle_peer_seconds=wished.idle_peer_seconds,
         data_bytes=wished.data_bytes,
         data_frames=wished.data_frames,
         control_bytes=wished.control_bytes,

@@ -49,7 +49,7 @@ class ClientCall:
             if self._narrow is not None:
                 outcome = self._narrow(outcome)
             frame = self._answer(outcome)
-            reason = too_large(peer, frame)
+            reason = too_large(peer, frame, in_pieces=self._fragment_size is not None)
             if reason is None:
                 peer.send_cut(frame, self._fragment_size, self._id)
             else:

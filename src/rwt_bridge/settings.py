@@ -81,6 +81,9 @@ class LimitSettings(Table):
     pong_seconds: Annotated[
         Seconds, Field(description="further silence after which a client counts as gone")
     ] = 40.0
+    idle_peer_seconds: Annotated[
+        Seconds, Field(description="silence after which a client over UDP is forgotten")
+    ] = 60.0
     close_seconds: Annotated[Seconds, Field(description="how long a closing connection may take")] = 2.0
     data_bytes: Annotated[
         Bytes,
@@ -209,6 +212,22 @@ class TlsSettings(Table):
         return self
 
 
+class DialSettings(Table):
+    """Hubs at which the robot dials in, so that clients reach it from outside of its own network."""
+
+    urls: Annotated[
+        tuple[str, ...], Field(description="hubs, as `wss://HUB/robots/NAME` with the robot's name")
+    ] = ()
+    token: Annotated[
+        PlainToken | None,
+        Field(description="what the hubs want to see: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"),
+    ] = None
+    cafile: Annotated[
+        Path | None,
+        Field(description="PEM file with the authority of the hubs' certificates; not set: the system's"),
+    ] = None
+
+
 def _with_known_roles(settings: Settings) -> Settings:
     named = {"auth.default_role": settings.auth.default_role, "auth.rosauth_role": settings.auth.rosauth_role}
     named |= {f"auth.tokens.{name}.role": token.role for name, token in settings.auth.tokens.items()}
@@ -223,7 +242,8 @@ class Settings(Table):
     """Everything a server can be told."""
 
     listen: Annotated[
-        tuple[str, ...], Field(min_length=1, description="URLs to serve on; port 0 picks a free one")
+        tuple[str, ...],
+        Field(description="URLs to serve on; port 0 picks a free one; may be empty where `dial.urls` is not"),
     ] = ("ws://127.0.0.1:9090",)
     distro: Annotated[
         Literal["jazzy", "noetic"], Field(description="ROS distribution whose names and messages are spoken")
@@ -260,6 +280,13 @@ class Settings(Table):
     )
     origins: OriginSettings = OriginSettings()
     tls: TlsSettings = TlsSettings()
+    dial: DialSettings = DialSettings()
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Settings:
+        if not self.listen and not self.dial.urls:
+            raise ValueError("`listen`: expected at least one URL, or one in `dial.urls`")
+        return self
 
     @model_validator(mode="after")
     def _roles_exist(self) -> Settings:

@@ -1,4 +1,4 @@
-"""The certificate of encrypted listeners, from files."""
+"""TLS from files: the certificate of encrypted listeners, and the authority of hubs."""
 
 from __future__ import annotations
 
@@ -33,6 +33,22 @@ def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
             " belongs to it, both in PEM, the key without a password"
         ) from error
     return context
+
+
+def client_tls(cafile: Path | None) -> ssl.SSLContext | None:
+    """What checks the certificate of a hub against the authority in a PEM file (`dial.cafile`); None for the
+    system's authorities.
+
+    Raises:
+        SettingsError: the file cannot be read, or holds no certificate.
+    """
+    if cafile is None:
+        return None
+    _check_readable("dial.cafile", cafile)
+    try:
+        return ssl.create_default_context(cafile=cafile)
+    except ssl.SSLError as error:
+        raise SettingsError(f"dial.cafile: {cafile}: expected certificates in PEM") from error
 
 
 def _check_readable(key: str, path: Path) -> None:

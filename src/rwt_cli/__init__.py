@@ -7,7 +7,9 @@ import sys
 from collections.abc import Sequence
 
 from rwt_cli.config import add_config_command
+from rwt_cli.conformance import add_conformance_command
 from rwt_cli.errors import CommandError
+from rwt_cli.hub import add_hub_command
 from rwt_cli.serve import add_serve_command
 
 __all__ = ["main"]
@@ -20,6 +22,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     add_serve_command(commands)
+    add_hub_command(commands)
+    add_conformance_command(commands)
     add_config_command(commands)
     arguments = parser.parse_args(argv)
     try:

@@ -70,7 +70,9 @@ def settings_of(arguments: argparse.Namespace, options: Mapping[str, object] | N
         CommandError: a setting cannot be used.
     """
     given = [
-        Given((key,), value, "command line") for key, value in (options or {}).items() if value is not None
+        Given(tuple(key.split(".")), value, "command line")
+        for key, value in (options or {}).items()
+        if value is not None
     ]
     try:
         for text in arguments.set:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import signal
+import sys
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ import anyio
 
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import SettingsError
+from rwt_bridge.settings_sources import DEFAULT
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_cli.logs import FORMATS, log_to_stderr
@@ -20,9 +22,13 @@ from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
 from rwt_nodes.rosapi import Rosapi
+from rwt_transports.dial import check_dial_url
 from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+    from rwt_bridge.serve import Server
     from rwt_bridge.settings import Settings
     from rwt_graph.api import Graph
     from rwt_nodes.demo import DemoRobot
@@ -32,6 +38,9 @@ examples:
   rwt serve --demo                         the demo robot on ws://127.0.0.1:9090
   rwt serve ws://0.0.0.0:9090 --distro noetic
   rwt serve ws://127.0.0.1:0               on any free port, which is printed
+  rwt serve ws://[::1] tcp://127.0.0.1:9091 on several at once; also wss:, tcps:, unix:, udp:
+  rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
+  rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
 """
 
@@ -50,6 +59,13 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         nargs="*",
         metavar="URL",
         help="where to listen (default ws://127.0.0.1:9090; port 0 picks one)",
+    )
+    parser.add_argument(
+        "--dial",
+        action="append",
+        metavar="URL",
+        help="dial in at a hub, wss://HUB/robots/NAME, and serve the clients it passes on; may be given"
+        " several times; without a URL to listen on, nothing else is served",
     )
     parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
     parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
@@ -73,8 +89,8 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
 
 def _run(arguments: argparse.Namespace) -> int:
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
-    settings = _settings(arguments)
     try:
+        settings = _settings(arguments)
         anyio.run(_serve, settings)
     except TransportError as error:
         raise CommandError(str(error)) from error
@@ -90,8 +106,16 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "demo": arguments.demo,
         "distro": arguments.distro,
         "interfaces": tuple(arguments.interfaces or ()) or None,
+        "dial.urls": tuple(arguments.dial or ()) or None,
     }
-    return settings_of(arguments, given).settings
+    loaded = settings_of(arguments, given)
+    settings = loaded.settings
+    for url in settings.dial.urls:
+        check_dial_url(url)
+    if settings.dial.urls and loaded.source(("listen",)) == DEFAULT:
+        # Who only dials out wants no port.
+        return settings.model_copy(update={"listen": ()})
+    return settings
 
 
 def _registry(settings: Settings) -> Registry:
@@ -116,12 +140,33 @@ async def _serve(settings: Settings) -> None:
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
             async with serve(graph, *settings.listen, settings=settings) as server:
-                said = [f"listening on {url}" for url in server.urls]
-                if settings.demo:
-                    said.append(_next_steps(server.urls[0]))
-                _say("\n".join(said))
-                async for _ in signals:
-                    break
+                _announce(server, demo=settings.demo)
+                await _signal_or_end(signals, server)
+
+
+async def _signal_or_end(signals: AsyncIterator[signal.Signals], server: Server) -> None:
+    """Wait for a signal, or until whoever started this as a child process has closed its standard input."""
+    async with anyio.create_task_group() as tasks:
+
+        async def watch() -> None:
+            await server.ended()
+            tasks.cancel_scope.cancel()
+
+        tasks.start_soon(watch)
+        async for _ in signals:
+            break
+        tasks.cancel_scope.cancel()
+
+
+def _announce(server: Server, *, demo: bool) -> None:
+    """Say that the server is ready: on stdout, or on stderr where stdout belongs to the protocol."""
+    said = [f"listening on {url}" for url in server.urls]
+    said += [f"dialing {dialed.url}" for dialed in server.dials]
+    web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
+    if demo and web is not None:
+        said.append(_next_steps(web))
+    over_stdio = "stdio:" in server.urls
+    print("\n".join(said), flush=True, file=sys.stderr if over_stdio else sys.stdout)
 
 
 def _demo_robot(graph: Graph) -> closing[DemoRobot]:
@@ -140,7 +185,3 @@ The demo robot is up. Point any rosbridge client at {url}, or open {page} in a b
 
 Publish geometry_msgs/Twist on /cmd_vel to drive, subscribe to /odom, /scan and /map, call /add_two_ints,
 or send a goal to /navigate_to_pose. Ctrl-C ends it."""
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)

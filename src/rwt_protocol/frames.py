@@ -123,6 +123,7 @@ class PeerInfo:
         port: the peer's port, 0 where there is none.
         path: path and query of the request, for transports that have one.
         headers: request headers, names in lower case, for transports that have them.
+        carries: bytes of the largest message that the transport can carry to this peer; 0 for any.
     """
 
     transport: str
@@ -130,6 +131,7 @@ class PeerInfo:
     port: int = 0
     path: str = "/"
     headers: Mapping[str, str] = field(default_factory=dict)
+    carries: int = 0
 
 
 @dataclass(frozen=True, slots=True)

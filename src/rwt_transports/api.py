@@ -51,6 +51,13 @@ class Link(Protocol):
     def abort(self) -> None:
         """Drop the connection at once."""
 
+    def pause(self) -> None:
+        """Read nothing from the peer until :meth:`resume`; what is read already may still be handed over.
+        Where nothing can hold a peer back, this does nothing."""
+
+    def resume(self) -> None:
+        """Read again."""
+
 
 class WireEvents(Protocol):
     """What a wire reports while it is fed."""
@@ -104,6 +111,28 @@ class OversizeAware(Protocol):
 
     def oversized(self, size: int, limit: int) -> None:
         """A message of at least `size` bytes was skipped; `limit` is the setting. Never raises."""
+
+
+class Valve(Protocol):
+    """How an endpoint that passes messages on holds back who sends them."""
+
+    def pause(self) -> None:
+        """Take nothing from this peer until :meth:`resume`; what is here already may still be handed over."""
+
+    def resume(self) -> None:
+        """Go on."""
+
+    def when_empty(self, callback: Callable[[], None]) -> None:
+        """Call `callback` once, when everything sent to this peer has been handed to the network. The last
+        callback given counts; none is called once the connection is lost."""
+
+
+@runtime_checkable
+class ValveAware(Protocol):
+    """An endpoint that is given the valve of its connection, before its first message."""
+
+    def given_valve(self, valve: Valve) -> None:
+        """This is it."""
 
 
 class Driven(Protocol):
@@ -173,3 +202,7 @@ class Listener(Protocol):
     @property
     def connections(self) -> int:
         """How many peers are connected, plain HTTP included."""
+
+    async def ended(self) -> None:
+        """Wait until there is nothing left to serve: the end of standard input for ``stdio:``, else for
+        ever."""

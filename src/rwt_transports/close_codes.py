@@ -10,6 +10,8 @@ INVALID_DATA = 1007
 POLICY = 1008
 TOO_BIG = 1009
 INTERNAL_ERROR = 1011
+SERVICE_RESTART = 1012
+TRY_AGAIN_LATER = 1013
 
 KNOWN = frozenset({1000, 1001, 1002, 1003, 1007, 1008, 1009, 1010, 1011, 1012, 1013, 1014})
 """Codes below 3000 that may travel in a close frame (the RFC and the IANA registry)."""

@@ -12,7 +12,7 @@ from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
 
-from .api import Link, OversizeAware, Wire, WireEvents
+from .api import Link, OversizeAware, ValveAware, Wire, WireEvents
 from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from .errors import Refused
 from .extensions import DeflateTerms
@@ -39,6 +39,10 @@ class Reception:
         make_wire: makes its wire.
         routes: plain HTTP on the same port; None for transports that begin with messages at once.
         transport: the URL scheme, for :class:`~rwt_protocol.frames.PeerInfo`.
+        single: whether everything ends with the one peer that there is.
+        idle_seconds: silence after which a peer is forgotten; 0 never.
+        carries: bytes of the largest message that can be sent; 0 for any.
+        ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
         connections: those that are open.
     """
@@ -48,7 +52,11 @@ class Reception:
     limits: Limits
     routes: Routes | None
     transport: str
+    single: bool = False
+    idle_seconds: float = 0.0
+    carries: int = 0
     tasks: TaskGroup | None = None
+    ended: anyio.Event = field(default_factory=anyio.Event)
     spare: Spare = field(default_factory=Spare)
     connections: set[Connection] = field(default_factory=set)
     closing: bool = False
@@ -88,6 +96,8 @@ class Reception:
         self.connections.discard(connection)
         if not self.connections and self._empty is not None:
             self._empty.set()
+        if self.single:
+            self.ended.set()
 
     def abort(self) -> None:
         """Cut those that are still here."""
@@ -150,7 +160,8 @@ class Connection:
 
     def _open_at_once(self) -> None:
         try:
-            self._open(PeerInfo(self._reception.transport, self._address, self._port))
+            reception = self._reception
+            self._open(PeerInfo(reception.transport, self._address, self._port, carries=reception.carries))
         except Refused as refused:
             self.close(POLICY, refused.reason)
         except Exception:
@@ -194,7 +205,9 @@ class Connection:
             self._conversation.eof()
             return
         self._end_endpoint(ABNORMAL, "the peer went away without a word")
-        self._link.close()
+        self._ending = True
+        # A peer that only closed its sending side still gets the answers made so far.
+        self.outbox.when_empty(self._link.close)
 
     def lost(self) -> None:
         """The link is gone."""
@@ -226,6 +239,21 @@ class Connection:
     def abort(self) -> None:
         """Cut the connection."""
         self._link.abort()
+
+    # -- the endpoint's valve ------------------------------------------------------------------------------
+
+    def pause(self) -> None:
+        """Take nothing more from the peer for now."""
+        self._link.pause()
+
+    def resume(self) -> None:
+        """Go on."""
+        self._link.resume()
+
+    def when_empty(self, callback: Callable[[], None]) -> None:
+        """Call `callback` once everything sent has been taken."""
+        if not self._ending:
+            self.outbox.when_empty(callback)
 
     def _overflow(self, reason: str) -> None:
         logger.warning("closing %s: %s", self, reason)
@@ -333,6 +361,8 @@ class Connection:
     def _open(self, peer: PeerInfo) -> None:
         endpoint = self._reception.accept(self.outbox, peer)
         self._endpoint = endpoint
+        if isinstance(endpoint, ValveAware):
+            endpoint.given_valve(self)
         if not self._ending:
             self._wire.message = endpoint.receive
 
@@ -375,20 +405,27 @@ class Connection:
                 self._link.abort()
         elif self._conversation is not None:
             self._conversation.tick(now)
+        elif self._reception.idle_seconds and silent >= self._reception.idle_seconds:
+            self._forget(f"silent for {silent:.0f} s")
         elif limits.ping_seconds and silent >= limits.ping_seconds:
             self._ping(silent)
 
     def _ping(self, silent: float) -> None:
         limits = self._reception.limits
-        if silent >= limits.ping_seconds + limits.pong_seconds:
-            logger.info("%s answers no ping, counted as gone", self)
-            self._end_endpoint(ABNORMAL, f"no sign of life for {silent:.0f} s")
-            self._link.abort()
-        elif not self._pinged:
-            self._pinged = True
+        if not self._pinged:
             ping = self._wire.ping()
+            # Where the protocol has no ping, silence means nothing (TCP-04): the system's own keep-alive
+            # finds out who has gone.
+            self._pinged = bool(ping)
             if ping:
                 self.outbox.push(ping)
+        elif silent >= limits.ping_seconds + limits.pong_seconds:
+            logger.info("%s answers no ping, counted as gone", self)
+            self._forget(f"no sign of life for {silent:.0f} s")
+
+    def _forget(self, why: str) -> None:
+        self._end_endpoint(ABNORMAL, why)
+        self._link.abort()
 
     def __repr__(self) -> str:
         return f"<{self._reception.transport} connection {self._address}:{self._port}>"

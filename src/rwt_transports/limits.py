@@ -30,6 +30,7 @@ class Limits:
         close_seconds: how long a closing connection may take before it is cut.
         ping_seconds: silence after which the peer is pinged; 0 never pings.
         pong_seconds: further silence after which the peer counts as gone.
+        idle_peer_seconds: silence after which a peer is forgotten where nothing says that it has gone (UDP).
         data_bytes: bytes queued in one connection's data lane. Reached, the oldest frame of the same topic is
             dropped for each new one; every topic keeps its newest frame.
         data_frames: the same bound as a number of frames.
@@ -49,6 +50,7 @@ class Limits:
     close_seconds: float = 2.0
     ping_seconds: float = 20.0
     pong_seconds: float = 40.0
+    idle_peer_seconds: float = 60.0
     data_bytes: int = 8 * MIB
     data_frames: int = 10_000
     control_bytes: int = 64 * MIB

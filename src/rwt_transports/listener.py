@@ -39,6 +39,11 @@ class OpenListener:
         """How many peers are connected, plain HTTP included."""
         return len(self._reception.connections)
 
+    async def ended(self) -> None:
+        """Wait until the listener has nothing left to serve. That of ``stdio:`` ends with its one peer, any
+        other when its block is left."""
+        await self._reception.ended.wait()
+
 
 @asynccontextmanager
 async def listen(
@@ -60,7 +65,7 @@ async def listen(
         routes: plain HTTP requests that the same port answers.
         limits: bounds per listener and per connection.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
-        driver: what moves the bytes; by default the fastest one for the running event loop.
+        driver: what moves the bytes; by default the fastest one for the scheme and the running event loop.
 
     Raises:
         BadUrl: the URL is not one to listen on.
@@ -69,10 +74,21 @@ async def listen(
     target = parse_listen_url(url, tls)
     chosen = Limits() if limits is None else limits
     pages = (routes or Routes()) if target.scheme.http else None
-    reception = Reception(accept, target.scheme.make_wire, chosen, pages, target.name)
+    scheme = target.scheme
+    reception = Reception(
+        accept,
+        scheme.make_wire,
+        chosen,
+        pages,
+        target.name,
+        single=scheme.single,
+        idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,
+        carries=scheme.carries,
+    )
+    mover = driver or (scheme.make_driver or fastest_driver)()
     failure: Exception | None = None
     async with (
-        (driver or fastest_driver()).serve(target.place, reception.attach) as port,
+        mover.serve(target.place, reception.attach) as port,
         anyio.create_task_group() as tasks,
     ):
         reception.tasks = tasks

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from ssl import SSLContext
 from urllib.parse import urlsplit
 
-from .api import Place
+from .api import Driver, Place
 from .connection import MakeWire
+from .drivers.datagrams import DatagramDriver
+from .drivers.standard_streams import StandardStreamsDriver
 from .errors import BadUrl
+from .wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
 from .wires.json_stream import json_lines, json_over_tcp
 from .wires.websocket import websocket_server
 
@@ -26,6 +30,10 @@ class Scheme:
         http: whether plain HTTP is answered on the same port, and the wire begins with an upgrade.
         tls: whether the connections are encrypted.
         unix: whether it names a path instead of host and port.
+        make_driver: makes the one driver that can serve it; None: any driver of byte streams.
+        single: whether there is one peer, with which the listener ends; it names no place.
+        carries: bytes of the largest message that can be sent; 0 for any.
+        expires: whether a silent peer is forgotten, since nothing else says that it has gone.
     """
 
     make_wire: MakeWire
@@ -33,6 +41,10 @@ class Scheme:
     http: bool = False
     tls: bool = False
     unix: bool = False
+    make_driver: Callable[[], Driver] | None = None
+    single: bool = False
+    expires: bool = False
+    carries: int = 0
 
 
 SCHEMES = {
@@ -41,6 +53,14 @@ SCHEMES = {
     "tcp": Scheme(json_over_tcp, "tcp://127.0.0.1:9091"),
     "tcps": Scheme(json_over_tcp, "tcps://0.0.0.0:9091", tls=True),
     "unix": Scheme(json_lines, "unix:///run/user/1000/robot.sock", unix=True),
+    "udp": Scheme(
+        json_datagrams,
+        "udp://127.0.0.1:9092",
+        make_driver=DatagramDriver,
+        expires=True,
+        carries=DATAGRAM_BYTES,
+    ),
+    "stdio": Scheme(json_lines, "stdio:", make_driver=StandardStreamsDriver, single=True),
 }
 
 
@@ -60,6 +80,8 @@ class ListenUrl:
 
     def with_port(self, port: int) -> str:
         """The URL with the port in use."""
+        if self.scheme.single:
+            return self.scheme.example
         if self.scheme.unix:
             return f"{self.name}://{self.place.path}"
         host = f"[{self.place.host}]" if ":" in self.place.host else self.place.host
@@ -74,9 +96,11 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
     """
     name, separator, rest = url.partition("://")
     name = name.lower()
+    if url.lower() == "stdio:":
+        name, separator = "stdio", "://"
     scheme = SCHEMES.get(name)
     if not separator or scheme is None:
-        known = ", ".join(f"{each}://" for each in SCHEMES)
+        known = ", ".join("stdio:" if each == "stdio" else f"{each}://" for each in SCHEMES)
         what = f"the scheme {name!r} is not known" if separator else "it has no scheme"
         raise BadUrl(f"cannot listen on {url!r}: {what}; use {known}, for example {SCHEMES['ws'].example}")
     if scheme.tls and tls is None:
@@ -85,6 +109,10 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
             f"cannot listen on {url!r}: it needs a certificate and a key "
             f"(tls.certfile, tls.keyfile); without them use {plain}"
         )
+    if scheme.single:
+        if rest:
+            raise _bad(url, "standard input and output have no address", scheme)
+        return ListenUrl(name, scheme, Place())
     if scheme.unix:
         if not rest.startswith("/"):
             raise _bad(url, "it names no absolute path", scheme)

@@ -91,7 +91,7 @@ def test_a_role_may_be_an_empty_table(tmp_path: Path) -> None:
         ("distro = 'kinetic'", '`distro`: expected "jazzy" or "noetic", got \'kinetic\''),
         ("listen = 5", "`listen`: expected a list of strings, got 5"),
         ("listen = [5]", "`listen`: expected a list of strings, got 5"),
-        ("listen = []", "`listen`: expected a list of strings, got []"),
+        ("listen = []", "`listen`: expected at least one URL"),
         ("demo = 'perhaps'", "`demo`: expected true or false, got 'perhaps'"),
         ("limits = 5", "`limits`: expected a table, got 5"),
         ("[limits]\nconnections = 0", "`limits.connections`: expected a whole number of at least 1, got 0"),

@@ -61,6 +61,15 @@ class _Link:
         """Close at once."""
         self._scope.cancel()
 
+    def pause(self) -> None:
+        """Let the reading task wait before its next read."""
+        if self._reading.is_set():
+            self._reading = anyio.Event()
+
+    def resume(self) -> None:
+        """Let it go on."""
+        self._reading.set()
+
     # -- tasks -------------------------------------------------------------------------------------------
 
     async def run(self, driven: Driven) -> None:

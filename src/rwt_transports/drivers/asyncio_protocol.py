@@ -4,7 +4,7 @@ at once."""
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 
@@ -21,15 +21,15 @@ TLS_HANDSHAKE_SECONDS = 10
 class _Turn:
     """The links that have something to write, flushed together once per loop turn."""
 
-    __slots__ = ("_loop", "_waiting")
+    __slots__ = ("_waiting", "loop")
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
+        self.loop = loop
         self._waiting: list[_Link] = []
 
     def add(self, link: _Link) -> None:
         if not self._waiting:
-            self._loop.call_soon(self._flush)
+            self.loop.call_soon(self._flush)
         self._waiting.append(link)
 
     def _flush(self) -> None:
@@ -51,7 +51,9 @@ class _Link(asyncio.BufferedProtocol):
         "_buffer",
         "_direct",
         "_driven",
+        "_loop",
         "_open",
+        "_resuming",
         "_tls",
         "_transport",
         "_view",
@@ -66,6 +68,8 @@ class _Link(asyncio.BufferedProtocol):
         self._direct = False
         self._open = False
         self._writable = True
+        self._resuming = False
+        self._loop = turn.loop
         self.wake = partial(turn.add, self)
 
     # -- asyncio's callbacks -------------------------------------------------------------------------------
@@ -115,8 +119,12 @@ class _Link(asyncio.BufferedProtocol):
     def resume_writing(self) -> None:
         """The network has taken everything."""
         self._writable = True
-        self._driven.progress()
-        self.flush()
+        self._resuming = True
+        try:
+            self._driven.progress()
+            self.flush()
+        finally:
+            self._resuming = False
 
     # -- Link ----------------------------------------------------------------------------------------------
 
@@ -135,15 +143,31 @@ class _Link(asyncio.BufferedProtocol):
         if self._transport.can_write_eof() and not self._transport.is_closing():
             self._transport.write_eof()
         else:
-            self._transport.close()
+            self.close()
 
     def close(self) -> None:
         """Close after what was written has gone out."""
-        self._transport.close()
+        self._end(self._transport.close)
 
     def abort(self) -> None:
         """Close at once."""
-        self._transport.abort()
+        self._end(self._transport.abort)
+
+    def _end(self, how: Callable[[], None]) -> None:
+        if self._resuming:
+            # A transport that is closed while it says that it can be written to is closed twice.
+            self._loop.call_soon(how)
+        else:
+            how()
+
+    def pause(self) -> None:
+        """Read nothing for now."""
+        self._transport.pause_reading()
+
+    def resume(self) -> None:
+        """Read again."""
+        if self._open:
+            self._transport.resume_reading()
 
 
 def client_link(attach: Attach, loop: asyncio.AbstractEventLoop) -> asyncio.BufferedProtocol:

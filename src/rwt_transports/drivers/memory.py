@@ -119,12 +119,14 @@ class MemoryPipe:
 
     Attributes:
         stalled: True while the peer reads nothing, so that the other side's bytes pile up there.
+        paused: True while the other side takes nothing; :meth:`send` hands over all the same.
         ended: True once the other side has said that nothing more comes, or has closed.
         closed: True once the connection is gone.
     """
 
     def __init__(self, attach: Attach, address: str, port: int) -> None:
         self.stalled = False
+        self.paused = False
         self.ended = False
         self.closed = False
         self._closing = False
@@ -215,6 +217,12 @@ class _PipeLink:
 
     def abort(self) -> None:
         self._pipe.cut()
+
+    def pause(self) -> None:
+        self._pipe.paused = True
+
+    def resume(self) -> None:
+        self._pipe.paused = False
 
 
 class MemoryDriver:

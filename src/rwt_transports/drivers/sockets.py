@@ -15,6 +15,8 @@ from ..errors import ListenError
 UNSENT_BYTES = 512 * 1024
 """What the kernel may hold of one connection and has not sent. Left to itself it takes megabytes, and each
 of them stands between a slow peer and the newest sample; what is on its way to the peer is not meant."""
+KEEPALIVE_SECONDS = 60
+"""Silence after which the system asks whether the peer's machine is still there."""
 
 
 async def bind_tcp(host: str, port: int) -> list[socket.socket]:
@@ -26,9 +28,7 @@ async def bind_tcp(host: str, port: int) -> list[socket.socket]:
     try:
         found = await anyio.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except OSError:
-        raise ListenError(
-            f"the host {host!r} is not known; use an address such as 127.0.0.1 or 0.0.0.0"
-        ) from None
+        raise ListenError(unknown_host(host)) from None
     sockets: list[socket.socket] = []
     try:
         for family, address in dict.fromkeys((entry[0], entry[4][:2]) for entry in found):
@@ -96,6 +96,11 @@ def _is_abandoned(path: str) -> bool:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.setblocking(False)
         return probe.connect_ex(path) == errno.ECONNREFUSED
+
+
+def unknown_host(host: str) -> str:
+    """One line for a name that no resolver knows."""
+    return f"the host {host!r} is not known; use an address such as 127.0.0.1 or 0.0.0.0"
 
 
 def why_not(error: OSError, host: str, port: int) -> str:

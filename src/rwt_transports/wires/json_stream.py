@@ -92,6 +92,14 @@ class JsonStreamWire:
         elif self._depth and len(self._buffer) > self._max_size:
             self._too_large()
 
+    def end_of_datagram(self) -> None:
+        """Nothing that follows belongs to what is here: hand over what is left of it, and begin anew."""
+        if self._buffer and not self._over:
+            self._hand_over(len(self._buffer))
+        self._buffer.clear()
+        self._scanned = self._depth = 0
+        self._in_string = self._skipping = False
+
     def _step(self) -> bool:
         """Go on to the next brace or quote; False when more bytes are needed."""
         if self._depth == 0:

@@ -7,6 +7,7 @@ import datetime
 import ipaddress
 import json
 import logging
+import os
 import socket
 import ssl
 import struct
@@ -17,7 +18,7 @@ from typing import Protocol
 
 import anyio
 import pytest
-from anyio.abc import ByteStream, SocketAttribute
+from anyio.abc import ByteStream, ConnectedUDPSocket, SocketAttribute
 from anyio.streams.tls import TLSStream
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
@@ -33,6 +34,7 @@ from rwt_transports import HttpRequest, HttpResponse, Limits, ListenError, Refus
 from rwt_transports.api import Driver
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
+from rwt_transports.drivers.standard_streams import DescriptorStream, StandardStreamsDriver
 from rwt_transports.listener import OpenListener
 
 pytestmark = pytest.mark.anyio
@@ -50,7 +52,8 @@ STACKS = [
 class Client(Protocol):
     """A peer that speaks JSON objects, whatever is below."""
 
-    stream: ByteStream
+    @property
+    def port(self) -> int: ...
 
     async def open(self) -> None: ...
 
@@ -72,6 +75,10 @@ class WebSocketClient:
         self.stream = stream
         self.protocol = ClientProtocol(parse_uri("ws://localhost/robot"), max_size=None)
         self.messages: list[bytes] = []
+
+    @property
+    def port(self) -> int:
+        return self.stream.extra(SocketAttribute.local_port)
 
     async def open(self) -> None:
         self.protocol.send_request(self.protocol.connect())
@@ -126,6 +133,10 @@ class JsonClient:
         self.stream = stream
         self.text = ""
 
+    @property
+    def port(self) -> int:
+        return self.stream.extra(SocketAttribute.local_port)
+
     async def open(self) -> None:
         """There is no handshake."""
 
@@ -151,6 +162,47 @@ class JsonClient:
 
     async def close(self) -> None:
         await self.stream.aclose()
+
+
+class DatagramClient:
+    """One object in each datagram."""
+
+    def __init__(self, socket: ConnectedUDPSocket) -> None:
+        self.socket = socket
+
+    @property
+    def port(self) -> int:
+        return self.socket.extra(SocketAttribute.local_port)
+
+    async def open(self) -> None:
+        """There is no handshake."""
+
+    async def send(self, message: object) -> None:
+        await self.socket.send(json.dumps(message).encode())
+
+    async def receive(self) -> object:
+        with anyio.fail_after(5):
+            return json.loads(await self.socket.receive())
+
+    async def ending(self) -> str:
+        raise AssertionError("nothing tells a UDP client that it is over")
+
+    async def close(self) -> None:
+        await self.socket.aclose()
+
+
+class Pipes(DescriptorStream):
+    """The other program's ends of our standard input and output."""
+
+    def __init__(self, read_from: int, write_to: int) -> None:
+        super().__init__(read_from, write_to)
+        os.set_blocking(write_to, False)
+        self.open = [read_from, write_to]
+
+    async def aclose(self) -> None:
+        await super().aclose()
+        while self.open:
+            os.close(self.open.pop())
 
 
 # -- the server under test ---------------------------------------------------------------------------------
@@ -200,9 +252,12 @@ class Site:
         self.hub = Hub()
         self.path = folder / "s.sock"
         self.certificate = certificate
+        self.pipes: list[tuple[int, int]] = []
 
     @property
     def url(self) -> str:
+        if self.scheme == "stdio":
+            return "stdio:"
         return f"unix://{self.path}" if self.scheme == "unix" else f"{self.scheme}://127.0.0.1:0"
 
     @asynccontextmanager
@@ -215,13 +270,36 @@ class Site:
             tls.load_cert_chain(self.certificate)
         chosen = limits or Limits(close_seconds=1)
         async with listen(
-            self.url, self.hub, limits=chosen, routes=routes, driver=self.make_driver(), tls=tls
+            self.url, self.hub, limits=chosen, routes=routes, driver=self.driver(), tls=tls
         ) as listener:
-            yield listener
+            if self.scheme != "stdio":
+                yield listener
+                return
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(self.exit_with, listener)
+                yield listener
+                tasks.cancel_scope.cancel()
+
+    def driver(self) -> Driver | None:
+        if self.scheme == "udp":
+            return None
+        if self.scheme != "stdio":
+            return self.make_driver()
+        ours, theirs = os.pipe(), os.pipe()
+        self.pipes = [(ours[0], theirs[1]), (theirs[0], ours[1])]
+        return StandardStreamsDriver(self.pipes[0])
+
+    async def exit_with(self, listener: OpenListener) -> None:
+        """What a process does with its pipes when what it serves is over."""
+        await listener.ended()
+        for each in self.pipes[0]:
+            os.close(each)
 
     async def stream(self, listener: OpenListener) -> ByteStream:
         if self.scheme == "unix":
             return await anyio.connect_unix(self.path)
+        if self.scheme == "stdio":
+            return Pipes(*self.pipes[1])
         stream = await anyio.connect_tcp("127.0.0.1", int(listener.url.rpartition(":")[2]))
         if self.scheme not in ("wss", "tcps"):
             return stream
@@ -232,6 +310,11 @@ class Site:
 
     @asynccontextmanager
     async def client(self, listener: OpenListener) -> AsyncIterator[Client]:
+        if self.scheme == "udp":
+            port = int(listener.url.rpartition(":")[2])
+            async with await anyio.create_connected_udp_socket("127.0.0.1", port) as socket:
+                yield DatagramClient(socket)
+            return
         stream = await self.stream(listener)
         client: Client = WebSocketClient(stream) if self.scheme in ("ws", "wss") else JsonClient(stream)
         async with stream:
@@ -285,7 +368,11 @@ def no_noise(caplog: pytest.LogCaptureFixture) -> object:
 
 
 every_stack = pytest.mark.parametrize(("backend", "make_driver"), STACKS)
-every_scheme = pytest.mark.parametrize("scheme", ["ws", "wss", "tcp", "tcps", "unix"])
+SERVERS = ["ws", "wss", "tcp", "tcps", "unix"]
+every_scheme = pytest.mark.parametrize("scheme", [*SERVERS, "udp", "stdio"])
+every_stream = pytest.mark.parametrize("scheme", [*SERVERS, "stdio"])
+every_shared = pytest.mark.parametrize("scheme", [*SERVERS, "udp"])
+every_server = pytest.mark.parametrize("scheme", SERVERS)
 over_tcp = pytest.mark.parametrize("scheme", ["ws", "tcp"])
 over_ws = pytest.mark.parametrize("scheme", ["ws"])
 
@@ -306,7 +393,7 @@ async def test_messages_come_back_in_order(site: Site) -> None:
 
 
 @every_stack
-@every_scheme
+@every_stream
 async def test_a_large_message_both_ways(site: Site) -> None:
     async with site.listen() as listener, site.client(listener) as client:
         message = {"data": "x" * 3_000_000}
@@ -316,7 +403,7 @@ async def test_a_large_message_both_ways(site: Site) -> None:
 
 
 @every_stack
-@every_scheme
+@every_shared
 async def test_one_frame_to_many(site: Site) -> None:
     async with (
         site.listen() as listener,
@@ -361,9 +448,9 @@ async def test_what_the_endpoint_knows_of_its_peer(site: Site) -> None:
     async with site.listen() as listener, site.client(listener) as client:
         peer = (await site.endpoint(client)).peer
         assert peer.transport == site.scheme
-        if site.scheme != "unix":
+        if site.scheme not in ("unix", "stdio"):
             assert peer.address == "127.0.0.1"
-            assert peer.port == client.stream.extra(SocketAttribute.local_port)
+            assert peer.port == client.port
         if site.scheme in ("ws", "wss"):
             assert peer.path == "/robot" and peer.headers["host"] == "localhost"
 
@@ -372,7 +459,7 @@ async def test_what_the_endpoint_knows_of_its_peer(site: Site) -> None:
 
 
 @every_stack
-@every_scheme
+@every_stream
 async def test_the_client_closes(site: Site) -> None:
     async with site.listen() as listener:
         async with site.client(listener) as client:
@@ -388,6 +475,7 @@ async def test_the_client_is_killed_in_the_midst_of_a_message(site: Site) -> Non
     async with site.listen() as listener, site.client(listener) as bystander:
         async with site.client(listener) as client:
             endpoint = await site.endpoint(client)
+            assert isinstance(client, WebSocketClient | JsonClient)
             await client.stream.send(b"\x81\xff\0\0\0\0\0\1\0\0abcd{")
             raw = client.stream.extra(SocketAttribute.raw_socket)
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
@@ -398,7 +486,7 @@ async def test_the_client_is_killed_in_the_midst_of_a_message(site: Site) -> Non
 
 
 @every_stack
-@every_scheme
+@every_stream
 async def test_the_endpoint_closes(site: Site) -> None:
     async with site.listen() as listener, site.client(listener) as client:
         endpoint = await site.endpoint(client)
@@ -413,7 +501,7 @@ async def test_the_endpoint_closes(site: Site) -> None:
 
 
 @every_stack
-@every_scheme
+@every_server
 async def test_leaving_the_block_closes_everyone(site: Site) -> None:
     async with anyio.create_task_group() as tasks:
         endings: list[str] = []
@@ -477,6 +565,71 @@ async def test_a_stopped_reader_costs_bounded_memory_and_hurts_nobody(site: Site
             message = await stopped.receive()
             assert isinstance(message, dict)
             last = message["at"]
+
+
+# -- datagrams: no connection, so sessions by address ------------------------------------------------------
+
+
+def short_silence() -> Limits:
+    return Limits(idle_peer_seconds=0.01)
+
+
+@every_stack
+@pytest.mark.parametrize("scheme", ["udp"])
+async def test_a_silent_peer_is_forgotten_and_may_come_again(site: Site) -> None:
+    async with site.listen(short_silence()) as listener, site.client(listener) as client:
+        endpoint = await site.endpoint(client)
+        with anyio.fail_after(5):
+            await endpoint.over.wait()
+        assert [code for code, _ in endpoint.closings] == [1006]
+        assert listener.connections == 0
+        assert await site.endpoint(client) is not endpoint
+
+
+@every_stack
+@pytest.mark.parametrize("scheme", ["udp"])
+async def test_peers_are_bounded(site: Site, caplog: pytest.LogCaptureFixture) -> None:
+    async with (
+        site.listen(Limits(connections=1)) as listener,
+        site.client(listener) as first,
+        site.client(listener) as second,
+    ):
+        await site.endpoint(first)
+        await second.send({"let": "me in"})
+        await site.endpoint(first)
+        assert len(site.hub.endpoints) == listener.connections == 1
+    assert "no room" in caplog.text
+    caplog.clear()
+
+
+@every_stack
+@pytest.mark.parametrize("scheme", ["udp"])
+async def test_a_datagram_holds_one_or_more_messages_and_none_goes_on_in_the_next(site: Site) -> None:
+    async with site.listen() as listener, site.client(listener) as client:
+        assert isinstance(client, DatagramClient)
+        await client.socket.send(b'{"a":1}{"b":2} {"c":"cut off')
+        assert [await client.receive() for _ in range(2)] == [{"a": 1}, {"b": 2}]
+        assert await client.socket.receive() == b'{"c":"cut off'
+        await client.send({"d": 4})
+        assert await client.receive() == {"d": 4}
+
+
+@every_stack
+@pytest.mark.parametrize("scheme", ["udp"])
+async def test_what_does_not_fit_a_datagram_is_left_out_and_logged(
+    site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with site.listen() as listener, site.client(listener) as client:
+        sink = (await site.endpoint(client)).sink
+        for size in (65_508, 300_000, 65_507, 40_000):
+            sink.send(Frame(b'{"x":"%s"}' % (b"x" * (size - 8))))
+        sink.send(Frame(b"\0\1", binary=True))
+        sink.send(Frame(b'{"last":1}'))
+        sizes = [len(json.dumps(await client.receive(), separators=(",", ":"))) for _ in range(3)]
+        assert sizes == [65_507, 40_000, 10]
+    assert caplog.text.count("fragment_size") == 2
+    assert "binary" in caplog.text
+    caplog.clear()
 
 
 # -- what is refused ---------------------------------------------------------------------------------------

@@ -1,0 +1,199 @@
+"""Playing many cases against one server, and judging them."""
+
+from __future__ import annotations
+
+import asyncio
+import fnmatch
+import itertools
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from conformance.case import Case
+from conformance.matching import Difference
+from conformance.pace import Pace, RealPace
+from conformance.player import Fault, Line, Played, play
+from conformance.target import Target
+from conformance.wires import Dial, Framing
+
+Verdict: TypeAlias = Literal["pass", "non-strict", "informational", "unimplemented", "fail"]
+
+VERDICTS: tuple[Verdict, ...] = ("pass", "non-strict", "informational", "unimplemented", "fail")
+
+_LONGEST_CASE = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """How one case went.
+
+    Attributes:
+        expected: why the target file says that it fails, or None.
+        missing: what the target does not declare, for `unimplemented`.
+    """
+
+    case: Case
+    verdict: Verdict
+    fault: Fault | None = None
+    remarks: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    expected: str | None = None
+    transcript: tuple[Line, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def robustness(self) -> bool:
+        """Whether it is reported apart from conformance."""
+        return self.case.level == "HARDEN"
+
+    @property
+    def unexpected(self) -> bool:
+        """Whether it failed and nothing said that it would."""
+        return self.verdict == "fail" and self.expected is None
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """All results of a run.
+
+    Attributes:
+        stale: entries of the target's expected failures that no failing case answers to.
+    """
+
+    target: Target
+    url: str
+    results: tuple[Result, ...]
+    stale: tuple[str, ...]
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing failed unexpectedly and no expectation is stale."""
+        return not self.stale and not any(result.unexpected for result in self.results)
+
+
+def select(
+    cases: Sequence[Case], target: Target, run: Sequence[str] = (), skip: Sequence[str] = ()
+) -> tuple[Case, ...]:
+    """Cases that suit the target and fit a glob of `run` and none of `skip`, by id, section or rule."""
+
+    def fits(case: Case, globs: Sequence[str]) -> bool:
+        names = (case.id, case.section, *case.rules)
+        return any(fnmatch.fnmatchcase(name, glob) for glob in globs for name in names)
+
+    return tuple(
+        case for case in cases if target.asked(case) and (not run or fits(case, run)) and not fits(case, skip)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """Under which conditions cases are played.
+
+    Attributes:
+        jobs: how many cases at once.
+        strict: whether non-strict is a failure.
+        framing: what the wire keeps of messages.
+        several_clients: whether more than one connection reaches the same server.
+    """
+
+    jobs: int = 8
+    strict: bool = False
+    framing: Framing = "messages"
+    several_clients: bool = True
+
+    @property
+    def features(self) -> frozenset[str]:
+        """What the wire can do, as cases name it."""
+        return frozenset({self.framing, *(("several-clients",) if self.several_clients else ())})
+
+
+async def run_cases(
+    cases: Sequence[Case],
+    target: Target,
+    dial: Dial,
+    url: str,
+    conditions: Conditions,
+    pace: Pace | None = None,
+    told: Callable[[Result], None] = lambda result: None,
+) -> Run:
+    """Play cases, several at once, those that want to be alone afterwards.
+
+    Args:
+        cases: what to ask, already selected.
+        target: what is known about the server.
+        dial: connects to it.
+        url: for the reports.
+        conditions: under which to play.
+        pace: the clock to go by; the machine's when not given.
+        told: called with each result as it comes.
+    """
+    pace = pace or RealPace()
+    began = pace.now()
+    judge = _Judge(target, dial, conditions, pace)
+    gate = asyncio.Semaphore(conditions.jobs)
+
+    async def one(case: Case) -> Result:
+        async with gate:
+            result = await judge.result(case)
+        told(result)
+        return result
+
+    together = [case for case in cases if not case.alone]
+    results = list(await asyncio.gather(*(one(case) for case in together)))
+    results += [await one(case) for case in cases if case.alone]
+    results.sort(key=lambda result: result.case.id)
+    return Run(target, url, tuple(results), _stale(target, results), pace.now() - began)
+
+
+def _stale(target: Target, results: Sequence[Result]) -> tuple[str, ...]:
+    """Expected failures that were asked and did not fail."""
+
+    def answered(key: str) -> bool:
+        asked = [result for result in results if fnmatch.fnmatchcase(result.case.id, key)]
+        return not asked or any(result.verdict == "fail" for result in asked)
+
+    return tuple(key for key in target.expected if not answered(key))
+
+
+class _Judge:
+    _numbers = itertools.count(1)
+
+    def __init__(self, target: Target, dial: Dial, conditions: Conditions, pace: Pace) -> None:
+        self._target = target
+        self._dial = dial
+        self._conditions = conditions
+        self._pace = pace
+
+    async def result(self, case: Case) -> Result:
+        missing = self._target.missing(case, self._conditions.features)
+        if len(case.clients) > 1 and not self._conditions.several_clients:
+            missing = (*missing, "several-clients")
+        if missing:
+            return Result(case, "unimplemented", missing=missing)
+        tag = f"c{os.getpid():x}_{next(self._numbers)}"
+        try:
+            async with asyncio.timeout(_LONGEST_CASE):
+                played = await play(case, self._target, self._dial, self._pace, tag)
+        except TimeoutError:
+            late = Difference("", f"an end within {_LONGEST_CASE:g} s", "none")
+            played = Played(Fault(0, "the whole case", late), (), (), _LONGEST_CASE)
+        return Result(
+            case,
+            self._verdict(case, played),
+            played.fault,
+            played.remarks,
+            expected=self._target.reason(case.id),
+            transcript=played.transcript,
+            seconds=played.seconds,
+        )
+
+    def _verdict(self, case: Case, played: Played) -> Verdict:
+        if case.level == "INFO":
+            return "informational"
+        if played.fault is not None:
+            return "fail"
+        if played.remarks:
+            return "fail" if self._conditions.strict else "non-strict"
+        return "pass"

@@ -1,0 +1,233 @@
+"""Connections to a server: WebSocket, TCP, Unix sockets and the pipes of a program."""
+
+from __future__ import annotations
+
+import asyncio
+import codecs
+import shlex
+from collections.abc import Awaitable, Callable
+from typing import Literal, Protocol, TypeAlias
+from urllib.parse import urlsplit
+
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
+
+_READ_SIZE = 65536
+_OPEN_SECONDS = 10.0
+
+
+class WireError(Exception):
+    """A connection that cannot be made; the text says where to and why."""
+
+
+class WireClosed(Exception):
+    """The other side closed the connection.
+
+    Attributes:
+        code: of the WebSocket close frame, 1006 if there was none; 0 on other wires.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"closed with code {code}" if code else "closed")
+        self.code = code
+
+
+class Wire(Protocol):
+    """One open connection."""
+
+    async def send(self, data: str | bytes) -> None:
+        """Send one message: text, or bytes as a binary frame. Raises WireClosed."""
+
+    async def receive(self) -> str | bytes:
+        """The next message; raises WireClosed when there will be none."""
+
+    async def close(self, *, abruptly: bool = False) -> None:
+        """End the connection, with or without a goodbye."""
+
+
+Dial: TypeAlias = Callable[[], Awaitable[Wire]]
+"""Opens one more connection to the server under test."""
+
+Framing: TypeAlias = Literal["messages", "stream"]
+
+
+def framing_of(url: str) -> Framing:
+    """Whether a wire keeps the borders of messages."""
+    return "messages" if urlsplit(url).scheme in ("ws", "wss") else "stream"
+
+
+def dialer(url: str) -> Dial:
+    """What connects to a server.
+
+    Raises:
+        WireError: the URL has another scheme than ws, wss, tcp, unix or stdio.
+    """
+    parts = urlsplit(url)
+    match parts.scheme:
+        case "ws" | "wss":
+            return lambda: _WebSocket.open(url)
+        case "tcp":
+            if parts.hostname is None or parts.port is None:
+                raise WireError(f"{url}: expected tcp://HOST:PORT")
+            host, port = parts.hostname, parts.port
+            return lambda: _Stream.open(url, lambda: asyncio.open_connection(host, port))
+        case "unix":
+            return lambda: _Stream.open(url, lambda: asyncio.open_unix_connection(parts.path))
+        case "stdio":
+            command = shlex.split(url.partition(":")[2])
+            return lambda: _Program.start(command)
+    raise WireError(f"{url}: expected ws://, wss://, tcp://, unix:// or stdio:COMMAND")
+
+
+class _WebSocket:
+    def __init__(self, connection: ClientConnection) -> None:
+        self._connection = connection
+
+    @classmethod
+    async def open(cls, url: str) -> Wire:
+        try:
+            connection = await connect(
+                url,
+                max_size=None,
+                ping_interval=None,
+                compression=None,
+                proxy=None,
+                open_timeout=_OPEN_SECONDS,
+            )
+        except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
+            raise WireError(f"{url}: cannot connect: {error}") from error
+        return cls(connection)
+
+    async def send(self, data: str | bytes) -> None:
+        try:
+            await self._connection.send(data)
+        except ConnectionClosed as error:
+            raise WireClosed(error.rcvd.code if error.rcvd else 1006) from error
+
+    async def receive(self) -> str | bytes:
+        try:
+            return await self._connection.recv()
+        except ConnectionClosed as error:
+            raise WireClosed(error.rcvd.code if error.rcvd else 1006) from error
+
+    async def close(self, *, abruptly: bool = False) -> None:
+        if abruptly:
+            self._connection.transport.abort()
+        await self._connection.close()
+
+
+class JsonCutter:
+    """Cuts a stream of characters into JSON objects by counting braces outside strings (TCP-01)."""
+
+    def __init__(self) -> None:
+        self._text = ""
+        self._at = 0
+        self._depth = 0
+        self._start = 0
+        self._quoted = False
+        self._escaped = False
+
+    def feed(self, text: str) -> list[str]:
+        """The objects that end in this piece."""
+        self._text += text
+        objects: list[str] = []
+        while self._at < len(self._text):
+            if self._step(self._text[self._at]):
+                objects.append(self._text[self._start : self._at + 1])
+                self._text = self._text[self._at + 1 :]
+                self._at = -1
+            self._at += 1
+        return objects
+
+    def _step(self, character: str) -> bool:
+        if self._escaped:
+            self._escaped = False
+        elif self._quoted:
+            self._escaped = character == "\\"
+            self._quoted = character != '"'
+        elif character == '"':
+            self._quoted = self._depth > 0
+        elif character == "{":
+            self._start = self._at if self._depth == 0 else self._start
+            self._depth += 1
+        elif character == "}" and self._depth:
+            self._depth -= 1
+            return self._depth == 0
+        return False
+
+
+class _Stream:
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader = reader
+        self._writer = writer
+        self._decoder = codecs.getincrementaldecoder("utf-8")("replace")
+        self._cutter = JsonCutter()
+        self._ready: list[str] = []
+
+    @classmethod
+    async def open(
+        cls, url: str, how: Callable[[], Awaitable[tuple[asyncio.StreamReader, asyncio.StreamWriter]]]
+    ) -> Wire:
+        try:
+            async with asyncio.timeout(_OPEN_SECONDS):
+                return cls(*await how())
+        except (OSError, TimeoutError) as error:
+            raise WireError(f"{url}: cannot connect: {error}") from error
+
+    async def send(self, data: str | bytes) -> None:
+        try:
+            self._writer.write(data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data)
+            await self._writer.drain()
+        except OSError as error:
+            raise WireClosed(0) from error
+
+    async def receive(self) -> str | bytes:
+        while not self._ready:
+            try:
+                data = await self._reader.read(_READ_SIZE)
+            except OSError as error:
+                raise WireClosed(0) from error
+            if not data:
+                raise WireClosed(0)
+            self._ready += self._cutter.feed(self._decoder.decode(data))
+        return self._ready.pop(0)
+
+    async def close(self, *, abruptly: bool = False) -> None:
+        if abruptly:
+            self._writer.transport.abort()
+        self._writer.close()
+        try:
+            await self._writer.wait_closed()
+        except OSError:
+            return  # The peer was faster, which is as closed as can be.
+
+
+class _Program(_Stream):
+    def __init__(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, process: asyncio.subprocess.Process
+    ) -> None:
+        super().__init__(reader, writer)
+        self._process = process
+
+    @classmethod
+    async def start(cls, command: list[str]) -> Wire:
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+            )
+        except OSError as error:
+            raise WireError(f"{shlex.join(command)}: cannot start: {error}") from error
+        if process.stdin is None or process.stdout is None:
+            raise WireError(f"{shlex.join(command)}: has no pipes")
+        return cls(process.stdout, process.stdin, process)
+
+    async def close(self, *, abruptly: bool = False) -> None:
+        if abruptly:
+            self._process.kill()
+        await super().close()
+        try:
+            async with asyncio.timeout(5):
+                await self._process.wait()
+        except TimeoutError:
+            self._process.kill()
+            await self._process.wait()

@@ -1,0 +1,163 @@
+"""UDP, on asyncio or trio: one socket, and a session for each address that datagrams come from (UDP-01).
+
+A session begins with the first datagram from an address and ends by silence, since nothing says that the peer
+has gone. Datagrams are neither encrypted nor acknowledged, and their sender can be forged: for networks that
+one trusts.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from socket import gaierror
+
+import anyio
+from anyio.abc import SocketAttribute, UDPSocket
+
+from ..api import Attach, Driven, Place
+from ..errors import ListenError
+from ..incidents import report
+from ..wires.json_datagrams import END
+from .sockets import unknown_host, why_not
+
+logger = logging.getLogger("rwt_transports")
+
+Address = tuple[str, int]
+
+
+class _Sessions:
+    """Every peer of one socket."""
+
+    def __init__(self, socket: UDPSocket, attach: Attach) -> None:
+        self._socket = socket
+        self._attach = attach
+        self._links: dict[Address, _Link] = {}
+        self._waiting: deque[_Link] = deque()
+        self._awake = anyio.Event()
+
+    async def read(self) -> None:
+        """Hand each datagram to the session of its sender."""
+        async for data, (host, port) in self._socket:
+            link = self._links.get((host, port)) or self._begin(host, port)
+            if link.driven is not None and not link.over:
+                link.driven.receive(data)
+
+    def _begin(self, host: str, port: int) -> _Link:
+        link = self._links[host, port] = _Link(self, (host, port))
+        driven = link.driven = self._attach(link, host, port)
+        if link.over:
+            # Turned away while it was being attached.
+            driven.lost()
+        return link
+
+    async def write(self) -> None:
+        """Send what links have been woken for, each message as one datagram."""
+        while True:
+            await self._awake.wait()
+            self._awake = anyio.Event()
+            while self._waiting:
+                link = self._waiting.popleft()
+                try:
+                    await link.flush(self._socket)
+                except Exception:
+                    # The other peers must not wait for ever because of one.
+                    report("writing to %s:%d failed; forgetting it", *link.address)
+                    link.abort()
+
+    def wake(self, link: _Link) -> None:
+        """There is something to take from this link."""
+        self._waiting.append(link)
+        self._awake.set()
+
+    def forget(self, link: _Link) -> None:
+        """The session is over; the next datagram from there begins another."""
+        if self._links.get(link.address) is link:
+            del self._links[link.address]
+
+    def close(self) -> None:
+        """The socket is going away."""
+        for link in tuple(self._links.values()):
+            link.abort()
+
+
+class _Link:
+    """One peer; satisfies :class:`rwt_transports.api.Link`."""
+
+    __slots__ = ("_sessions", "address", "closing", "driven", "over")
+
+    def __init__(self, sessions: _Sessions, address: Address) -> None:
+        self._sessions = sessions
+        self.address = address
+        self.driven: Driven | None = None
+        self.closing = False
+        self.over = False
+
+    def wake(self) -> None:
+        """Tell that there is something to take."""
+        self._sessions.wake(self)
+
+    def finish(self) -> None:
+        """There is no half of a session to close."""
+        self.close()
+
+    def close(self) -> None:
+        """End the session once what there is has been sent."""
+        self.closing = True
+        self._sessions.wake(self)
+
+    def abort(self) -> None:
+        """End the session."""
+        if not self.over:
+            self.over = True
+            self._sessions.forget(self)
+            if self.driven is not None:
+                self.driven.lost()
+
+    def pause(self) -> None:
+        """Nothing holds back datagrams."""
+
+    def resume(self) -> None:
+        """They were not held back."""
+
+    async def flush(self, socket: UDPSocket) -> None:
+        """Send what there is."""
+        host, port = self.address
+        driven = self.driven
+        while driven is not None and not self.over and (data := driven.take()) is not None:
+            for message in bytes(data).split(END):
+                if message:
+                    await self._send(socket, message, host, port)
+        if self.closing:
+            self.abort()
+
+    async def _send(self, socket: UDPSocket, message: bytes, host: str, port: int) -> None:
+        try:
+            await socket.sendto(message, host, port)
+        except OSError as error:
+            logger.warning("a datagram of %d bytes to %s:%d was lost: %s", len(message), host, port, error)
+
+
+class DatagramDriver:
+    """Serves UDP; satisfies :class:`rwt_transports.api.Driver`."""
+
+    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Take peers in within the block; gives the port in use."""
+        return self._serve(place, attach)
+
+    @asynccontextmanager
+    async def _serve(self, place: Place, attach: Attach) -> AsyncIterator[int]:
+        try:
+            socket = await anyio.create_udp_socket(local_host=place.host, local_port=place.port)
+        except gaierror:
+            raise ListenError(unknown_host(place.host)) from None
+        except OSError as error:
+            raise ListenError(why_not(error, place.host, place.port)) from error
+        sessions = _Sessions(socket, attach)
+        async with socket, anyio.create_task_group() as tasks:
+            tasks.start_soon(sessions.read)
+            tasks.start_soon(sessions.write)
+            yield socket.extra(SocketAttribute.local_port)
+            sessions.close()
+            tasks.cancel_scope.cancel()

@@ -1,0 +1,148 @@
+"""The process's own standard input and output, for a server that another program has started.
+
+While it is served, nothing but the protocol reaches the real standard output: descriptor 1 is turned to
+standard error, so that a `print` anywhere in the program, in C too, cannot break the stream, and descriptor 0
+reads as empty. Both are given back at the end.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+
+import anyio
+import anyio.lowlevel
+from anyio.abc import ByteStream
+
+from ..api import Attach, Place
+from ..errors import ListenError
+from .anyio_stream import serve_stream
+
+_STDIN, _STDOUT, _STDERR = 0, 1, 2
+
+
+class DescriptorStream(ByteStream):
+    """Two file descriptors, one read from and one written to, as a stream.
+
+    Pipes, sockets and terminals are waited for; files and devices never make anybody wait, and an event loop
+    would not take them.
+    """
+
+    def __init__(self, read_from: int, write_to: int) -> None:
+        self._read_from = read_from
+        self._write_to = write_to
+        self._waits_to_read = _is_pipe(read_from) or os.isatty(read_from)
+        self._waits_to_write = _is_pipe(write_to)
+
+    async def receive(self, max_bytes: int = 65536) -> bytes:
+        """The next bytes; raises :exc:`anyio.EndOfStream` when the other side has closed."""
+        await anyio.lowlevel.checkpoint()
+        try:
+            if self._waits_to_read:
+                await anyio.wait_readable(self._read_from)
+            data = os.read(self._read_from, max_bytes)
+        except OSError as error:
+            raise anyio.BrokenResourceError from error
+        if not data:
+            raise anyio.EndOfStream
+        return data
+
+    async def send(self, item: bytes) -> None:
+        """Write all of it."""
+        rest = memoryview(item)
+        while rest:
+            if self._waits_to_write:
+                await anyio.wait_writable(self._write_to)
+            try:
+                rest = rest[os.write(self._write_to, rest) :]
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise anyio.BrokenResourceError from error
+        await anyio.lowlevel.checkpoint()
+
+    async def send_eof(self) -> None:
+        """The end of the stream is when the process, or who holds the descriptor, lets go of it."""
+
+    async def aclose(self) -> None:
+        """The descriptors belong to who made them."""
+        await anyio.lowlevel.checkpoint()
+
+
+class StandardStreamsDriver:
+    """Serves the one peer at the other end of standard input and output, on asyncio or trio; satisfies
+    :class:`rwt_transports.api.Driver`.
+
+    Args:
+        descriptors: where to read and where to write in place of standard input and output; they stay the
+            caller's, who closes them.
+    """
+
+    def __init__(self, descriptors: tuple[int, int] | None = None) -> None:
+        self._descriptors = descriptors
+
+    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+        """Serve the peer within the block; gives port 0."""
+        return self._serve(attach)
+
+    @asynccontextmanager
+    async def _serve(self, attach: Attach) -> AsyncIterator[int]:
+        given = self._descriptors
+        with _claimed() if given is None else _as_they_are(*given) as (read_from, write_to):
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(serve_stream, attach, DescriptorStream(read_from, write_to))
+                yield 0
+                tasks.cancel_scope.cancel()
+
+
+@contextmanager
+def _claimed() -> Iterator[tuple[int, int]]:
+    """Take standard input and output away from everybody else. Raises ListenError."""
+    if os.name != "posix":
+        raise ListenError("stdio: needs a POSIX system; use tcp://127.0.0.1:9091 on this one")
+    if _Claim.held:
+        raise ListenError("standard input and output are served already; stdio: can be named once")
+    try:
+        read_from, write_to = os.dup(_STDIN), os.dup(_STDOUT)
+    except OSError as error:
+        raise ListenError("standard input or output is closed; start this with both as pipes") from error
+    _Claim.held = True
+    blocking = os.get_blocking(write_to)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    try:
+        os.dup2(nothing, _STDIN)
+        os.dup2(_STDERR, _STDOUT)
+        # What was printed and not yet written goes the new way, too.
+        sys.stdout.flush()
+        if _is_pipe(write_to):
+            os.set_blocking(write_to, False)
+        yield read_from, write_to
+    finally:
+        os.set_blocking(write_to, blocking)
+        sys.stdout.flush()
+        os.dup2(read_from, _STDIN)
+        os.dup2(write_to, _STDOUT)
+        for each in (nothing, read_from, write_to):
+            os.close(each)
+        _Claim.held = False
+
+
+@contextmanager
+def _as_they_are(read_from: int, write_to: int) -> Iterator[tuple[int, int]]:
+    os.set_blocking(write_to, False)
+    yield read_from, write_to
+
+
+class _Claim:
+    """Whether standard input and output are taken: a process has them once."""
+
+    held = False
+
+
+def _is_pipe(descriptor: int) -> bool:
+    """Whether writing can be refused for now, and making it so disturbs nobody who shares a terminal."""
+    mode = os.fstat(descriptor).st_mode
+    return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)

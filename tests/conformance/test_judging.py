@@ -1,0 +1,96 @@
+"""Verdicts, expectations, grades and comparisons, on made-up results."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from conformance.command import main
+from conformance.loading import read_case
+from conformance.matching import Difference
+from conformance.player import Fault
+from conformance.reports.counts import grade
+from conformance.reports.json_file import ReportError, read_results, render
+from conformance.runner import Result, Run, Verdict, select
+from conformance.target import Target
+
+_CASE = read_case(
+    "topics/thing",
+    {
+        "title": "T",
+        "rules": ["PUB-01"],
+        "level": "MUST",
+        "profile": "CORE",
+        "steps": [{"expect": {"op": "x"}}],
+    },
+)
+_FAULT = Fault(1, "a expects", Difference("op", "x", "y"))
+
+
+def _result(
+    verdict: Verdict, name: str = "topics/thing", level: str = "MUST", why: str | None = None
+) -> Result:
+    case = read_case(
+        name,
+        {"title": "T", "rules": ["PUB-01"], "level": level, "profile": "CORE", "steps": [{"expect": {}}]},
+    )
+    return Result(case, verdict, _FAULT if verdict == "fail" else None, expected=why)
+
+
+def _run(*results: Result, stale: tuple[str, ...] = ()) -> Run:
+    return Run(Target(), "ws://x", results, stale, 1.0)
+
+
+def test_a_run_is_ok_without_unexpected_failures_and_stale_expectations() -> None:
+    assert _run(_result("pass"), _result("fail", why="known")).ok
+    assert not _run(_result("fail")).ok
+    assert not _run(_result("pass"), stale=("a/b",)).ok
+
+
+@pytest.mark.parametrize(
+    ("results", "mark"),
+    [
+        ([_result("pass")], "A+"),
+        ([_result("pass"), _result("fail", level="HARDEN")], "A"),
+        ([_result("pass"), _result("fail", level="SHOULD")], "B"),
+        ([_result("fail"), *[_result("pass") for _ in range(9)]], "C"),
+        ([_result("fail"), _result("pass")], "D"),
+    ],
+)
+def test_grades(results: list[Result], mark: str) -> None:
+    assert grade(_run(*results)) == mark
+
+
+def test_a_target_says_what_is_asked_and_what_is_missing() -> None:
+    assert select([_CASE], Target(), ["PUB-*"]) == (_CASE,)
+    assert select([_CASE], Target(), ["topics"]) == (_CASE,)
+    assert not select([_CASE], Target(), ["SUB-*"])
+    assert not select([_CASE], Target(), [], ["topics/*"])
+    assert not select([replace(_CASE, ros=(1,))], Target(ros=2))
+    wish = replace(_CASE, needs=("messages", "call-timeout"))
+    assert Target().missing(wish, frozenset({"messages"})) == ("call-timeout",)
+    assert Target(profiles=("PNG",)).missing(_CASE, frozenset()) == ("profile CORE",)
+
+
+def test_two_runs_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before, after = tmp_path / "before", tmp_path / "after"
+    before.write_text(
+        render(_run(_result("pass", "t/a"), _result("fail", "t/b"), _result("pass", "t/c")), {})
+    )
+    after.write_text(render(_run(_result("fail", "t/a"), _result("pass", "t/b"), _result("pass", "t/c")), {}))
+    assert main(["diff", str(before), str(after)]) == 1
+    assert (
+        capsys.readouterr().out == "- t/a: pass -> fail\n+ t/b: fail -> pass\n1 better, 1 worse, 3 in both\n"
+    )
+    assert main(["diff", str(before), str(before)]) == 0
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", json.dumps({"format": 99}), '{"format": 1, "results": 5}'])
+def test_files_that_are_no_results_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "x"
+    path.write_text(text)
+    with pytest.raises(ReportError, match="x: "):
+        read_results(path)

@@ -1,0 +1,152 @@
+"""Our server by the suite, in memory on a virtual clock and over WebSockets, and our server with faults."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from conformance.command import main
+from conformance.loading import load_cases
+from conformance.reports.terminal import failure
+from conformance.rules import load_rules
+from conformance.runner import Run, select
+from conformance.target import find_target
+from tests.conformance.fault_list import FAULTS
+from tests.conformance.memory_server import memory_server
+from tests.conformance.mutants import hunt_all, table
+
+
+@pytest.fixture(autouse=True)
+def quiet() -> Iterator[None]:
+    logging.disable()
+    yield
+    logging.disable(logging.NOTSET)
+
+
+async def _in_memory(distro: str) -> Run:
+    target = find_target(f"rwt-{distro}")
+    async with memory_server(distro) as server:
+        return await server.play(select(load_cases(), target), target)
+
+
+@pytest.mark.parametrize("distro", ["jazzy", "noetic"])
+def test_every_case_in_memory(distro: str) -> None:
+    run = asyncio.run(_in_memory(distro))
+    assert len(run.results) > 500
+    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
+    assert not run.stale
+
+
+def test_the_suite_finds_every_fault() -> None:
+    names = [fault.name for fault in FAULTS]
+    assert len(set(names)) == len(names) >= 60
+    hunts = asyncio.run(hunt_all())
+    assert not [one.fault.name for one in hunts if not one.found], table(hunts)
+
+
+@contextmanager
+def _server(*arguments: str, scheme: str = "ws") -> Iterator[str]:
+    command = [sys.executable, "-m", "rwt_cli", "serve", f"{scheme}://127.0.0.1:0", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        assert process.stdout is not None
+        match = re.search(r"\w+://\S+", process.stdout.readline())
+        assert match is not None
+        yield match[0]
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("distro", ["jazzy", "noetic"])
+def test_over_websockets_with_every_report(
+    distro: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {kind: tmp_path / kind for kind in ("json", "junit", "html", "badge", "summary")}
+    options = [part for kind, path in files.items() for part in (f"--{kind}", str(path))]
+    long = ["throttle/*", "unadvertise/gone*", "advertise/*", "malformed/object-over*"]
+    skips = [part for glob in long for part in ("--skip", glob)]
+    with _server("--distro", distro) as url:
+        code = main([url, "--target", f"rwt-{distro}", *options, *skips])
+    said = capsys.readouterr()
+    assert code == 0, said.err
+    assert "grade" in said.out
+    results = json.loads(files["json"].read_text())
+    assert results["ok"] is True
+    assert len(results["results"]) > 400
+    suite = ElementTree.parse(files["junit"]).getroot()
+    assert (suite.get("failures"), suite.get("errors")) == ("0", "0")
+    assert int(suite.get("tests", "0")) == len(results["results"])
+    page = files["html"].read_text()
+    assert all(f'id="{entry["id"]}"' in page for entry in results["results"])
+    assert "https://" not in page.replace("https://www.w3.org", "")
+    ElementTree.parse(files["badge"])
+    assert "| section |" in files["summary"].read_text()
+
+
+def _globs(*names: str) -> list[str]:
+    return [part for name in names for part in ("--run", name)]
+
+
+def test_over_tcp(capsys: pytest.CaptureFixture[str]) -> None:
+    with _server(scheme="tcp") as url:
+        code = main([url, "--target", "rwt-jazzy", *_globs("tcp/*", "fragments/*", "services/*", "json/*")])
+    assert code == 0, capsys.readouterr().err
+
+
+def test_with_rosauth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("abcdefghijklmnop\n")
+    secret.chmod(0o600)
+    settings = (f"auth.rosauth_secret_file={secret}", "auth.rosauth_role=admin")
+    with _server(*(part for setting in settings for part in ("--set", setting))) as url:
+        code = main([url, "--target", "rwt-auth", *_globs("auth/*", "services/*")])
+    assert code == 0, capsys.readouterr().err
+
+
+def test_with_globs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "globs.toml"
+    guarded = ("publish", "subscribe", "call", "provide", "goals")
+    rules = "\n".join(f'{name} = ["/c*"]' for name in guarded)
+    config.write_text(f'[auth]\ndefault_role = "c"\n[roles.c]\n{rules}\n')
+    with _server("--config", str(config)) as url:
+        code = main([url, "--target", "rwt-globs", *_globs("globs/*", "publish/*")])
+    assert code == 0, capsys.readouterr().err
+
+
+def test_a_server_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["ws://127.0.0.1:9", "--run", "publish/*"]) == 3
+    assert "cannot connect" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["ws://x", "--target", "nobody"], "shipped targets"),
+        (["ws://x", "--profile", "NOPE"], "known are CORE"),
+        (["ws://x", "--run", "nothing/like/it"], "no case fits"),
+        (["diff", "/nope.json", "/nope.json"], "cannot be read"),
+    ],
+)
+def test_wrong_calls(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_list_and_dry_run(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list", "--run", "FRG-01", "--target", "rwt-jazzy"]) == 0
+    assert "fragments/in/reversed" in capsys.readouterr().out
+    assert main(["--dry-run", "--run", "fragments/in/reversed"]) == 0
+    out = capsys.readouterr().out
+    assert "not asked: lacks profile FRAGMENT-IN" in out
+    assert "1. a sends" in out
