@@ -194,7 +194,7 @@ class SentGoal:
 
     def on_feedback(self, op: ActionFeedback) -> None:
         """Feedback has come (ACT-02)."""
-        if isinstance(op.values, RawJson):
+        if not isinstance(op.values, str):
             self.goal.take_feedback(self._feedback.read(op.values))
 
     def on_result(self, op: ActionResult) -> None:

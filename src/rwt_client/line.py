@@ -20,6 +20,7 @@ from rwt_client.cbor import Unreadable, read_cbor
 from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.reading import Arrived
+from rwt_protocol.decoded import Decoded
 from rwt_protocol.errors import Level
 from rwt_protocol.frames import DropReason, Flow, PeerInfo, Sink
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
@@ -296,7 +297,7 @@ class Line:
     def _take_publish(self, op: Publish) -> None:
         destination = self._destinations.get(op.topic.encode())
         if destination is not None:
-            destination.deliver(op.msg, len(op.msg.data))
+            destination.deliver(op.msg, op.msg.size if isinstance(op.msg, Decoded) else len(op.msg.data))
 
     def _take_status(self, op: Status) -> None:
         """A complaint goes to the part it is about, and else to whoever listens to events (STA-03)."""

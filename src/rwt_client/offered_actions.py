@@ -18,8 +18,8 @@ from rwt_client.errors import (
     ServiceFailed,
 )
 from rwt_client.publishing import MessageLike, payload_of
-from rwt_client.reading import Message
-from rwt_interfaces import Payload, PayloadError
+from rwt_client.reading import Message, request_of
+from rwt_interfaces import PayloadError
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,
@@ -140,7 +140,7 @@ class OfferedAction:
     def on_goal(self, op: SendActionGoal) -> None:
         """Somebody sends a goal (ACT-12)."""
         try:
-            request = Payload.from_args(self.type.goal, op.args.proven().data).value()
+            request = request_of(self.type.goal, op.args)
         except PayloadError as error:
             raise ServiceFailed(f"not {self.type.goal.name}: {error}") from None
         goal = self._goals[op.id] = ReceivedGoal(self, op.id, request)

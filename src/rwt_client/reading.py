@@ -12,6 +12,7 @@ from rwt_client.arrays import ArrayKind, octets_of, to_numpy
 from rwt_client.cbor import TypedArray
 from rwt_client.errors import MisfitMessage
 from rwt_interfaces import Payload, PayloadError
+from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.rawjson import RawJson
 
@@ -25,7 +26,7 @@ Cut = tuple[bytes, bytes]
 """What looks like a message's JSON text in a frame, and the frame: whoever decodes the one finds out whether
 it is, and otherwise reads the other. A tuple, because nearly every message comes so."""
 
-Arrived = Cut | RawJson | dict[str, object]
+Arrived = Cut | RawPayload | dict[str, object]
 """A message as it came: JSON text, or what a CBOR map held."""
 
 _REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, PayloadError)
@@ -66,9 +67,17 @@ class MessageReader:
                 message = self._leniently(_proven(arrived))
         elif isinstance(arrived, dict):
             message = self._from_plain(arrived)
+        elif isinstance(arrived, Decoded):
+            message = self._from_values(arrived.value)
         else:
             message = self._from_text(arrived)
         return message if self._finish is None else self._finish(message)
+
+    def _from_values(self, value: object) -> msgspec.Struct:
+        try:
+            return Payload.from_value(self.type, value).value()
+        except PayloadError as error:
+            raise self._misfit(error) from None
 
     def _from_text(self, arrived: RawJson) -> msgspec.Struct:
         if self._trusted:
@@ -103,6 +112,19 @@ class MessageReader:
 
     def _misfit(self, error: PayloadError) -> MisfitMessage:
         return MisfitMessage(f"not {self.type.name}: {error}")
+
+
+def request_of(message_type: MessageType, args: RawPayload) -> Message:
+    """The arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
+
+    Raises:
+        PayloadError: they do not fit.
+        MalformedPayload: they are not JSON.
+    """
+    if isinstance(args, Decoded):
+        given = args.value if isinstance(args.value, dict | list) else {}
+        return Payload.from_value(message_type, given).value()
+    return Payload.from_args(message_type, args.proven().data).value()
 
 
 class _Envelope(msgspec.Struct, gc=False):

@@ -24,6 +24,7 @@ from rwt_client.services import Calls, OfferedService, OfferedServices, ServiceH
 from rwt_client.topics import Callback, Compression, Hub, SubscribeOptions, Subscription
 from rwt_client.types import LiveTypes
 from rwt_interfaces import InterfaceError
+from rwt_protocol.decoded import plain_value
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
     ActionFeedback,
@@ -394,7 +395,7 @@ class Robot:
     async def _question(self, question: str, args: Mapping[str, object], patience: float | None) -> Any:
         request = RawJson(msgspec.json.encode(args))
         answer = await self._calls.call(f"{_ROSAPI}/{question}", request, patience)
-        return msgspec.json.decode(answer.proven().data)
+        return plain_value(answer)
 
     def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
         usual = SubscribeOptions()

@@ -7,10 +7,14 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from rwt_client.errors import CallFailed, ClientError, ConnectionLost, MisfitMessage, ServiceFailed
 from rwt_client.publishing import payload_of
+from rwt_client.reading import request_of
 from rwt_client.waiting import Outcome
-from rwt_interfaces import Payload, PayloadError
+from rwt_interfaces import PayloadError
+from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
 from rwt_protocol.rawjson import RawJson
 
@@ -37,7 +41,7 @@ class PendingCall:
 
     def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
         self.id = calls.line.next_id("call_service", service)
-        self.outcome: Outcome[RawJson] = Outcome()
+        self.outcome: Outcome[RawPayload] = Outcome()
         self._calls = calls
         self._service = service
         self._args = args
@@ -72,8 +76,8 @@ class Calls:
         timeout: float | None,  # noqa: ASYNC109 - raises our own error
         *,
         repeat: bool = False,
-    ) -> RawJson:
-        """Call a service; gives the response as JSON.
+    ) -> RawPayload:
+        """Call a service; gives the response as it came.
 
         Args:
             timeout: seconds; None waits for ever.
@@ -106,9 +110,12 @@ class Calls:
             call.outcome.fail(CallFailed(failure_text(op.values, f"{op.service} failed and gave no reason")))
 
 
-def failure_text(values: RawJson | str, otherwise: str) -> str:
+def failure_text(values: RawPayload | str, otherwise: str) -> str:
     """Why something failed, in the server's words (SRV-05)."""
-    text = values if isinstance(values, str) else bytes(values.data).decode("utf-8", "replace")
+    if isinstance(values, Decoded):
+        text = msgspec.json.encode(values.value, enc_hook=repr).decode()
+    else:
+        text = values if isinstance(values, str) else bytes(values.data).decode("utf-8", "replace")
     return otherwise if text in ("", "{}", "null") else text
 
 
@@ -170,7 +177,7 @@ class OfferedService:
     def on_call(self, op: CallService) -> None:
         """Somebody calls: run the handler, in a task of its own where it waits."""
         try:
-            request = Payload.from_args(self.type.request, op.args.proven().data).value()
+            request = request_of(self.type.request, op.args)
             answer = self._handler(request)
         except Exception as error:
             self._fail(op, error)

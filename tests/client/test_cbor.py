@@ -91,6 +91,16 @@ async def test_a_server_that_answers_in_json_all_the_same_is_understood() -> Non
 
 
 @pytest.mark.anyio
+async def test_the_projects_own_server_sends_it(transport: str) -> None:
+    async with world(transport, arrays="numpy") as it:
+        camera = it.node.advertise("/camera", "sensor_msgs/Image", latch=True)
+        camera.publish({"width": 2, "data": bytes(range(200)) * 10})
+        image = await it.robot.once("/camera", timeout=5)
+        np.testing.assert_array_equal(image.data, np.tile(np.arange(200, dtype=np.uint8), 10))
+        assert image.width == 2
+
+
+@pytest.mark.anyio
 async def test_it_is_not_asked_for_where_only_text_can_be_sent() -> None:
     async with world("tcp") as it:
         it.node.advertise("/camera", "sensor_msgs/Image", latch=True).publish({"data": b"abc"})
