@@ -19,7 +19,7 @@ Probe = Literal["loopback", "get_time"]
 FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth", "unasked-status")
 """Optional things inside profiles that a target declares by name; cases ask for them in `needs`."""
 
-WIRE_FEATURES = ("messages", "stream", "several-clients")
+WIRE_FEATURES = ("messages", "lines", "stream", "several-clients")
 """Features that follow from the URL and that no target declares."""
 
 

@@ -48,12 +48,15 @@ class Wire(Protocol):
 Dial: TypeAlias = Callable[[], Awaitable[Wire]]
 """Opens one more connection to the server under test."""
 
-Framing: TypeAlias = Literal["messages", "stream"]
+Framing: TypeAlias = Literal["messages", "lines", "stream"]
 
 
 def framing_of(url: str) -> Framing:
-    """Whether a wire keeps the borders of messages."""
-    return "messages" if urlsplit(url).scheme in ("ws", "wss") else "stream"
+    """How a wire keeps the borders of messages: by itself, by line breaks, or not at all."""
+    scheme = urlsplit(url).scheme
+    if scheme in ("ws", "wss"):
+        return "messages"
+    return "lines" if scheme == "stdio" else "stream"
 
 
 def dialer(url: str) -> Dial:
@@ -220,6 +223,10 @@ class _Program(_Stream):
         if process.stdin is None or process.stdout is None:
             raise WireError(f"{shlex.join(command)}: has no pipes")
         return cls(process.stdout, process.stdin, process)
+
+    async def send(self, data: str | bytes) -> None:
+        """Send one message and a line break, which ends it where messages are lines."""
+        await super().send(data + "\n" if isinstance(data, str) else data)
 
     async def close(self, *, abruptly: bool = False) -> None:
         if abruptly:

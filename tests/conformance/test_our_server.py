@@ -104,6 +104,14 @@ def test_over_tcp(capsys: pytest.CaptureFixture[str]) -> None:
     assert code == 0, capsys.readouterr().err
 
 
+def test_over_the_pipes_of_a_program(capsys: pytest.CaptureFixture[str]) -> None:
+    url = f"stdio:{sys.executable} -m rwt_cli serve stdio:"
+    code = main(
+        [url, "--target", "rwt-jazzy", *_globs("publish/subset", "services/unknown", "envelope/*-op")]
+    )
+    assert code == 0, capsys.readouterr().err
+
+
 def test_with_rosauth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     secret = tmp_path / "secret"
     secret.write_text("abcdefghijklmnop\n")
