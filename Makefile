@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 
-.PHONY: demo test lint types unit bench load soak fuzz clean
+.PHONY: demo test lint types unit bench load soak fuzz mutants clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -58,6 +58,10 @@ soak: $(STAMP)
 fuzz: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group fuzz
 	$(BIN)/python -m tests.fuzz $(ARGS)
+
+# Small faults put into our server one by one; the conformance suite has to find every one.
+mutants: $(STAMP)-dev
+	$(BIN)/python -m tests.conformance.mutants $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(CLIENTS)/node_modules

@@ -172,7 +172,7 @@ class Bridge:
         fanout = self._fanouts.get(topic)
         if fanout is None:
             fanout = self._fanouts[topic] = Fanout(
-                self.participant, topic, type, self.ledger.use_topic(topic)
+                self.participant, topic, type, self.ledger.use_topic(topic), self.graph.clock
             )
         else:
             fanout.check_type(type)

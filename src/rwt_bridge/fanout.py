@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rwt_bridge.gate import Gate
     from rwt_bridge.ledger import EncodingCounts, TopicCounts
     from rwt_graph.api import Participant, Sample, Subscription
+    from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
 
 
@@ -45,8 +46,12 @@ class Channel:
             after :meth:`settle`.
     """
 
-    def __init__(self, encode: Encoder, counts: EncodingCounts) -> None:
+    def __init__(self, encode: Encoder, counts: EncodingCounts, monotonic: Callable[[], float]) -> None:
         self._encode = encode
+        self._monotonic = monotonic
+        self._sent_at = float("-inf")
+        self._open_since: dict[Gate, int] = {}
+        self._sendings = 0
         self.counts = counts
         self._gates: list[Gate] = []
         self._direct: tuple[Callable[[Frame], None], ...] = ()
@@ -65,13 +70,23 @@ class Channel:
     def remove(self, gate: Gate) -> None:
         """Take a gate out."""
         self._gates.remove(gate)
+        self._open_since.pop(gate, None)
         self.sort()
 
     def sort(self) -> None:
         """Divide the gates into open and throttled ones, after one has joined, left or changed."""
         self.settle()
+        self._note_sendings()
         self._direct = tuple(gate.send for gate in self._gates if gate.is_open)
         self._gated = tuple(gate for gate in self._gates if not gate.is_open)
+
+    def _note_sendings(self) -> None:
+        """Tell gates that are open no longer when a sample last went past them."""
+        for gate in self._gates:
+            if gate.is_open:
+                self._open_since.setdefault(gate, self._sendings)
+            elif self._open_since.pop(gate, self._sendings) < self._sendings:
+                gate.note_sent(self._sent_at)
 
     def settle(self) -> None:
         """Bring `counts` up to date with what went through the open gates."""
@@ -79,6 +94,7 @@ class Channel:
         counts.encodes += self._encoded
         counts.messages += self._encoded * receivers
         counts.bytes += self._encoded_bytes * receivers
+        self._sendings += self._encoded
         self._encoded = self._encoded_bytes = 0
 
     def encode(self, sample: Sample) -> Frame:
@@ -98,6 +114,7 @@ class Channel:
             # Multiplied by the receivers in settle(): here each instruction is paid for by every message.
             self._encoded += 1
             self._encoded_bytes += frame.size
+            self._sent_at = self._monotonic()
             for send in direct:
                 send(frame)
         if self._gated:
@@ -125,7 +142,9 @@ class Fanout:
         topic: str,
         type: MessageType,
         counts: TopicCounts,
+        clock: Clock,
     ) -> None:
+        self._clock = clock
         self.topic = topic
         self.type = type
         self.counts = counts
@@ -162,7 +181,7 @@ class Fanout:
         channel = self._channels.get(key)
         if channel is None:
             channel = self._channels[key] = Channel(
-                encoding.encoder(name), self.counts.encoding(encoding.name)
+                encoding.encoder(name), self.counts.encoding(encoding.name), self._clock.monotonic
             )
             self._active = tuple(self._channels.values())
         channel.add(gate)

@@ -103,6 +103,10 @@ class Gate:
         if self._queue:
             self._start_timer()
 
+    def note_sent(self, at: float) -> None:
+        """A sample went past the gate while it was open, `at` seconds of the clock's steady time (THR-06)."""
+        self._last = max(self._last, at)
+
     def watch(self, lifespan_ns: int, deadline: DeadlineWatch | None) -> None:
         """Send nothing older than `lifespan_ns` (0: any age), and tell `deadline` of every sample."""
         self._lifespan_ns = lifespan_ns

@@ -11,7 +11,7 @@ from rwt_bridge.logs import one_line, write
 from rwt_bridge.quotas import message_rate, too_large
 from rwt_bridge.topics import release_publishers
 from rwt_protocol.decoded import Decoded, RawPayload
-from rwt_protocol.ops import OPS, ActionResult, ServiceResponse, Status
+from rwt_protocol.ops import OPS, ActionResult, CallService, SendActionGoal, ServiceResponse, Status
 from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal
 from rwt_transports.close_codes import POLICY
@@ -82,8 +82,16 @@ class Peer:
                 if answer is not None:
                     self.bridge.ledger.refuse(item.op)
                     self._log_answer(answer)
+                elif self.session.level == "info":
+                    answer = self._done(item)
             if answer is not None:
                 self._answer(answer)
+
+    def _done(self, op: Op) -> Op | None:
+        """The `status` that tells of success, for ops that have no reply of their own (STA-04)."""
+        if isinstance(op, CallService | SendActionGoal):
+            return None
+        return Status(level="info", msg=f"{op.op}: done", id=op.id)
 
     def oversized(self, size: int, limit: int) -> None:
         """A message was too large to be taken from the wire; its bytes were skipped."""

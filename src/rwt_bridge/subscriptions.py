@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
     from rwt_protocol import ops
 
+#: A throttle rate beyond this many milliseconds, three hundred centuries, is no longer than it.
+_LONGEST_THROTTLE = 10**15
+
 
 class ClientSubscription:
     """Every `subscribe` of one client under one spelling of a topic's name, by id.
@@ -102,7 +105,7 @@ class ClientSubscription:
         wishes = self._wishes.values()
         encoding = max((encoding for _, encoding in wishes), key=lambda encoding: encoding.precedence)
         self._gate.cut_to(min((op.fragment_size for op, _ in wishes if op.fragment_size), default=0))
-        throttle = min(op.throttle_rate for op, _ in wishes) / 1000
+        throttle = min(*(max(0, op.throttle_rate) for op, _ in wishes), _LONGEST_THROTTLE) / 1000
         self._gate.configure(throttle, min(op.queue_length for op, _ in wishes))
         self._apply_qos([op for op, _ in wishes])
         if encoding is self._encoding and self._channel is not None:

@@ -155,7 +155,7 @@ def test_a_client_that_reads_nothing_is_owed_one_line_per_topic(
     slow: Callable[..., SlowClient], client: Client, clock: SimulatedClock
 ) -> None:
     reader = slow(data_bytes=50_000)
-    reader.say("set_level", level="info")
+    reader.say("set_level", level="warning")
     reader.say("subscribe", topic="/t", type=TEXT)
     reader.stop()
     for _ in range(20):
@@ -181,7 +181,7 @@ def test_who_did_not_ask_hears_nothing(
 
 
 def test_a_throttle_is_counted_and_not_told(client: Client, clock: SimulatedClock, bridge: Bridge) -> None:
-    client.say("set_level", level="info")
+    client.say("set_level", level="warning")
     client.say("subscribe", topic="/n", type="std_msgs/Int32", throttle_rate=100)
     client.say("subscribe", topic="n", throttle_rate=100, queue_length=1)
     for number in range(5):
@@ -192,7 +192,7 @@ def test_a_throttle_is_counted_and_not_told(client: Client, clock: SimulatedCloc
 
 
 def test_nothing_is_told_after_unsubscribing(client: Client, other: Client, clock: SimulatedClock) -> None:
-    client.say("set_level", level="info")
+    client.say("set_level", level="warning")
     client.say("subscribe", topic="/n", type="std_msgs/Int32")
     flow = client.flows["/n"]
     assert flow.drop is not None

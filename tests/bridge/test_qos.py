@@ -98,7 +98,7 @@ def test_the_same_policies_share_the_publisher(
     client: Client, other: Client, wish: dict[str, object]
 ) -> None:
     _advertise(client)
-    other.say("set_level", level="info")
+    other.say("set_level", level="warning")
     other.say("advertise", topic="/n", type=INT, qos=wish)
     assert other.heard() == []
 

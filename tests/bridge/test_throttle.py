@@ -60,9 +60,43 @@ def test_the_smallest_throttle_of_a_clients_subscriptions_counts(
         client.say("publish", topic="/n", msg={"data": number})
     assert len(client.heard_of("/n")) == 3
     client.say("unsubscribe", id="fast", topic="/n")
-    for number in range(3):
+    client.say("publish", topic="/n", msg={"data": 3})
+    assert client.heard_of("/n") == []  # what passed unthrottled counts as the last sending (THR-06)
+    clock.advance(1.0)
+    for number in range(4, 7):
         client.say("publish", topic="/n", msg={"data": number})
-    assert len(client.heard_of("/n")) == 1
+    assert client.heard_of("/n") == [{"data": 4}]
+
+
+def test_a_throttle_set_on_a_quiet_topic_lets_the_first_sample_pass(
+    client: Client, clock: SimulatedClock
+) -> None:
+    client.say("subscribe", id="x", topic="/n", type="std_msgs/Int32")
+    client.say("publish", topic="/n", msg={"data": 0})
+    clock.advance(60)
+    client.say("subscribe", id="x", topic="/n", throttle_rate=1000)
+    for number in (1, 2):
+        client.say("publish", topic="/n", msg={"data": number})
+    assert client.heard_of("/n") == [{"data": 0}, {"data": 1}]
+
+
+def test_a_sample_from_before_a_client_joined_does_not_count_as_sent_to_it(
+    client: Client, other: Client
+) -> None:
+    other.say("subscribe", topic="/n", type="std_msgs/Int32")
+    client.say("publish", topic="/n", msg={"data": 0})
+    client.say("subscribe", id="x", topic="/n")
+    client.say("subscribe", id="x", topic="/n", throttle_rate=1000)
+    client.say("publish", topic="/n", msg={"data": 1})
+    assert client.heard_of("/n") == [{"data": 1}]
+
+
+@pytest.mark.parametrize("rate", [10**400, -(10**400)])
+def test_any_whole_number_is_a_throttle_rate(client: Client, rate: int) -> None:
+    client.say("subscribe", topic="/n", type="std_msgs/Int32", throttle_rate=rate)
+    for number in (1, 2):
+        client.say("publish", topic="/n", msg={"data": number})
+    assert len(client.heard_of("/n")) == (1 if rate > 0 else 2)
 
 
 def test_a_changed_queue_keeps_the_newest(client: Client, clock: SimulatedClock) -> None:

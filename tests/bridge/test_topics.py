@@ -226,3 +226,15 @@ def test_a_program_in_the_process_hears_and_is_heard(graph: MemoryGraph, client:
     client.say("subscribe", topic="/odom_name", type="std_msgs/String")
     node.advertise("/odom_name", "std_msgs/String").publish({"data": "odom"})
     assert client.heard_of("/odom_name") == [{"data": "odom"}]
+
+
+def test_at_level_info_success_is_told(client: Client) -> None:
+    client.say("set_level", level="info")
+    client.say("advertise", id="a1", topic="/t", type="std_msgs/String")
+    assert client.heard() == [{"op": "status", "id": "a1", "level": "info", "msg": "advertise: done"}]
+    client.say("call_service", id="c1", service="/nothing")
+    (reply,) = client.heard()
+    assert reply["op"] == "service_response"
+    client.say("set_level", level="warning")
+    client.say("unadvertise", id="a1", topic="/t")
+    assert client.heard() == []
