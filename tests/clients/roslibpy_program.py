@@ -343,7 +343,7 @@ def set_level(connections: Connections, _: str) -> Value:
     for level in ("none", "error", "warning", "info"):
         ros.set_status_level(level, f"level:{level}")
         publish(ros, "/roslibpy/level", STRING, *words(level))
-    # The library logs an error for each status frame, so that there must be none on success.
+    # The library logs an error for each status frame, which at level info tell of success.
     return heard.data(4)
 
 
