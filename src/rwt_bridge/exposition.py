@@ -18,20 +18,20 @@ class Exposition:
     def __init__(self) -> None:
         self._lines: list[str] = []
 
-    def family(self, name: str, kind: Kind, help: str, samples: Iterable[tuple[Labels, float]]) -> None:  # noqa: A002
+    def family(self, name: str, kind: Kind, help: str, samples: Iterable[tuple[Labels, float]]) -> None:
         """One metric. Nothing is written for one without samples."""
         lines = [f"{name}{_labels(labels)} {_number(value)}" for labels, value in samples]
         if lines:
             self._lines += [*_head(name, kind, help), *lines]
 
-    def single(self, name: str, kind: Kind, help: str, value: float) -> None:  # noqa: A002
+    def single(self, name: str, kind: Kind, help: str, value: float) -> None:
         """One metric without labels."""
         self.family(name, kind, help, [({}, value)])
 
     def histogram(
         self,
         name: str,
-        help: str,  # noqa: A002
+        help: str,
         bounds: Iterable[float],
         counts: Iterable[int],
         total: float,
@@ -57,7 +57,7 @@ class Exposition:
         return "".join(f"{line}\n" for line in self._lines).encode()
 
 
-def _head(name: str, kind: Kind, help: str) -> list[str]:  # noqa: A002
+def _head(name: str, kind: Kind, help: str) -> list[str]:
     escaped = help.replace("\\", "\\\\").replace("\n", "\\n")
     return [f"# HELP {name} {escaped}", f"# TYPE {name} {kind}"]
 
