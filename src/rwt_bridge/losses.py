@@ -21,6 +21,8 @@ _BECAUSE: Final = {
     "for fewer messages with `throttle_rate`",
     DropReason.BACKLOG: "this connection is slower than what it is subscribed to; ask for fewer messages "
     "with `throttle_rate`, or for smaller ones with `compression`",
+    DropReason.SIZE: "they were larger than `limits.outgoing_message_bytes`; ask for pieces with "
+    "`fragment_size`, or for smaller ones with `compression`",
     DropReason.LIFESPAN: "they were older than their lifespan when their turn came",
 }
 

@@ -118,6 +118,7 @@ def _transport_limits(settings: Settings) -> Limits:
         idle_peer_seconds=wished.idle_peer_seconds,
         data_bytes=wished.data_bytes,
         data_frames=wished.data_frames,
+        outgoing_bytes=wished.outgoing_message_bytes,
         control_bytes=wished.control_bytes,
         control_frames=wished.control_frames,
         deflate=Deflate(settings.deflate),

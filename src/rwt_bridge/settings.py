@@ -67,7 +67,9 @@ class LimitSettings(Table):
     ] = 600.0
     outgoing_message_bytes: Annotated[
         Bytes,
-        Field(description="largest reply or request sent to a client; a larger one fails its call or goal"),
+        Field(
+            description="largest message to a client; a larger reply fails its call, a larger sample is dropped"
+        ),
     ] = 256 * MIB
     handshake_seconds: Annotated[
         Seconds, Field(description="from connecting to the end of the HTTP request")

@@ -78,6 +78,8 @@ class DropReason(StrEnum):
     """The peer reads too slowly for what all its topics together may have waiting."""
     LIFESPAN = "lifespan"
     """It was older than its lifespan when its turn came."""
+    SIZE = "size"
+    """It was larger than what may be sent to a client."""
     THROTTLE = "throttle"
     """It came sooner after the one before than the subscriber wants."""
 

@@ -174,6 +174,12 @@ class DataLane:
         rich = [queue for _, _, queue in self._turns if len(queue.waiting) > 1]
         return max(rich, key=lambda queue: (not queue.rules.keep_all, queue.size), default=None)
 
+    def leave_out(self, queue: Queue, reason: DropReason) -> None:
+        """Count a message of `queue` that is not even let in."""
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+        if queue.on_drop is not None:
+            queue.on_drop(reason)
+
     def _drop_oldest(self, queue: Queue, reason: DropReason) -> int:
         """Returns the bytes freed."""
         first, further, _ = queue.waiting.popleft()
@@ -181,7 +187,5 @@ class DataLane:
         queue.size -= size
         self.size -= size
         self.messages -= 1
-        self.dropped[reason] = self.dropped.get(reason, 0) + 1
-        if queue.on_drop is not None:
-            queue.on_drop(reason)
+        self.leave_out(queue, reason)
         return size

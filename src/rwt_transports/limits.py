@@ -34,6 +34,7 @@ class Limits:
         data_bytes: bytes queued in one connection's data lane. Reached, the oldest frame of the same topic is
             dropped for each new one; every topic keeps its newest frame.
         data_frames: the same bound as a number of frames.
+        outgoing_bytes: largest message of the data lane; a larger one is dropped.
         control_bytes: bytes queued in one connection's control lane. Reached, the connection is closed with
             1008.
         control_frames: the same bound as a number of frames.
@@ -53,6 +54,7 @@ class Limits:
     idle_peer_seconds: float = 60.0
     data_bytes: int = 8 * MIB
     data_frames: int = 10_000
+    outgoing_bytes: int = 256 * MIB
     control_bytes: int = 64 * MIB
     control_frames: int = 100_000
     deflate: Deflate = Deflate.OFF

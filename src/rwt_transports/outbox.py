@@ -46,9 +46,7 @@ class OutboxFlow:
         """Queue one message of one frame."""
         outbox = self._outbox
         room = outbox.room
-        if room <= 0:
-            outbox.send_later(self._queue, (frame,))
-        elif frame.size < outbox.small:
+        if room > 0 and frame.size < outbox.small:
             # The same as send_at_once, written out: this runs for each sample and each subscriber.
             ready = outbox.ready
             if not ready:
@@ -56,12 +54,18 @@ class OutboxFlow:
             ready.append(frame.framed(outbox.whole))
             outbox.room = room - frame.size
             outbox.messages += 1
+        elif outbox.is_too_large(self._queue, frame):
+            return
+        elif room <= 0:
+            outbox.send_later(self._queue, (frame,))
         else:
             outbox.send_at_once(frame)
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Queue one message in one or more frames."""
         outbox = self._outbox
+        if any(outbox.is_too_large(self._queue, frame) for frame in pieces):
+            return
         if outbox.room <= 0:
             outbox.send_later(self._queue, pieces, expires_ns)
             return
@@ -114,8 +118,8 @@ class Outbox:
         overflow: Callable[[str], None],
         hang_up: Callable[[int, str], None],
     ) -> None:
-        self.speak(framing)
         self._limits = limits
+        self.speak(framing)
         self.wake = wake
         self._overflow = overflow
         self._hang_up = hang_up
@@ -145,7 +149,7 @@ class Outbox:
         """From now on frames become bytes in this way."""
         self._framing = framing
         self.whole = framing.whole
-        self.small = ALONE_BYTES if framing.shared else 0
+        self.small = min(ALONE_BYTES, self._limits.outgoing_bytes + 1) if framing.shared else 0
 
     def flow(
         self,
@@ -169,6 +173,13 @@ class Outbox:
             self._ready_large(frame)
         self.room -= frame.size
         self.messages += 1
+
+    def is_too_large(self, queue: Queue, frame: Frame) -> bool:
+        """Whether a frame of the data lane may not be sent for its size; if so, that is counted and told."""
+        if frame.size <= self._limits.outgoing_bytes:
+            return False
+        self._data.leave_out(queue, DropReason.SIZE)
+        return True
 
     def send_later(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Let a message of the data lane wait for its turn."""

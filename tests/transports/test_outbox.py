@@ -515,3 +515,17 @@ def test_the_servers_own_notes_take_nobodys_place() -> None:
         data(box, "notes", b"note %d" % at)
     assert box.drops == {("notes", DropReason.QUEUE): 2}
     assert framed(b"note 2") in drain(box)
+
+
+@pytest.mark.parametrize("most", [10, 100_000])
+@pytest.mark.parametrize("busy", [False, True])
+def test_a_sample_that_is_too_large_is_left_out(most: int, busy: bool) -> None:
+    box = Box(Limits(outgoing_bytes=most))
+    if busy:
+        box.send(Frame(FILLER))
+    fits, large = Frame(b"a" * most), Frame(b"b" * (most + 1))
+    for frame in (large, fits, large):
+        box.topic("/x").send(frame)
+    box.topic("/x").send_message((fits, large))
+    assert drain(box) == framed(*([FILLER] if busy else []), fits.data)
+    assert box.drops == {("/x", DropReason.SIZE): 3}
