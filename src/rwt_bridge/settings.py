@@ -67,9 +67,7 @@ class LimitSettings(Table):
     ] = 600.0
     outgoing_message_bytes: Annotated[
         Bytes,
-        Field(
-            description="largest message to a client; a larger reply fails its call, a larger sample is dropped"
-        ),
+        Field(description="largest message to a client; a larger reply fails its call, a sample is dropped"),
     ] = 256 * MIB
     handshake_seconds: Annotated[
         Seconds, Field(description="from connecting to the end of the HTTP request")
