@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl
 
 from rwt_bridge.settings import SettingsError
 
@@ -168,8 +168,9 @@ def _in_header(info: PeerInfo) -> list[str]:
 
 
 def _in_query(info: PeerInfo) -> list[str]:
+    # Cut by hand: urlsplit drops line breaks and tabs, and a token with them in it is another token.
+    query = info.path.partition("#")[0].partition("?")[2]
     try:
-        query = urlsplit(info.path).query
         return [value for name, value in parse_qsl(query, max_num_fields=100) if name in _QUERY_NAMES]
     except ValueError:
         return []
