@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from urllib.parse import unquote_plus
 
 from rwt_bridge.admission import Admission
 from rwt_bridge.settings import (
@@ -50,7 +51,7 @@ def admission(data: bytes) -> None:
         assert str(refused).isprintable()
         return
     if role is not None and data[0] & 1:
-        assert TOKEN in data.decode("latin-1"), "let in without the token"
+        assert TOKEN in unquote_plus(data.decode("latin-1")), "let in without the token"
         role.sees_topic(path)
     door.left(info)
 
