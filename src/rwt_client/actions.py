@@ -90,7 +90,7 @@ class Goal:
         """Whether it has ended."""
         return self._outcome.done
 
-    async def result(self, timeout: float | None = None) -> GoalResult:  # noqa: ASYNC109 - raises our own error
+    async def result(self, timeout: float | None = None) -> GoalResult:
         """Wait for the end of the goal.
 
         Args:

@@ -63,7 +63,7 @@ class ConnectKeywords(TypedDict, total=False):
 async def connect(
     target: str | Accept,
     *,
-    timeout: float | None = 10.0,  # noqa: ASYNC109 - raises our own error
+    timeout: float | None = 10.0,
     reconnect: Backoff | None = RECONNECT,
     arrays: ArrayKind = "list",
     ros_version: Literal[1, 2] | None = None,

@@ -167,7 +167,7 @@ class Robot:
         name: str,
         type_name: str | None = None,
         *,
-        timeout: float | None = _DEFAULT,  # noqa: ASYNC109 - raises our own error
+        timeout: float | None = _DEFAULT,
         **options: Unpack[SubscribeKeywords],
     ) -> Message:
         """The next message of a topic.
@@ -222,7 +222,7 @@ class Robot:
         request: MessageLike | None = None,
         type_name: str | None = None,
         *,
-        timeout: float | None = _DEFAULT,  # noqa: ASYNC109 - raises our own error
+        timeout: float | None = _DEFAULT,
         repeat: bool = False,
     ) -> Message:
         """Call a service.

@@ -73,7 +73,7 @@ class Calls:
         self,
         service: str,
         args: RawJson,
-        timeout: float | None,  # noqa: ASYNC109 - raises our own error
+        timeout: float | None,
         *,
         repeat: bool = False,
     ) -> RawPayload:

@@ -194,7 +194,7 @@ class Subscription:
         self._hub.remove(self)
         line.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
 
-    async def get(self, timeout: float | None = None) -> Message:  # noqa: ASYNC109 - raises our own error
+    async def get(self, timeout: float | None = None) -> Message:
         """The next message.
 
         Args:

@@ -38,7 +38,7 @@ class Outcome(Generic[T]):
             self._error = error
             self._event.set()
 
-    async def get(self, timeout: float | None, late: str) -> T:  # noqa: ASYNC109 - raises our own error
+    async def get(self, timeout: float | None, late: str) -> T:
         """Wait for it.
 
         Args:

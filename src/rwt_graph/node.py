@@ -240,7 +240,7 @@ class Node:
         self,
         service: str,
         request: MessageLike | None = None,
-        timeout: float | None = None,  # noqa: ASYNC109 - the caller hears CallTimeout, it is not cancelled
+        timeout: float | None = None,
     ) -> Message:
         """Call a service and wait for its response.
 
