@@ -82,6 +82,39 @@ def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
     """
     nested: dict[str, dict[str, object]] = {}
     described = _described(lookup.full_name(definition.name), definition.fields, lookup, nested)
+    return _hashed(described, nested)
+
+
+def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Lookup) -> str:
+    """ROS 2's type hash of a service, which is described as a message of three: its request, its response, and
+    the event with which a service reports on itself.
+
+    Args:
+        full_name: three-part, ``std_srvs/srv/SetBool``.
+
+    Raises:
+        UnknownType: a nested message is not known.
+    """
+    nested: dict[str, dict[str, object]] = {}
+    parts = {"request": definition.request, "response": definition.response}
+    full = {part: _nested(message.name, lookup, nested) for part, message in parts.items()}
+    info = _nested("service_msgs/ServiceEventInfo", lookup, nested)
+    event = f"{full_name}_Event"
+    bounded = {part: _reference(name, _NESTED + _BOUNDED_SEQUENCE, 1) for part, name in full.items()}
+    nested[event] = _description(event, {"info": _reference(info), **bounded})
+    whole = {f"{part}_message": _reference(name) for part, name in {**full, "event": event}.items()}
+    return _hashed(_description(full_name, whole), nested)
+
+
+def _reference(name: str, number: int = _NESTED, capacity: int = 0) -> dict[str, object]:
+    return {"type_id": number, "capacity": capacity, "string_capacity": 0, "nested_type_name": name}
+
+
+def _description(name: str, fields: dict[str, dict[str, object]]) -> dict[str, object]:
+    return {"type_name": name, "fields": [{"name": key, "type": value} for key, value in fields.items()]}
+
+
+def _hashed(described: dict[str, object], nested: dict[str, dict[str, object]]) -> str:
     text = json.dumps(
         {
             "type_description": described,
@@ -94,13 +127,9 @@ def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
 def _described(
     name: str, fields: tuple[Field, ...], lookup: Lookup, nested: dict[str, dict[str, object]]
 ) -> dict[str, object]:
-    return {
-        "type_name": name,
-        "fields": [
-            {"name": field.name, "type": _field_type(field.type, lookup, nested)}
-            for field in fields or (_FILLER,)
-        ],
-    }
+    return _description(
+        name, {field.name: _field_type(field.type, lookup, nested) for field in fields or (_FILLER,)}
+    )
 
 
 def _field_type(
