@@ -48,7 +48,9 @@ def service(action: ActionDefinition, suffix: str) -> ServiceDefinition:
 
 def feedback(action: ActionDefinition) -> MessageDefinition:
     """The message of the action's feedback topic."""
-    return _message(f"{action.name}{FEEDBACK}", (_GOAL_ID, Field("feedback", FieldType(action.feedback.name))))
+    return _message(
+        f"{action.name}{FEEDBACK}", (_GOAL_ID, Field("feedback", FieldType(action.feedback.name)))
+    )
 
 
 def _message(name: str, fields: tuple[Field, ...]) -> MessageDefinition:

@@ -86,8 +86,8 @@ def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
 
 
 def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Lookup) -> str:
-    """ROS 2's type hash of a service, which is described as a message of three: its request, its response, and
-    the event with which a service reports on itself.
+    """ROS 2's type hash of a service, which is described as a message of three: its request, its response
+    and the event with which a service reports on itself.
 
     Args:
         full_name: three-part, ``std_srvs/srv/SetBool``.

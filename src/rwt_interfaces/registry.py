@@ -38,7 +38,8 @@ class Registry:
     ``SetBoolRequest``, ``Fibonacci_Goal`` and ``FibonacciGoal``) and the messages with which ROS 1 carries an
     action over topics (``FibonacciAction``, ``FibonacciActionGoal``, …), all made by rule, on either
     distribution. On ROS 2 those with which it carries an action are known too (``Fibonacci_SendGoal``,
-    ``Fibonacci_GetResult``, ``Fibonacci_FeedbackMessage``). A part is one type whichever way it is spelled; it reports the spelling of the distribution.
+    ``Fibonacci_GetResult``, ``Fibonacci_FeedbackMessage``). A part is one type whichever way it is spelled;
+    it reports the spelling of the distribution.
 
     A user definition of a name that the standard set has wins over it, in this registry only. Types handed
     out before do not change: add definitions first.
