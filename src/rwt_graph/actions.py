@@ -180,7 +180,7 @@ class MemoryGoal(ServerGoal):
         self._client.drop(self)
         if self._server.watcher is not None:
             result = None if isinstance(outcome, CallFailed) else outcome
-            self._server.watcher.ended(self.id, result, reason)
+            self._server.watcher.ended(self.id, self._status, result, reason)
         if events is not None:
             self._tell(lambda: events.on_result(self._status, outcome))
 
