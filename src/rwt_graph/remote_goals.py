@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+#: The id that ROS 2's cancel service takes for "all of them".
+_EVERY_GOAL = "0" * 32
+
 _STATES = {status.value: status for status in GoalStatus}
 
 
@@ -71,6 +74,8 @@ class RemoteActions:
 
     def cancel(self, action: str, goal_id: str, client: Owner) -> None:
         """Ask to cancel a goal by its id; nobody waits for the answer."""
+        if goal_id == _EVERY_GOAL:
+            return  # It would cancel them all, and is no goal's own.
         self.ask_to_cancel(action, goal_id, client, lambda _: None)
 
     def ask_to_cancel(

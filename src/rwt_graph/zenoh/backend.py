@@ -139,12 +139,14 @@ class ZenohGraph(MemoryGraph):
 
     async def __aexit__(self, *exc: object) -> None:
         """Stop handlers and timers, close every participant, and leave the others."""
-        with anyio.CancelScope(shield=True):
+        try:
+            self._close_participants()
+        finally:
+            self._leave()
             try:
-                self._close_participants()
+                with anyio.CancelScope(shield=True):
+                    await anyio.to_thread.run_sync(self._session.close)
             finally:
-                self._leave()
-                await anyio.to_thread.run_sync(self._session.close)
                 await super().__aexit__(*exc)
 
     def _leave(self) -> None:

@@ -187,7 +187,10 @@ class ZenohServices:
 
     def _lost(self, name: str, key: str) -> None:
         service = self._remote.get(name)
-        if service is not None and service.offers.pop(key, None) and not service.offers:
+        if service is None or key not in service.offers:
+            return
+        del service.offers[key]
+        if not service.offers:
             del self._remote[name]
             self._lose(service, f"Service {name} was unadvertised")
 
