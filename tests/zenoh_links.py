@@ -5,11 +5,15 @@ from __future__ import annotations
 import socket
 from collections.abc import Awaitable, Callable
 from functools import partial
+from pathlib import Path
 
 import anyio
 import zenoh
 
 from rwt_graph.zenoh import ZenohGraph
+
+#: Where tests need not wait for peers to turn up.
+QUICK = Path(__file__).parent / "quick.zenoh.json5"
 
 #: Far more than anything takes; a test that waits so long has failed.
 PATIENCE = 20.0

@@ -20,6 +20,15 @@ Mode = Literal["peer", "client", "router"]
 #: samples whenever the receiving process is not scheduled for a moment; a link that stays full drops at once.
 _WAIT_BEFORE_DROP = 50_000
 
+#: What this project wants where neither the caller nor the file says anything: by key, its value and Zenoh's.
+_DEFAULTS: dict[str, tuple[object, object]] = {
+    "listen/endpoints": ([], {"router": ["tcp/[::]:7447"], "peer": ["tcp/[::]:0"]}),
+    "scouting/multicast/enabled": (False, None),
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (_WAIT_BEFORE_DROP, 1000),
+    # Batches of 64 KiB that wait on a link: Zenoh's 2 are full at once when the other side is not scheduled.
+    "transport/link/tx/queue/size/data": (16, 2),
+}
+
 #: The largest ROS_DOMAIN_ID that fits every DDS; rmw_zenoh has no limit of its own.
 _LARGEST_DOMAIN = 2**32 - 1
 
@@ -57,7 +66,10 @@ def configuration(options: ZenohOptions) -> zenoh.Config:
     Raises:
         ZenohError: the file cannot be read, or a value is not one that Zenoh takes.
     """
-    config = _from_file(options.config) if options.config is not None else _defaults()
+    config = _from_file(options.config) if options.config is not None else zenoh.Config()
+    for key, (own, zenohs) in _DEFAULTS.items():
+        if json.loads(config.get_json(key)) == zenohs:
+            _insert(config, key, own)
     given: dict[str, object] = {
         "mode": options.mode,
         "listen/endpoints": list(options.listen) or None,
@@ -69,14 +81,6 @@ def configuration(options: ZenohOptions) -> zenoh.Config:
     for key, value in given.items():
         if value is not None:
             _insert(config, key, value)
-    return config
-
-
-def _defaults() -> zenoh.Config:
-    config = zenoh.Config()
-    _insert(config, "listen/endpoints", [])
-    _insert(config, "scouting/multicast/enabled", False)
-    _insert(config, "transport/link/tx/queue/congestion_control/drop/wait_before_drop", _WAIT_BEFORE_DROP)
     return config
 
 

@@ -29,7 +29,7 @@ from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-from tests.zenoh_links import Counting, Ripple, free_endpoint
+from tests.zenoh_links import QUICK, Counting, Ripple, free_endpoint
 
 
 class SplitParticipant(Participant):
@@ -85,8 +85,8 @@ class PairedGraph(Graph):
 
     def __init__(self, registry: Registry, clock: SimulatedClock) -> None:
         endpoint = free_endpoint()
-        self.provider = ZenohGraph(registry, clock, listen=[endpoint])
-        self.consumer = ZenohGraph(registry, clock, connect=[endpoint])
+        self.provider = ZenohGraph(registry, clock, listen=[endpoint], config=QUICK)
+        self.consumer = ZenohGraph(registry, clock, connect=[endpoint], config=QUICK)
         self._counts = Counting(self.provider), Counting(self.consumer)
         self.ripple = Ripple((self.provider, self.consumer), self._counts)
         self.distro, self.registry, self.clock = registry.distro, registry, clock
