@@ -1,7 +1,8 @@
 """`python -m bench.zenoh`: the graph over Zenoh between two processes, and the graph in memory, in one run.
 
-One process publishes, the other subscribes; both are whole graphs, connected over TCP on loopback. Small messages
-are `std_msgs/String` of 32 characters, large ones `sensor_msgs/Image` of 1 MB. Payloads are made once and sent again
+One process publishes, the other subscribes; both are whole graphs, connected over TCP on loopback. Small
+messages are `std_msgs/String` of 32 characters, large ones `sensor_msgs/Image` of 1 MB. Payloads are made
+once and sent again
 and again: it is the way of a message that is measured, not its encoding. Latency is half of a round trip.
 """
 
@@ -87,7 +88,7 @@ def large(graph: MemoryGraph) -> Payload:
 
 
 async def ready(publisher: Publisher) -> None:
-    while not publisher.subscriber_count:
+    while not publisher.subscriber_count:  # noqa: ASYNC110 - A graph tells of nobody's coming.
         await anyio.sleep(0.01)
 
 
@@ -120,7 +121,7 @@ async def count(graph: MemoryGraph, node: Participant, kind: str) -> tuple[Count
         counter.last = time.perf_counter()
 
     def end(sample: Sample) -> None:
-        said.append(json.loads(sample.payload.json())["data"])
+        said.append(json.loads(bytes(sample.payload.json()))["data"])
         counter.done.set()
 
     subscriptions = [
@@ -136,7 +137,9 @@ async def count(graph: MemoryGraph, node: Participant, kind: str) -> tuple[Count
 async def echo(graph: MemoryGraph, node: Participant) -> None:
     """Send back what comes, until cancelled."""
     pong = node.advertise("/pong", graph.registry.message(SMALL))
-    node.subscribe("/ping", lambda sample: pong.publish(sample.payload), graph.registry.message(SMALL), DEFAULT_QOS)
+    node.subscribe(
+        "/ping", lambda sample: pong.publish(sample.payload), graph.registry.message(SMALL), DEFAULT_QOS
+    )
     await anyio.sleep_forever()
 
 
@@ -218,8 +221,9 @@ def over_zenoh(seconds: float) -> Figures:
 
 def table(memory: Figures, zenoh: Figures) -> str:
     lines = [f"{'':28}{'memory':>14}{'over Zenoh':>14}"]
-    for name in asdict(memory):
-        lines.append(f"{name:28}{getattr(memory, name):>14,.2f}{getattr(zenoh, name):>14,.2f}")
+    lines += [
+        f"{name:28}{getattr(memory, name):>14,.2f}{getattr(zenoh, name):>14,.2f}" for name in asdict(memory)
+    ]
     lines.append(f"{'added_latency_p50_us':28}{'':14}{zenoh.latency_p50_us - memory.latency_p50_us:>14,.2f}")
     return "\n".join(lines)
 

@@ -34,7 +34,7 @@ async def until(condition: Callable[[], bool], what: str = "") -> None:
     """
     try:
         with anyio.fail_after(PATIENCE):
-            while not condition():
+            while not condition():  # noqa: ASYNC110 - Any condition, of which nobody tells.
                 await anyio.sleep(0.005)
     except TimeoutError:
         raise TimeoutError(what or "what was waited for did not happen") from None
@@ -56,8 +56,8 @@ class Counting:
 class Ripple:
     """Sends a mark over the link after everything else, there and back, until nothing moves any more.
 
-    Links keep the order of what is sent, so what was sent before a mark has arrived when the mark has. Needs graphs
-    whose inlets are prompt, for those that are not have a queue of their own.
+    Links keep the order of what is sent, so what was sent before a mark has arrived when the mark has. Needs
+    graphs whose inlets are prompt, for those that are not have a queue of their own.
     """
 
     def __init__(self, graphs: tuple[ZenohGraph, ZenohGraph], counts: tuple[Counting, Counting]) -> None:
@@ -70,7 +70,9 @@ class Ripple:
         """Listen for marks on both sides, and wait until each hears the other's."""
         for side in (0, 1):
             handler = zenoh.handlers.Callback(partial(self._on_mark, side), indirect=False)
-            self._subscribers.append(session_of(self._graphs[side]).declare_subscriber(f"@mark/{side}", handler))
+            self._subscribers.append(
+                session_of(self._graphs[side]).declare_subscriber(f"@mark/{side}", handler)
+            )
         for side in (0, 1):
             with anyio.fail_after(PATIENCE):
                 while not self._arrived[side].is_set():

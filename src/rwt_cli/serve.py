@@ -1,4 +1,4 @@
-"""`rwt serve`: a rosbridge server in front of an in-memory robot graph."""
+"""`rwt serve`: a rosbridge server in front of a robot graph, in memory or over Zenoh."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ import anyio
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import SettingsError
 from rwt_bridge.settings_sources import DEFAULT
+from rwt_cli.backends import add_backend_options, backend_options, make_graph
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_cli.logs import FORMATS, log_to_stderr
 from rwt_cli.nodes import start_nodes
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.errors import GraphError
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
@@ -42,6 +43,8 @@ examples:
   rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
+  rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
+                                           joined with other servers, or with a ROS 2 graph
 """
 
 
@@ -76,6 +79,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
     )
+    add_backend_options(parser)
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
     parser.add_argument(
@@ -92,7 +96,7 @@ def _run(arguments: argparse.Namespace) -> int:
     try:
         settings = _settings(arguments)
         anyio.run(_serve, settings)
-    except TransportError as error:
+    except (TransportError, GraphError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
         raise CommandError(str(error), exit_code=2) from error
@@ -107,6 +111,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "distro": arguments.distro,
         "interfaces": tuple(arguments.interfaces or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
+        **backend_options(arguments),
     }
     loaded = settings_of(arguments, given)
     settings = loaded.settings
@@ -133,7 +138,7 @@ def _registry(settings: Settings) -> Registry:
 
 
 async def _serve(settings: Settings) -> None:
-    graph = MemoryGraph(registry=_registry(settings))
+    graph = make_graph(settings, _registry(settings))
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
             pages = start_nodes(graph, settings.nodes, nodes)

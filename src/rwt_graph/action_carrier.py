@@ -1,7 +1,7 @@
 """An action server of this process, as the services and topics of ROS 2.
 
-What other processes see of an action: three services to send, cancel and ask after goals, a topic of feedback and
-a latched one of states. Goals that come from there are goals like any other, and every goal is told of.
+What other processes see of an action: three services to send, cancel and ask after goals, a topic of feedback
+and a latched one of states. Goals that come from there are goals like any other, and every goal is told of.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ SEND_GOAL = f"{_PART}send_goal"
 class ActionNames:
     """The names that belong to one action.
 
-    `reasons` is this project's own: why a goal was rejected or ended as it did, which ROS 2's messages have no
-    field for. Each is a `std_msgs/String`: the goal's id, a space, the reason.
+    `reasons` is this project's own: why a goal was rejected or ended as it did, which ROS 2's messages have
+    no field for. Each is a `std_msgs/String`: the goal's id, a space, the reason.
     """
 
     action: str

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from rwt_graph.api import ActionInfo, ClientGoal, GoalEvents, GoalStatus, Registration, ServerGoal
+from rwt_graph.elsewhere import ActionCarrier, ActionsElsewhere, GoalWatcher
 from rwt_graph.errors import (
     CallFailed,
     GoalRejected,
@@ -35,7 +36,6 @@ from rwt_graph.errors import (
     ProviderGone,
     ProviderNotFound,
 )
-from rwt_graph.elsewhere import ActionCarrier, ActionsElsewhere, GoalWatcher
 from rwt_graph.ownership import Owner
 
 if TYPE_CHECKING:

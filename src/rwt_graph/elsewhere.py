@@ -10,7 +10,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from rwt_graph.api import ActionInfo, ClientGoal, GoalEvents, GoalStatus, OnReply, PendingCall, ServiceInfo
+    from rwt_graph.api import (
+        ActionInfo,
+        ClientGoal,
+        GoalEvents,
+        GoalStatus,
+        OnReply,
+        PendingCall,
+        ServiceInfo,
+    )
     from rwt_graph.ownership import Owner
     from rwt_graph.qos import QoS
     from rwt_graph.services import MemoryProvider

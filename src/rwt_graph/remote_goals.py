@@ -32,7 +32,9 @@ _STATES = {status.value: status for status in GoalStatus}
 class RemoteActions:
     """The actions of other processes: whoever offers `<action>/_action/send_goal` offers the action."""
 
-    def __init__(self, topics: Topics, services: Services, remote: ServicesElsewhere, registry: Registry) -> None:
+    def __init__(
+        self, topics: Topics, services: Services, remote: ServicesElsewhere, registry: Registry
+    ) -> None:
         self.topics = topics
         self.services = services
         self.registry = registry
@@ -51,9 +53,7 @@ class RemoteActions:
 
     def names(self) -> set[str]:
         """The names of all of them."""
-        return {
-            name.removesuffix(SEND_GOAL) for name in self._remote.names() if name.endswith(SEND_GOAL)
-        }
+        return {name.removesuffix(SEND_GOAL) for name in self._remote.names() if name.endswith(SEND_GOAL)}
 
     def of_node(self, node: str) -> set[str]:
         """The names of those that a node offers."""

@@ -1,7 +1,7 @@
 """The services and the message with which ROS 2 carries an action, made by rule from its definition.
 
-Action ``X`` is two services and a topic of its own (``X_SendGoal``, ``X_GetResult``, ``X_FeedbackMessage``), and
-two that all actions share (``action_msgs/CancelGoal`` and ``action_msgs/GoalStatusArray``).
+Action ``X`` is two services and a topic of its own (``X_SendGoal``, ``X_GetResult``, ``X_FeedbackMessage``),
+and two that all actions share (``action_msgs/CancelGoal`` and ``action_msgs/GoalStatusArray``).
 """
 
 from __future__ import annotations

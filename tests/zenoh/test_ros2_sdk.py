@@ -1,4 +1,5 @@
-"""With zenoh-ros2-sdk, another independent program of that wire; it is given its definitions, lest it fetch them."""
+"""With zenoh-ros2-sdk, another independent program of that wire; it is given its definitions, lest it fetch
+them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Liveliness tokens: how nodes, publishers, subscriptions, services and clients make themselves known.
 
-`@ros2_lv/<domain>/<session>/<node id>/<entity id>/<kind>/<enclave>/<namespace>/<node>`, and for everything but a
-node `/<name>/<dds type>/<type hash>/<qos>` (design, "Graph Cache"). In names `/` is written `%`.
+`@ros2_lv/<domain>/<session>/<node id>/<entity id>/<kind>/<enclave>/<namespace>/<node>`, and for everything
+but a node `/<name>/<dds type>/<type hash>/<qos>` (design, "Graph Cache"). In names `/` is written `%`.
 """
 
 from __future__ import annotations

@@ -33,18 +33,20 @@ class ZenohGraph(MemoryGraph):
     """A graph whose nodes are in this process and in others.
 
     What happens between nodes of this process happens in memory, as in a :class:`MemoryGraph`. Until it is
-    entered it is alone; leaving it closes the Zenoh session, whatever the reason. `/rosout` and `/clock` of the
-    graph itself, and the global tree of parameters, stay in the process; those of its nodes do not.
+    entered it is alone; leaving it closes the Zenoh session, whatever the reason. `/rosout` and `/clock` of
+    the graph itself, and the global tree of parameters, stay in the process; those of its nodes do not.
 
-    Differences to one process that cannot be hidden: what others do is known a moment later; a service or action
-    that two processes offer is not replaced but offered twice, and each calls its own first; of two processes that
-    establish a topic with different types at the same moment neither is refused, and they do not hear each other.
+    Differences to one process that cannot be hidden: what others do is known a moment later; a service or
+    action that two processes offer is not replaced but offered twice, and each calls its own first; of two
+    processes that establish a topic with different types at the same moment neither is refused, and they do
+    not hear each other.
 
     Args:
         registry: the interfaces; of a ROS 2 distribution, whose types they share with every other process.
         clock: the wall clock by default.
         listen, connect, domain, multicast, config, mode: see :class:`ZenohOptions`.
-        namespace: what relative node names given to :meth:`node` are relative to: one for each robot of a fleet.
+        namespace: what relative node names given to :meth:`node` are relative to: one for each robot of a
+        fleet.
 
     Raises:
         ZenohError: the registry is of ROS 1, which has no such wire.

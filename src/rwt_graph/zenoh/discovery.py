@@ -138,7 +138,11 @@ class Discovery:
         if what not in self._warned:
             self._warned.add(what)
             logger.warning(
-                "%s of node %s cannot be exchanged, it has type %s: %s", end.name, token.node, end.dds_type, why
+                "%s of node %s cannot be exchanged, it has type %s: %s",
+                end.name,
+                token.node,
+                end.dds_type,
+                why,
             )
 
 

@@ -1,8 +1,8 @@
 """Samples of one topic on their way in: from Zenoh's threads to the graph's.
 
-Zenoh calls back from a thread of its own for each subscriber. There a sample is only put in a queue; the graph's
-thread is woken for the first of a batch and takes what is there, so that neither thread waits for the other's turn
-with Python's lock once for each message.
+Zenoh calls back from a thread of its own for each subscriber. There a sample is only put in a queue; the
+graph's thread is woken for the first of a batch and takes what is there, so that neither thread waits for the
+other's turn with Python's lock once for each message.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class Inlet:
 
     Args:
         kept: whether what transient-local publishers kept is wanted too.
-        prompt: hand over from Zenoh's receiving thread itself: slower, but in the order in which samples, replies
+        prompt: hand over from Zenoh's receiving thread itself: slower, but in the order in which samples,
+        replies
             and tokens came.
     """
 
@@ -47,18 +48,7 @@ class Inlet:
         self._closed = False
         self.dropped = 0
         handler = zenoh.handlers.Callback(self._arrived, indirect=not prompt)
-        self._subscriber = self._declare(link.session, handler, kept=kept)
-
-    def _declare(
-        self, session: zenoh.Session, handler: zenoh.handlers.Callback[zenoh.Sample], *, kept: bool
-    ) -> zenoh.Subscriber[None] | zenoh.ext.AdvancedSubscriber[None]:
-        remote = zenoh.Locality.REMOTE
-        if not kept:
-            return session.declare_subscriber(self._key, handler, allowed_origin=remote)
-        history = HistoryConfig(detect_late_publishers=True)
-        return declare_advanced_subscriber(
-            session, self._key, handler, allowed_origin=remote, history=history, subscriber_detection=True
-        )
+        self._undeclare = _declare(link.session, key, handler, kept=kept)
 
     def _arrived(self, sample: zenoh.Sample) -> None:
         """On a thread of Zenoh's."""
@@ -77,6 +67,8 @@ class Inlet:
                 self._waiting.popleft()
             except IndexError:
                 return  # The graph's thread took the rest meanwhile.
+            if not self.dropped:
+                logger.warning("samples on %s come faster than they are taken: some are dropped", self._key)
             self.dropped += 1
 
     def _take(self) -> None:
@@ -99,10 +91,21 @@ class Inlet:
         """Receive nothing more."""
         if not self._closed:
             self._closed = True
-            self._subscriber.undeclare()
+            self._undeclare()
             self._waiting.clear()
-            if self.dropped:
-                logger.warning("%d samples on %s came faster than they were taken", self.dropped, self._key)
+
+
+def _declare(
+    session: zenoh.Session, key: str, handler: zenoh.handlers.Callback[zenoh.Sample], *, kept: bool
+) -> Callable[[], None]:
+    """Subscribe; returns how to stop."""
+    remote = zenoh.Locality.REMOTE
+    if not kept:
+        return session.declare_subscriber(key, handler, allowed_origin=remote).undeclare
+    history = HistoryConfig(detect_late_publishers=True)
+    return declare_advanced_subscriber(
+        session, key, handler, allowed_origin=remote, history=history, subscriber_detection=True
+    ).undeclare
 
 
 __all__ = ["MOST_BYTES", "MOST_SAMPLES", "Inlet"]

@@ -56,9 +56,10 @@ class Outlet:
     def close(self) -> None:
         """Leave: the publisher, what it kept, and its being known."""
         self._presence.end()
-        for declared in (self._plain, self._keeping):
-            if declared is not None:
-                declared.undeclare()
+        if self._plain is not None:
+            self._plain.undeclare()
+        if self._keeping is not None:
+            self._keeping.undeclare()
         self._plain = self._keeping = None
 
 

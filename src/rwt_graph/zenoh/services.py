@@ -179,7 +179,9 @@ class ZenohServices:
         try:
             type = self._registry.service(type_name(end.dds_type))
         except (WireError, InterfaceError):
-            logger.info("service %s of node %s is left out: %s is not known", end.name, token.node, end.dds_type)
+            logger.info(
+                "service %s of node %s is left out: %s is not known", end.name, token.node, end.dds_type
+            )
             return lambda: None
         service = self._remote.setdefault(end.name, RemoteService())
         service.offers[key] = (token, end, ServiceInfo(end.name, type, token.node))

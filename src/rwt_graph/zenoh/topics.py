@@ -1,8 +1,8 @@
 """The topics of this process, as other processes see them, and their samples as we do.
 
 For each topic that somebody here takes part in there is one Zenoh publisher for each publisher, and one Zenoh
-subscriber for all subscriptions that want kept samples and one for all that do not; and a liveliness token for
-each of them.
+subscriber for all subscriptions that want kept samples and one for all that do not; and a liveliness token
+for each of them.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class ZenohTopics:
             _, stamp_ns, _, gid = attachment.unpack(data)
             if gid in link.own_gids:
                 return
-            publisher = self.publishers.get(gid)
+            publisher = self.publishers.get(gid) or _only_one(topic)
         else:
             # Not from a publisher of ROS 2, but somebody who knows the key and the type.
             stamp_ns, publisher = self._topics.clock.time_ns(), None
@@ -170,6 +170,12 @@ def _unsubscribe(topic: Topic, channel: Channel, gone: list[MemorySubscription],
 
 def _type_of(type: MessageType) -> tuple[str, str]:
     return dds_type(type.registry.type_name(type)), type.rihs01
+
+
+def _only_one(topic: Topic) -> RemoteEndpoint | None:
+    """Who it must be, when a program does not make its GIDs as rmw_zenoh does."""
+    publishers = topic.remote_publishers
+    return publishers[0] if len(publishers) == 1 else None
 
 
 def _expiry(publisher: RemoteEndpoint, stamp_ns: int) -> int:

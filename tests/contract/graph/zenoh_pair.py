@@ -81,7 +81,8 @@ class SplitParticipant(Participant):
 
 
 class PairedGraph(Graph):
-    """Two graphs of one clock, each connected to the other. What it knows is what the consumers' graph knows."""
+    """Two graphs of one clock, each connected to the other. What it knows is what the consumers' graph
+    knows."""
 
     def __init__(self, registry: Registry, clock: SimulatedClock) -> None:
         endpoint = free_endpoint()
