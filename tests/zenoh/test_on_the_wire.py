@@ -1,4 +1,5 @@
-"""What the graph puts on the wire, seen by a bare Zenoh session, and what it makes of what others put there."""
+"""What the graph puts on the wire, seen by a bare Zenoh session, and what it makes of what others put
+there."""
 
 from __future__ import annotations
 
