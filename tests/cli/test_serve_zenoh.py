@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import pytest
@@ -38,7 +38,7 @@ def _server(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
         process.communicate()
 
 
-def _ask(wire: ClientConnection, op: dict[str, object]) -> dict[str, object]:
+def _ask(wire: ClientConnection, op: Mapping[str, object]) -> dict[str, object]:
     wire.send(json.dumps(op))
     answer: dict[str, object] = json.loads(wire.recv(timeout=_LONGEST))
     return answer

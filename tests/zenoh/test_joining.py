@@ -120,6 +120,20 @@ async def test_who_connects_before_there_is_anybody_finds_him_later() -> None:
 
 
 @pytest.mark.anyio
+async def test_peers_of_one_peer_find_each_other_if_they_listen() -> None:
+    middle, left, right = (free_endpoint() for _ in range(3))
+    async with (
+        ZenohGraph(listen=[middle], config=QUICK),
+        ZenohGraph(listen=[left], connect=[middle], config=QUICK) as a,
+        ZenohGraph(listen=[right], connect=[middle], config=QUICK) as b,
+    ):
+        a.node("a")
+        b.node("b")
+        await until(lambda: [node.name for node in a.nodes()] == ["/a", "/b"])
+        await until(lambda: a.nodes() == b.nodes())
+
+
+@pytest.mark.anyio
 async def test_two_clients_of_a_router_find_each_other() -> None:
     endpoint = free_endpoint()
     async with (
@@ -150,15 +164,24 @@ async def main():
 {run}
 """
 
+_FORGET = """
+graph = ZenohGraph(listen=[sys.argv[1]])
+
+async def forget():
+    await graph.__aenter__()
+    print("up", flush=True)
+    sys.exit(4)
+
+anyio.run(forget)
+"""
+
 ENDINGS = {
     "an exception": ("raise ZeroDivisionError", "anyio.run(main)", 1),
     "its end": ("await anyio.sleep(0)", "anyio.run(main)", 0),
     "an exit": ("sys.exit(3)", "anyio.run(main)", 3),
     "never being left": (
         "",
-        "graph = ZenohGraph(listen=[sys.argv[1]])\n"
-        "async def forget():\n    await graph.__aenter__()\n    print('up', flush=True)\n    sys.exit(4)\n"
-        "anyio.run(forget)",
+        _FORGET,
         4,
     ),
 }

@@ -120,7 +120,7 @@ async def test_samples_of_others_are_passed_on_undecoded(graph: ZenohGraph, peer
     assert [sample.payload.cdr() for sample in heard] == [HI, HI, HI, b"no CDR at all"]
     message: Message = heard[0].payload.value()
     assert message.data == "hi"
-    with pytest.raises(ValueError, match="std_msgs/String|CDR|encapsulation"):
+    with pytest.raises(ValueError, match=r"CDR"):
         heard[3].payload.value()
 
 
@@ -268,11 +268,10 @@ CANCEL_GOAL = "RIHS01_573d8b0a534451d7bc2ac8c5ffde8ac14b8593b7001175d0cd6516dcbe
 STATUS = "RIHS01_6c1684b00f177d37438febe6e709fc4e2b0d4248dca4854946f9ed8b30cda83e"
 
 
-def declare(peer: zenoh.Session, kind: str, name: str, type: str, hash: str) -> zenoh.LivelinessToken:
+def declare(peer: zenoh.Session, kind: str, name: str, type: str, type_hash: str) -> zenoh.LivelinessToken:
     """A token of another program."""
-    return peer.liveliness().declare_token(
-        f"@ros2_lv/0/{peer.zid()}/0/1/{kind}/%/%/them/{name.replace('/', '%')}/{type}/{hash}/::,10:,:,:,,"
-    )
+    what = f"{name.replace('/', '%')}/{type}/{type_hash}/::,10:,:,:,,"
+    return peer.liveliness().declare_token(f"@ros2_lv/0/{peer.zid()}/0/1/{kind}/%/%/them/{what}")
 
 
 async def test_types_that_are_not_known_or_defined_otherwise(
