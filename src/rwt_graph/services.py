@@ -164,26 +164,8 @@ class Services:
     ) -> PendingCall:
         """Call a service; one of this process comes before those of others."""
         provider = self._providers.get(name)
-        if provider is not None:
-            return self.call_here(provider, request, on_reply, timeout, caller)
-        if self.elsewhere is not None:
-            sent = self.elsewhere.call(name, request, on_reply, timeout, caller)
-            if sent is not None:
-                return sent
-        call = MemoryCall(name, request, on_reply)
-        call.end_with(ProviderNotFound(f"Service {name} does not exist"))
-        return call
-
-    def call_here(
-        self,
-        provider: MemoryProvider,
-        request: Payload,
-        on_reply: OnReply,
-        timeout: float | None,
-        caller: Owner,
-    ) -> MemoryCall:
-        """Call a service of this process."""
-        name = provider.name
+        if provider is None:
+            return self._call_elsewhere(name, request, on_reply, timeout, caller)
         call = MemoryCall(name, request, on_reply)
         try:
             provider.on_call(call)
@@ -195,6 +177,17 @@ class Services:
                 call.end_with(provider.gone())
             else:
                 call.wait(provider, caller, None if timeout is None else self.deadlines.add(call, timeout))
+        return call
+
+    def _call_elsewhere(
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: Owner
+    ) -> PendingCall:
+        if self.elsewhere is not None:
+            sent = self.elsewhere.call(name, request, on_reply, timeout, caller)
+            if sent is not None:
+                return sent
+        call = MemoryCall(name, request, on_reply)
+        call.end_with(ProviderNotFound(f"Service {name} does not exist"))
         return call
 
     def info(self, name: str) -> ServiceInfo | None:

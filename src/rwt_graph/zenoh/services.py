@@ -18,13 +18,14 @@ from rwt_graph.rmw.attachment import Attachment
 from rwt_graph.rmw.errors import WireError
 from rwt_graph.rmw.keys import data_key, dds_type, type_name
 from rwt_graph.rmw.tokens import Endpoint, Kind, Token
+from rwt_graph.services import MemoryCall
 from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
 from rwt_interfaces.errors import InterfaceError, PayloadError
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply, PendingCall
-    from rwt_graph.services import MemoryCall, MemoryProvider, Services
+    from rwt_graph.services import MemoryProvider, Services
     from rwt_graph.zenoh.link import Link, Presence
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ServiceType
@@ -137,8 +138,9 @@ class ZenohServices:
         if provider.closed:
             answer(provider.gone())
             return
-        call = self._services.call_here(provider, request, answer, None, self._callers)
-        if not call.done:
+        # A provider that is not closed is the one that has the name here.
+        call = self._services.call(provider.name, request, answer, None, self._callers)
+        if isinstance(call, MemoryCall) and not call.done:
             self._asked.setdefault(sent.gid, {})[sent.sequence] = call
 
     def _answer(self, key: str, query: zenoh.Query, sent: Attachment, answer: Payload | CallFailed) -> None:
