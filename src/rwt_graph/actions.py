@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from rwt_graph.api import ActionInfo, ClientGoal, GoalEvents, GoalStatus, Registration, ServerGoal
-from rwt_graph.elsewhere import ActionCarrier, ActionsElsewhere, GoalWatcher
+from rwt_graph.elsewhere import ActionsElsewhere, Carrier, GoalWatcher
 from rwt_graph.errors import (
     CallFailed,
     GoalRejected,
@@ -258,7 +258,7 @@ class MemoryActionServer(Registration):
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
         self.closed = False
-        self.carrier: ActionCarrier | None = None
+        self.carrier: Carrier | None = None
         self.watcher: GoalWatcher | None = None
         self._actions = actions
 

@@ -125,7 +125,7 @@ class GoalWatcher(Protocol):
         ...
 
 
-class ActionCarrier(Protocol):
+class Carrier(Protocol):
     """What makes an action server's goals known beyond this process."""
 
     def close(self) -> None:
@@ -134,7 +134,7 @@ class ActionCarrier(Protocol):
 
 
 __all__ = [
-    "ActionCarrier",
+    "Carrier",
     "ActionsElsewhere",
     "GoalWatcher",
     "RemoteEndpoint",

@@ -27,7 +27,7 @@ from rwt_graph.api import (
 from rwt_graph.cancel_service import cancel_service
 from rwt_graph.clock import Clock, WallClock
 from rwt_graph.deadlines import Deadlines
-from rwt_graph.elsewhere import ActionCarrier
+from rwt_graph.elsewhere import Carrier
 from rwt_graph.errors import NotRunning
 from rwt_graph.introspection import Introspection
 from rwt_graph.names import validate
@@ -165,7 +165,7 @@ class MemoryGraph(Graph):
             del self._participants[participant]
             self._introspection.left(participant.name)
 
-    def carry_action(self, participant: MemoryParticipant, server: MemoryActionServer) -> ActionCarrier:
+    def carry_action(self, participant: MemoryParticipant, server: MemoryActionServer) -> Carrier:
         """Offer what ROS 2 has beside an action; called once for each action server."""
         cancel = self.registry.service("action_msgs/CancelGoal")
         name = f"{server.name}/_action/cancel_goal"

@@ -152,8 +152,8 @@ async def test_a_late_subscriber_is_given_what_an_advanced_publisher_kept(
     token = f"@ros2_lv/0/{peer.zid()}/0/1/MP/%/%/them/%chatter/{STRING}/{STRING_HASH}/:1:,1:,:,:,,"
     alive = peer.liveliness().declare_token(token)
     publisher = declare_advanced_publisher(peer, CHATTER, cache=CacheConfig(1), publisher_detection=True)
-    attached = struct.pack("<qqB16s", 1, 5, 16, gid_of(token))
-    publisher.put(HI, attachment=attached)
+    attached = [struct.pack("<qqB16s", number, 5, 16, gid_of(token)) for number in (1, 2)]
+    publisher.put(HI, attachment=attached[0])
     await until(lambda: graph.topic("/chatter") is not None)
     first: list[Sample] = []
     second: list[Sample] = []
@@ -165,7 +165,7 @@ async def test_a_late_subscriber_is_given_what_an_advanced_publisher_kept(
     node.subscribe("/chatter", second.append)
     assert [(sample.node, sample.stamp_ns) for sample in first + second] == [("/them", 5), ("/them", 5)]
     assert list(subscription.history()) == first
-    publisher.put(HI, attachment=attached)
+    publisher.put(HI, attachment=attached[1])
     await until(lambda: len(first) == len(second) == 2 and len(volatile) == 1)
     alive.undeclare()
     await until(lambda: subscription.history() == ())

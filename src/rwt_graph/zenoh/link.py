@@ -44,11 +44,13 @@ class Presence:
     """A declared token and the GID that goes with it."""
 
     gid: bytes
-    token: zenoh.LivelinessToken
+    _token: zenoh.LivelinessToken
+    _own_gids: set[bytes]
 
     def end(self) -> None:
         """Be known no more."""
-        self.token.undeclare()
+        self._own_gids.discard(self.gid)
+        self._token.undeclare()
 
 
 class Link:
@@ -84,7 +86,7 @@ class Link:
         key = token.key()
         gid = gid_of(key)
         self.own_gids.add(gid)
-        return Presence(gid, self._liveliness.declare_token(key))
+        return Presence(gid, self._liveliness.declare_token(key), self.own_gids)
 
 
 __all__ = ["Link", "NodeNumbers", "Presence"]

@@ -24,6 +24,8 @@ _WAIT_BEFORE_DROP = 50_000
 _DEFAULTS: dict[str, tuple[object, object]] = {
     "listen/endpoints": ([], {"router": ["tcp/[::]:7447"], "peer": ["tcp/[::]:0"]}),
     "scouting/multicast/enabled": (False, None),
+    # Zenoh's 1, 2 and then 4 seconds leave a link that was cut apart for long after it could be back.
+    "connect/retry": ({"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5}, None),
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (_WAIT_BEFORE_DROP, 1000),
     # Batches of 64 KiB that wait on a link: Zenoh's 2 are full at once when the other side is not scheduled.
     "transport/link/tx/queue/size/data": (16, 2),
@@ -140,7 +142,7 @@ def _cannot_open(options: ZenohOptions) -> str:
     asked += [f"connect to {', '.join(options.connect)}"] if options.connect else []
     return (
         f"Zenoh cannot {' and '.join(asked) or 'be opened'}: endpoints are written like tcp/127.0.0.1:7447, "
-        "one to listen on must be free and of this host, and a client needs one to connect to"
+        "one to listen on must be free and of this host, and a client needs a router that is there"
     )
 
 

@@ -7,24 +7,18 @@ for each of them.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt_graph.action_names import belongs_to_action
-from rwt_graph.api import Sample
-from rwt_graph.clock import NANOSECONDS
-from rwt_graph.qos import Durability, QoS
-from rwt_graph.rmw import attachment
+from rwt_graph.qos import QoS
 from rwt_graph.rmw.keys import data_key, dds_type
 from rwt_graph.rmw.tokens import Endpoint, Kind
-from rwt_graph.topics import Kept
+from rwt_graph.zenoh.arrivals import Arrivals
 from rwt_graph.zenoh.inlet import Inlet
 from rwt_graph.zenoh.outlet import Outlet
-from rwt_interfaces.payload import Payload
+from rwt_graph.zenoh.retold import Told
 
 if TYPE_CHECKING:
-    import zenoh
-
     from rwt_graph.elsewhere import RemoteEndpoint
     from rwt_graph.ownership import Owner
     from rwt_graph.topics import MemoryPublisher, MemorySubscription, Topic, Topics
@@ -33,9 +27,14 @@ if TYPE_CHECKING:
 
 
 class Channel:
-    """What is declared for one topic."""
+    """What is declared for one topic.
+
+    Attributes:
+        told: what each subscription that wants kept samples was given of them.
+    """
 
     def __init__(self) -> None:
+        self.told: dict[MemorySubscription, Told] = {}
         self.type: MessageType | None = None
         self.outlets: dict[MemoryPublisher, Outlet] = {}
         self.inlets: dict[bool, Inlet] = {}
@@ -43,8 +42,8 @@ class Channel:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is."""
-        return not (self.outlets or self.inlets or self.subscribers)
+        """Whether nothing is, and nothing needs to be remembered."""
+        return not (self.outlets or self.inlets or self.subscribers or self.told)
 
 
 class ZenohTopics:
@@ -100,14 +99,17 @@ class ZenohTopics:
         gone = [s for s in channel.subscribers if anew or s not in wanted]
         idle = [kept for kept in channel.inlets if anew or kept not in kinds]
         _unsubscribe(topic, channel, gone, idle)
+        for subscription in channel.told.keys() - set(topic.subscribers):
+            del channel.told[subscription]
         channel.type = type
         if type is None:
             return
         for kept in kinds - channel.inlets.keys():
             key = data_key(link.domain, topic.name, *_type_of(type))
-            arrived = partial(self._arrived, link, topic, type, kept)
+            told = channel.told if kept else None
+            arrivals = Arrivals(topic, type, self._topics.clock, self.publishers, link.own_gids, told)
             prompt = belongs_to_action(topic.name)
-            channel.inlets[kept] = Inlet(link, key, arrived, kept=kept, prompt=prompt)
+            channel.inlets[kept] = Inlet(link, key, arrivals.take, kept=kept, prompt=prompt)
         # Only now: who sees a subscription may count on its being served.
         for subscription in wanted:
             if subscription not in channel.subscribers:
@@ -115,6 +117,8 @@ class ZenohTopics:
                     link, Kind.SUBSCRIPTION, subscription.owner, topic, type, subscription.qos
                 )
                 channel.subscribers[subscription] = presence
+                # One that was here before the topic's publishers were cut off and came back stays told.
+                channel.told.setdefault(subscription, Told(topic.remote_publishers))
 
     def _declare(
         self, link: Link, kind: Kind, owner: Owner, topic: Topic, type: MessageType, qos: QoS
@@ -122,39 +126,6 @@ class ZenohTopics:
         names = _type_of(type)
         presence = link.declare(kind, owner, Endpoint(topic.name, *names, qos))
         return data_key(link.domain, topic.name, *names), presence
-
-    def _arrived(
-        self, link: Link, topic: Topic, type: MessageType, kept: bool, arrived: zenoh.Sample
-    ) -> None:
-        raw = arrived.attachment
-        data = b"" if raw is None else raw.to_bytes()
-        if len(data) == attachment.SIZE:
-            _, stamp_ns, _, gid = attachment.unpack(data)
-            if gid in link.own_gids:
-                return
-            publisher = self.publishers.get(gid) or _only_one(topic)
-        else:
-            # Not from a publisher of ROS 2, but somebody who knows the key and the type.
-            stamp_ns, publisher = self._topics.clock.time_ns(), None
-        sample = Sample(
-            topic.name,
-            Payload.relayed_cdr(type, arrived.payload.to_bytes()),
-            stamp_ns,
-            "" if publisher is None else publisher.node,
-            0 if publisher is None else _expiry(publisher, stamp_ns),
-        )
-        self._deliver(topic, sample, publisher, kept)
-
-    def _deliver(self, topic: Topic, sample: Sample, publisher: RemoteEndpoint | None, kept: bool) -> None:
-        if sample.expires_ns and sample.expires_ns < self._topics.clock.time_ns():
-            return
-        if kept and publisher is not None and publisher.qos.durability is Durability.TRANSIENT_LOCAL:
-            if publisher.kept is None:
-                publisher.kept = Kept(publisher.qos, self._topics.clock)
-            publisher.kept.add(sample)
-        for subscription in topic.subscribers:
-            if subscription.wants_kept is kept:
-                subscription.deliver(sample)
 
 
 def _unsubscribe(topic: Topic, channel: Channel, gone: list[MemorySubscription], idle: list[bool]) -> None:
@@ -170,17 +141,6 @@ def _unsubscribe(topic: Topic, channel: Channel, gone: list[MemorySubscription],
 
 def _type_of(type: MessageType) -> tuple[str, str]:
     return dds_type(type.registry.type_name(type)), type.rihs01
-
-
-def _only_one(topic: Topic) -> RemoteEndpoint | None:
-    """Who it must be, when a program does not make its GIDs as rmw_zenoh does."""
-    publishers = topic.remote_publishers
-    return publishers[0] if len(publishers) == 1 else None
-
-
-def _expiry(publisher: RemoteEndpoint, stamp_ns: int) -> int:
-    lifespan = publisher.qos.lifespan
-    return 0 if not lifespan else stamp_ns + round(lifespan * NANOSECONDS)
 
 
 __all__ = ["Channel", "ZenohTopics"]
