@@ -44,13 +44,12 @@ def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ..
     """
     marked = _marked(marks).get("distro")
     wished = marked or config.getoption("rwt_distro") or config.getini("rwt_distro") or DISTROS[0]
-    chosen = DISTROS if wished == BOTH else wished
-    several = (chosen,) if isinstance(chosen, str) else tuple(chosen) if _is_list(chosen) else (chosen,)
+    chosen: object = DISTROS if wished == BOTH else wished
+    several = tuple(map(str, chosen)) if isinstance(chosen, list | tuple) else (str(chosen),)
     for each in several:
         if each not in DISTROS:
-            raise pytest.UsageError(
-                f"rwt: there is no distro {each!r}; known are {', '.join(DISTROS)}, {BOTH}"
-            )
+            known = ", ".join((*DISTROS, BOTH))
+            raise pytest.UsageError(f"rwt: there is no distro {each!r}; known are {known}")
     return several
 
 
@@ -86,10 +85,6 @@ def _marked(marks: list[pytest.Mark]) -> dict[str, object]:
                 raise pytest.UsageError(f"@pytest.mark.rwt has no argument {key}; {instead}")
         wished.update(mark.kwargs)
     return wished
-
-
-def _is_list(value: object) -> bool:
-    return isinstance(value, list | tuple)
 
 
 def _folders(node: pytest.Item, wished: object) -> tuple[Path, ...]:

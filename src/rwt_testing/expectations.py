@@ -12,7 +12,7 @@ import anyio
 
 from rwt_graph.endpoints import Message
 from rwt_testing.errors import BlockingWait
-from rwt_testing.journal import Journal, Kind, Received
+from rwt_testing.journal import OF_THE_SERVER, Journal, Kind, Received
 from rwt_testing.matching import Matching, misfit
 
 #: Seconds that an expectation waits when its caller says nothing: long, since a test that passes never waits.
@@ -165,7 +165,11 @@ def _other_names(journal: Journal, wanted: Expectation, verb: str) -> str:
         name: sum(not wanted.ignored(entry) for entry in entries)
         for name, entries in journal.everything(wanted.kind).items()
     }
-    others = [f"{name} ({count})" for name, count in counts.items() if count and name != wanted.name]
+    others = [
+        f"{name} ({count})"
+        for name, count in counts.items()
+        if count and name not in (wanted.name, *OF_THE_SERVER)
+    ]
     return f"{verb} instead: {', '.join(others)}" if others else f"{verb} instead: nothing at all"
 
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 #: Entries kept of each kind and name; the oldest make room.
 KEPT = 1000
 
+#: What the server publishes under its clients' name, and every node by itself.
+OF_THE_SERVER = frozenset(("/client_count", "/connected_clients", "/rosout", "/parameter_events", "/clock"))
+
 
 class Kind(StrEnum):
     """What an entry is."""
@@ -107,4 +110,4 @@ class Journal:
             self._version += 1
 
 
-__all__ = ["Journal", "Kind", "Received"]
+__all__ = ["OF_THE_SERVER", "Journal", "Kind", "Received"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeGuard
 
 from msgspec import Struct
 
@@ -78,11 +78,14 @@ def _items_misfit(value: object, wanted: Sequence[object], path: str) -> str:
 
 
 def _equal(value: object, wanted: object) -> bool:
-    if isinstance(wanted, float) or isinstance(value, float):
-        if isinstance(value, int | float) and isinstance(wanted, int | float):
-            both_nan = math.isnan(value) and math.isnan(wanted)
-            return both_nan or math.isclose(value, wanted, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+    if _is_number(value) and _is_number(wanted) and float in (type(value), type(wanted)):
+        both_nan = math.isnan(value) and math.isnan(wanted)
+        return both_nan or math.isclose(value, wanted, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     return bool(wanted == value)
+
+
+def _is_number(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float)
 
 
 def _shown(value: object) -> str:

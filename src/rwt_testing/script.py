@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rwt_graph.endpoints import Message, MessageLike
 from rwt_graph.node import Node
 from rwt_testing.errors import ScriptError
-from rwt_testing.journal import Kind, Received
+from rwt_testing.journal import OF_THE_SERVER, Kind, Received
 from rwt_testing.script_program import ProgramRobot, read_program
 from rwt_testing.script_robot import SteppedTopic, TomlRobot, inject
 from rwt_testing.script_words import read_script
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 #: The node that is asked; its services are below this name.
 CONTROL = "/rwt_script"
-
-#: What the server itself publishes under the clients' name, and every node by itself.
-_NOT_OF_CLIENTS = frozenset(("/client_count", "/connected_clients", "/rosout", "/parameter_events", "/clock"))
 
 
 class ScriptControl:
@@ -131,7 +128,7 @@ class ScriptControl:
         own = (self._robot.node.name, CONTROL)
 
         def of_clients(entry: Received) -> bool:
-            return entry.node not in own and entry.name not in _NOT_OF_CLIENTS
+            return entry.node not in own and entry.name not in OF_THE_SERVER
 
         received = {
             "published": _by_name(journal.everything(Kind.MESSAGE), of_clients),

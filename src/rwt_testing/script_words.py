@@ -107,7 +107,7 @@ def _fault(error: ValidationError, model: type[BaseModel] = Script) -> str:
 
 
 def _located(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[Key, object]:
-    """The key of the file without what pydantic adds for the members of a union, and what is expected there."""
+    """The key of the file, without what pydantic adds for members of a union, and what is expected."""
     key: list[str | int] = []
     for part in loc:
         if _at(model, [*key, part]) is None and part is not loc[-1]:
