@@ -110,7 +110,8 @@ def _named(error: Exception) -> str:
 
 def _place(file: Path, trace: TracebackType | None) -> str:
     """The file, and the last line of it that was on the way to an error."""
-    here = [frame.lineno for frame in traceback.extract_tb(trace) if Path(frame.filename) == file]
+    frames = traceback.extract_tb(trace)
+    here = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
     return f"{file}:{here[-1]}" if here else str(file)
 
 
