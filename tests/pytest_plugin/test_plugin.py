@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import textwrap
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -335,6 +336,28 @@ def test_a_suite_that_does_not_use_it_loads_nothing_of_it(suite: Suite) -> None:
         "-p",
         "no:anyio",
     )
+
+
+def test_it_is_found_where_the_package_is_installed_and_a_strict_suite_takes_it(suite: Suite) -> None:
+    project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text())["project"]
+    entries = project["entry-points"]["pytest11"]
+    lines = "\n".join(f"{name} = {module}" for name, module in entries.items())
+    information = "robot_web_tools_here-1.dist-info"
+    suite.write(f"installed/{information}/entry_points.txt", f"[pytest11]\n{lines}\n")
+    suite.write(f"installed/{information}/METADATA", "Metadata-Version: 2.1\nName: here\nVersion: 1\n")
+    suite.write("pytest.ini", FILTERS + "addopts = --strict-markers --strict-config\nxfail_strict = true\n")
+    suite.write("test_it.py", "def test_it(rwt_server):\n    assert rwt_server.port\n")
+    path = os.pathsep.join((str(suite.folder / "installed"), str(SOURCES)))
+    for arguments in ((), ("-p", "rwt_pytest")):
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments, "test_it.py"],
+            cwd=suite.folder,
+            env={**os.environ, "PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            timeout=25,
+        )
+        assert "1 passed" in done.stdout, done.stdout + done.stderr
 
 
 def test_the_marker_and_the_fixtures_explain_themselves(suite: Suite) -> None:
