@@ -27,7 +27,7 @@ def stage(
 
     Returns:
         The graph; and a function that starts the robot, which the given stack closes, and returns what goes
-        between the transports and the bridge. It raises :exc:`CommandError` for a script that cannot be played.
+        between the transports and the bridge. It raises :exc:`CommandError` for a script that is wrong.
     """
     if script is None:
         return MemoryGraph(registry=registry), lambda nodes: None

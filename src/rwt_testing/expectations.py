@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import anyio
@@ -43,7 +43,6 @@ class Expectation:
         matching: what it should hold.
         count: how many, exactly; None for at least one.
         within: seconds of real time, whatever the graph's clock.
-        ignored: tells entries that do not count, those of the robot itself.
     """
 
     kind: Kind
@@ -51,7 +50,6 @@ class Expectation:
     matching: Matching
     count: int | None
     within: float | None
-    ignored: Callable[[Received], bool]
 
     @property
     def seconds(self) -> float:
@@ -60,13 +58,9 @@ class Expectation:
             return self.within
         return QUIET if self.count == 0 else PATIENCE
 
-    def candidates(self, journal: Journal) -> list[Received]:
-        """What came under that name."""
-        return [entry for entry in journal.of(self.kind, self.name) if not self.ignored(entry)]
-
     def found(self, journal: Journal) -> list[Received]:
         """What came and matches."""
-        return [e for e in self.candidates(journal) if not misfit(e.message, self.matching)]
+        return [e for e in journal.of(self.kind, self.name) if not misfit(e.message, self.matching)]
 
     def enough(self, found: list[Received]) -> bool:
         """Whether waiting on can only waste time."""
@@ -137,7 +131,7 @@ def _complaint(journal: Journal, wanted: Expectation, found: list[Received]) -> 
     how_many = "at least 1" if wanted.count is None else f"exactly {wanted.count}"
     asked = "" if wanted.matching is None else f" matching {wanted.matching!r}"
     lines = [f"expected {what}{asked}, {how_many} within {wanted.seconds:g} s, and got {len(found)}"]
-    came = wanted.candidates(journal)
+    came = journal.of(wanted.kind, wanted.name)
     if came:
         lines.append(f"{verb} on {wanted.name}:" if wanted.kind is Kind.MESSAGE else f"{verb}:")
         lines += _entries(came, wanted.matching)
@@ -146,7 +140,7 @@ def _complaint(journal: Journal, wanted: Expectation, found: list[Received]) -> 
     return lines
 
 
-def _entries(came: list[Received], matching: Matching) -> list[str]:
+def _entries(came: Sequence[Received], matching: Matching) -> list[str]:
     lines = []
     if len(came) > _SHOWN_ENTRIES:
         lines.append(f"  … {len(came) - _SHOWN_ENTRIES} earlier ones")
@@ -161,15 +155,8 @@ def _entries(came: list[Received], matching: Matching) -> list[str]:
 
 
 def _other_names(journal: Journal, wanted: Expectation, verb: str) -> str:
-    counts = {
-        name: sum(not wanted.ignored(entry) for entry in entries)
-        for name, entries in journal.everything(wanted.kind).items()
-    }
-    others = [
-        f"{name} ({count})"
-        for name, count in counts.items()
-        if count and name not in (wanted.name, *OF_THE_SERVER)
-    ]
+    everything = journal.everything(wanted.kind)
+    others = [f"{name} ({len(kept)})" for name, kept in everything.items() if name not in OF_THE_SERVER]
     return f"{verb} instead: {', '.join(others)}" if others else f"{verb} instead: nothing at all"
 
 

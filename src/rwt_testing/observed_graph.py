@@ -34,6 +34,7 @@ class ObservedGraph(MemoryGraph):
 
     Attributes:
         journal: every message that nodes and clients published, and what scripted robots add.
+        unobserved: absolute names of nodes whose messages are not noted: those of the scripted robots.
 
     Args:
         registry: the interfaces; the standard ones of jazzy by default.
@@ -43,10 +44,14 @@ class ObservedGraph(MemoryGraph):
     def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
         super().__init__(registry, clock)
         self.journal = Journal()
+        self.unobserved: set[str] = set()
 
     def participant(self, name: str) -> Participant:
         """Join as a node of that absolute name."""
-        return _ObservedParticipant(super().participant(name), self.journal, self.clock)
+        inner = super().participant(name)
+        if inner.name in self.unobserved:
+            return inner
+        return _ObservedParticipant(inner, self.journal, self.clock)
 
 
 class _ObservedParticipant(Participant):

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rwt_graph.endpoints import Message, MessageLike
+from rwt_graph.names import node_name
 from rwt_graph.node import Node
 from rwt_testing.errors import ScriptError
 from rwt_testing.expectations import Expectation, expect, expect_soon
-from rwt_testing.journal import Kind, Received
+from rwt_testing.journal import Kind
 from rwt_testing.scripted_action import ScriptedAction
 from rwt_testing.scripted_service import ScriptedService
 from rwt_testing.scripted_topic import ScriptedTopic
@@ -38,6 +39,7 @@ class ScriptedRobot(Node):
     """
 
     def __init__(self, graph: ObservedGraph, name: str = "robot") -> None:
+        graph.unobserved.add(node_name(name))
         super().__init__(graph, name)
         self.journal = graph.journal
         self._topics: list[ScriptedTopic] = []
@@ -221,10 +223,7 @@ class ScriptedRobot(Node):
     def _expectation(
         self, kind: Kind, name: str, matching: Matching, within: float | None, count: int | None
     ) -> Expectation:
-        return Expectation(kind, self.resolve(name), matching, count, within, self._is_own)
-
-    def _is_own(self, entry: Received) -> bool:
-        return entry.node == self.name
+        return Expectation(kind, self.resolve(name), matching, count, within)
 
 
 __all__ = ["ScriptedRobot"]

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 #: The node that is asked; its services are below this name.
 CONTROL = "/rwt_script"
 
+#: The node under which all clients publish; calls and goals have none.
+_CLIENTS = ("/rosbridge_websocket", "")
+
 
 class ScriptControl:
     """Plays a file on a graph, and offers `/rwt_script/…`.
@@ -55,6 +58,7 @@ class ScriptControl:
         self._step_services: list[Handle] = []
         self._make = self._maker()
         self._robot = self._make()
+        graph.unobserved.add(CONTROL)
         self._node = Node(graph, CONTROL)
         self._offer("reset", self._reset)
         self._offer("received", self._received)
@@ -125,24 +129,22 @@ class ScriptControl:
 
     def _received(self) -> tuple[bool, str]:
         journal = self._graph.journal
-        own = (self._robot.node.name, CONTROL)
-
-        def of_clients(entry: Received) -> bool:
-            return entry.node not in own and entry.name not in OF_THE_SERVER
-
         received = {
-            "published": _by_name(journal.everything(Kind.MESSAGE), of_clients),
-            "called": _by_name(journal.everything(Kind.CALL), of_clients),
-            "goals": _by_name(journal.everything(Kind.GOAL), of_clients),
+            "published": _by_name(journal.everything(Kind.MESSAGE)),
+            "called": _by_name(journal.everything(Kind.CALL)),
+            "goals": _by_name(journal.everything(Kind.GOAL)),
             "clients": self._wire.client_count,
         }
         return True, json.dumps(received, ensure_ascii=False)
 
 
-def _by_name(
-    entries: Mapping[str, tuple[Received, ...]], wanted: Callable[[Received], bool]
-) -> dict[str, list[Value]]:
-    chosen = {name: [json.loads(e.json) for e in kept if wanted(e)] for name, kept in entries.items()}
+def _by_name(entries: Mapping[str, tuple[Received, ...]]) -> dict[str, list[Value]]:
+    """What clients have sent, as they see it."""
+    chosen = {
+        name: [json.loads(entry.json) for entry in kept if entry.node in _CLIENTS]
+        for name, kept in entries.items()
+        if name not in OF_THE_SERVER
+    }
     return {name: messages for name, messages in chosen.items() if messages}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import anyio
@@ -64,7 +64,7 @@ class ScriptedTopic:
         self.stop()
         if messages:
             playing = self._playing = _Playing(self._graph, self._publisher, tuple(messages), repeat, length)
-            self._graph.run_on_graph(playing.begin)
+            self._run(playing.begin)
 
     def repeat(self, messages: Sequence[MessageLike], rate: float, *, again: bool = True) -> None:
         """Publish messages one after the other, `rate` a second, and then from the first again.
@@ -82,7 +82,7 @@ class ScriptedTopic:
         playing, self._playing = self._playing, None
         if playing is not None:
             playing.over = True
-            self._graph.run_on_graph(playing.end)
+            self._run(playing.end)
 
     @property
     def subscriber_count(self) -> int:
@@ -120,6 +120,13 @@ class ScriptedTopic:
                 to_payload(self._publisher.type, {} if message is None else message, self._publisher.now_ns)
             except ValueError as error:
                 raise ScriptError(f"{self.name} ({self._publisher.type.name}): {error}") from None
+
+    def _run(self, call: Callable[[], None]) -> None:
+        """On the graph's thread: now, or in the order of what this thread asks for."""
+        if self._graph.on_graph_thread():
+            call()
+        else:
+            self._graph.run_on_graph(call)
 
     def _nobody(self, within: float) -> str:
         return f"nobody subscribed to {self.name} within {within:g} s"

@@ -193,7 +193,11 @@ from beside import LIMIT
 def robot(robot):
     robot.on_service("/limit", "std_srvs/Trigger").returns({"message": LIMIT})
     stop = robot.publishes("/stopped", "std_msgs/Bool", latch=True)
-    robot.subscribe("/cmd_vel", lambda twist: stop.publish({"data": twist.linear.x == 0}), "geometry_msgs/Twist")
+
+    def judge(twist):
+        stop.publish({"data": twist.linear.x == 0})
+
+    robot.subscribe("/cmd_vel", judge, "geometry_msgs/Twist")
 """
 
 
@@ -235,7 +239,11 @@ def test_a_coroutine_begins_anew_with_reset(tmp_path: Path) -> None:
     [
         ("robot.toml", "[topcs]", "rwt: --script robot.toml: unknown key `topcs`; did you mean `topics`?"),
         ("robot.json", "{}", "rwt: --script robot.json: expected a script whose name ends in .toml or .py"),
-        ("robot.py", "def robott(node): pass", "expected a function `def robot(robot):`, plain or async; did"),
+        (
+            "robot.py",
+            "def robott(node): pass",
+            "expected a function `def robot(robot):`, plain or async; did",
+        ),
         ("robot.py", "x = 1\n1 / 0", "rwt: --script robot.py:2: ZeroDivisionError: division by zero"),
         ("robot.py", "def robot(node):\n    node.nothing", "rwt: --script robot.py:2: AttributeError: "),
         ("robot.py", "def robot(", "rwt: --script robot.py: SyntaxError: "),

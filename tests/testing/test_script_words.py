@@ -27,7 +27,10 @@ def complaint(tmp_path: Path, text: str) -> str:
     [
         ("topcis = {}", "unknown key `topcis`; did you mean `topics`?"),
         ("[zzz]", "unknown key `zzz`; known are name, parameters, topics, services, actions, faults"),
-        ('[topics."/x"]\ntype = "std_msgs/String"\nrat = 2', 'unknown key `topics."/x".rat`; did you mean `rate`?'),
+        (
+            '[topics."/x"]\ntype = "std_msgs/String"\nrat = 2',
+            'unknown key `topics."/x".rat`; did you mean `rate`?',
+        ),
         ('[topics."/x"]\nrate = 2', '`topics."/x".type`: expected a string, and it is missing'),
         ('[topics."/x"]\ntype = 3', '`topics."/x".type`: expected a string, got 3'),
         (
@@ -118,8 +121,7 @@ def test_recorded_messages_name_the_line(tmp_path: Path) -> None:
             r'`services."/x"`: /x \(std_srvs/SetBool\) cannot answer so: .*sucess',
         ),
         (
-            '[services."/x"]\ntype = "std_srvs/SetBool"\n'
-            '[[services."/x".when]]\nrequest = {dat = true}\nfails = "no"',
+            '[services."/x"]\ntype = "std_srvs/SetBool"\nwhen = [{request = {dat = 1}, fails = "no"}]',
             r'`services."/x".when\[0\]`: no message here has a field `dat`; did you mean `data`',
         ),
         (
