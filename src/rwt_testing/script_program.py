@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from types import ModuleType, TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import anyio
 
@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 FUNCTION = "robot"
 
-RobotFunction = Callable[[ScriptedRobot], Coroutine[Any, Any, None] | None]
+RobotFunction = Callable[[ScriptedRobot], Coroutine[object, object, None] | None]
 
 
 def read_program(file: Path) -> RobotFunction:

@@ -7,7 +7,7 @@ import tomllib
 import types
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, ValidationError
@@ -84,7 +84,7 @@ def dotted(key: Sequence[str | int]) -> str:
     return text
 
 
-def _as_tuples(value: Any) -> Any:
+def _as_tuples(value: object) -> object:
     """The models are strict, and immutable: their lists are tuples."""
     if isinstance(value, dict):
         return {key: _as_tuples(inner) for key, inner in value.items()}
@@ -110,10 +110,10 @@ def _located(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[Key, obj
     """The key of the file, without what pydantic adds for members of a union, and what is expected."""
     key: list[str | int] = []
     for part in loc:
-        if _at(model, [*key, part]) is None and part is not loc[-1]:
-            break
-        if _at(model, [*key, part]) is None and _model_in(_at(model, key)) is None and key:
-            break
+        known = _at(model, [*key, part]) is not None
+        in_table = _model_in(_at(model, key)) is not None
+        if not known and not in_table:
+            break  # pydantic's name for a member of a union
         key.append(part)
     return tuple(key), _at(model, key)
 
