@@ -8,6 +8,7 @@ import logging
 import sys
 import traceback
 from collections.abc import Callable, Coroutine
+from functools import partial
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING
@@ -80,27 +81,32 @@ class ProgramRobot:
     def __init__(self, graph: ObservedGraph, function: RobotFunction, file: Path) -> None:
         self.node = ScriptedRobot(graph, "robot")
         self._file = file
-        self._scope = anyio.CancelScope()
+        self._scope: anyio.CancelScope | None = None
+        self._over = False
         try:
             returned = function(self.node)
         except Exception as error:
             self.node.close()
             raise ScriptError(f"{_place(file, error.__traceback__)}: {_named(error)}") from error
         if inspect.iscoroutine(returned):
-            self._coroutine = returned
-            graph.spawn(self._run, f"script {file}")
+            graph.spawn(partial(self._run, returned), f"script {file}")
 
-    async def _run(self) -> None:
-        with self._scope:
+    async def _run(self, coroutine: Coroutine[object, object, None]) -> None:
+        if self._over:
+            coroutine.close()
+            return
+        with anyio.CancelScope() as self._scope:
             try:
-                await self._coroutine
+                await coroutine
             except Exception as error:
                 place = _place(self._file, error.__traceback__)
                 logger.exception("%s: %s", place, _named(error))
 
     def close(self) -> None:
         """Stop, and leave the graph. Called on the graph's thread."""
-        self._scope.cancel()
+        self._over = True
+        if self._scope is not None:
+            self._scope.cancel()
         self.node.close()
 
 
