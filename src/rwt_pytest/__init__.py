@@ -6,7 +6,9 @@ test asks for one.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,7 +18,6 @@ if TYPE_CHECKING:
     from rwt_testing import ObservedGraph, ScriptedRobot
     from rwt_testing.virtual_time import VirtualTime
 
-_WORLD: pytest.StashKey[RobotWorld] = pytest.StashKey()
 _SECTION = "rosbridge transcript"
 
 
@@ -67,10 +68,11 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Add what went over the wire to the report of a failing test."""
     report = yield
-    world = item.stash.get(_WORLD, None)
-    if world is not None and report.failed:
-        text = world.wire.transcript.text(world.wishes.transcript_lines)
-        if text:
+    worlds = sys.modules.get("rwt_pytest.world")  # Read by the first test that needs it, or never.
+    if worlds is not None and report.failed:
+        from rwt_pytest.wishes import transcript_lines
+
+        for text in worlds.transcripts(transcript_lines(item.config)):
             report.sections.append((_SECTION, text))
     return report
 
@@ -91,8 +93,11 @@ def _rwt_world(request: pytest.FixtureRequest, rwt_distro: str) -> Iterator[Robo
     from rwt_pytest.wishes import wishes_of
     from rwt_pytest.world import open_world
 
-    with open_world(wishes_of(request, rwt_distro)) as world:
-        request.node.stash[_WORLD] = world
+    with ExitStack() as stack:
+        try:
+            world = stack.enter_context(open_world(wishes_of(request, rwt_distro)))
+        except pytest.UsageError as error:
+            pytest.fail(str(error), pytrace=False)
         yield world
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
@@ -17,7 +17,7 @@ _KEYS = ("distro", "demo", "interfaces", "settings")
 
 @dataclass(frozen=True, slots=True)
 class Wishes:
-    """How the robot of one test should be.
+    """How a robot and its server should be.
 
     Attributes:
         distro: ROS distribution.
@@ -25,15 +25,13 @@ class Wishes:
         interfaces: folders of interface files.
         settings: the server's, each by its key with dots, those of the ini file as text.
         virtual: whether time is simulated.
-        transcript_lines: how much of the transcript a failing test shows.
     """
 
-    distro: str
-    demo: bool
-    interfaces: tuple[Path, ...]
-    settings: Mapping[str, object]
-    virtual: bool
-    transcript_lines: int
+    distro: str = DISTROS[0]
+    demo: bool = False
+    interfaces: tuple[Path, ...] = ()
+    settings: Mapping[str, object] = field(default_factory=dict)
+    virtual: bool = False
 
 
 def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ...]:
@@ -68,7 +66,6 @@ def wishes_of(request: pytest.FixtureRequest, distro: str) -> Wishes:
         interfaces=(*config.getini("rwt_interfaces"), *_folders(node, marked.get("interfaces", ()))),
         settings={**_ini_settings(config), **_settings(marked.get("settings", {}))},
         virtual="rwt_clock" in request.fixturenames,
-        transcript_lines=_lines(config),
     )
 
 
@@ -109,7 +106,12 @@ def _ini_settings(config: pytest.Config) -> dict[str, object]:
     return {key.strip(): value.strip() for key, _, value in pairs}
 
 
-def _lines(config: pytest.Config) -> int:
+def transcript_lines(config: pytest.Config) -> int:
+    """How much of the transcript a failing test shows.
+
+    Raises:
+        UsageError: the ini value is not a whole number.
+    """
     text = str(config.getini("rwt_transcript_lines"))
     if not text.isdecimal():
         raise pytest.UsageError(f"rwt_transcript_lines: expected a whole number, got {text!r}")

@@ -20,6 +20,7 @@ from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
+from rwt_pytest.wishes import Wishes
 from rwt_testing import Faults, ObservedGraph, ObservedWire, ScriptedRobot, Transcript
 from rwt_testing.expectations import PATIENCE, refuse_on_an_event_loop
 from rwt_testing.virtual_time import VirtualTime
@@ -28,10 +29,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rwt_bridge.pages import Page
-    from rwt_pytest.wishes import Wishes
 
 #: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
 EPOCH_NS = 1_700_000_000_000_000_000
+
+#: The worlds of this moment: that of the test, and those of fixtures that live longer.
+_OPEN: list[RobotWorld] = []
 
 _ANY_PORT = "ws://127.0.0.1:0"
 _LOOK = 0.005
@@ -101,7 +104,7 @@ class RobotServer:
 
 
 class RobotWorld:
-    """What the fixtures of one test share; each part is made when it is first asked for.
+    """What the fixtures of one test share; robot and server are made when they are first asked for.
 
     Attributes:
         wishes: what the test wants.
@@ -158,6 +161,8 @@ class RobotWorld:
 def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
     """Run a graph in a thread until the block is left; then the thread has ended.
 
+    For fixtures of your own that live longer than one test.
+
     Raises:
         UsageError: a setting or an interface file cannot be used.
     """
@@ -173,7 +178,18 @@ def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
         pages = portal.call(start_nodes, graph, settings.nodes, nodes)
         if wishes.demo:
             portal.call(_start_demo, graph, nodes)
-        yield RobotWorld(wishes, settings, graph, portal, stack, pages)
+        world = RobotWorld(wishes, settings, graph, portal, stack, pages)
+        _OPEN.append(world)
+        try:
+            yield world
+        finally:
+            _OPEN.remove(world)
+
+
+def transcripts(most: int) -> list[str]:
+    """The last `most` lines of each transcript of this moment, for the report of a failing test."""
+    texts = [world.wire.transcript.text(most) for world in _OPEN] if most else []
+    return [text for text in texts if text]
 
 
 def _start_demo(graph: ObservedGraph, stack: ExitStack) -> None:
@@ -204,4 +220,16 @@ def _registry(wishes: Wishes) -> Registry:
             registry.add_directory(folder)
         except (InterfaceError, OSError) as error:
             raise pytest.UsageError(f"rwt_interfaces: {folder}: {error}") from None
+    if wishes.interfaces:
+        _verify(registry)
     return registry
+
+
+def _verify(registry: Registry) -> None:
+    try:
+        registry.verify()
+    except InterfaceError as error:
+        raise pytest.UsageError(f"rwt_interfaces: {error}") from None
+
+
+__all__ = ["RobotServer", "RobotWorld", "Wishes", "open_world", "transcripts"]

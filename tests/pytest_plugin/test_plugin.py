@@ -210,6 +210,40 @@ def test_a_failing_test_shows_what_came_and_what_went_over_the_wire(suite: Suite
     assert "expectations.py" not in said, "only the test's own line is shown"
 
 
+def test_a_fixture_of_a_module_shows_its_transcript_too(suite: Suite) -> None:
+    said = suite.run(
+        """
+        import pytest
+        from rwt_client.blocking import connect
+        from rwt_pytest.world import Wishes, open_world
+
+        @pytest.fixture(scope="module")
+        def lab():
+            with open_world(Wishes(virtual=True)) as world:
+                yield world
+
+        def test_fails(lab):
+            with connect(lab.server.url):
+                lab.virtual_time.advance(3.0)
+            assert 1 == 2
+
+        def test_passes(lab):
+            assert lab.virtual_time.monotonic() == 3.0
+        """
+    )
+    assert "1 failed, 1 passed" in said, said
+    assert said.count("- rosbridge transcript -") == 1
+    assert "3.000 s  client 1 left: 1000" in said
+
+
+def test_a_mistake_in_the_wishes_is_one_line(suite: Suite) -> None:
+    suite.write("pytest.ini", FILTERS + "rwt_settings = limits.connections=many\n")
+    said = suite.run("def test_it(rwt_server):\n    pass\n")
+    assert "1 error" in said
+    assert "rwt_settings: pytest: `limits.connections`: expected a whole number of at least 1" in said
+    assert "Traceback" not in said and "world.py" not in said
+
+
 def test_a_passing_test_and_one_without_a_server_show_no_transcript(suite: Suite) -> None:
     said = suite.run(
         """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -165,6 +166,29 @@ def test_any_file_is_read_or_refused_in_words(tmp_path: Path, values: dict[str, 
     except ScriptError as error:
         assert str(error).startswith(f"{file}: ")
         assert "`" in str(error) or "not TOML" in str(error)
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.text('{}[]":,at msg01\\ü', max_size=30),
+            st.builds(lambda at, msg: json.dumps({"at": at, "msg": msg}), VALUES, VALUES),
+        ),
+        max_size=5,
+    )
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=200)
+def test_any_recorded_file_is_read_or_refused_with_its_line(tmp_path: Path, lines: list[str]) -> None:
+    file = tmp_path / "any.jsonl"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    try:
+        recorded = read_recorded(file)
+    except ScriptError as error:
+        number = int(str(error).removeprefix(f"{file}:").partition(":")[0])
+        assert 1 <= number <= len(lines)
+    else:
+        assert len(recorded) == len([line for line in lines if line.strip()])
+        assert all(each.at >= 0 for each in recorded)
 
 
 def _toml(value: object) -> str:
