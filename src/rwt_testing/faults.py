@@ -120,13 +120,15 @@ class Faults:
 
     A message is touched when the topic, service or action that it is about matches the glob `name`, and its
     op the glob `op`; `*` also matches `/`. Of several faults a drop wins, delays add up, and copies multiply.
+
+    Args:
+        hang_up: ends every connection with a code and a reason, and says how many there were.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, hang_up: Callable[[int, str], int]) -> None:
         self._lock = threading.Lock()
         self._faults: tuple[Fault, ...] = ()
-        #: Ends every connection with a code and a reason; set by the wire.
-        self.hang_up: Callable[[int, str], int] = lambda code, reason: 0
+        self._hang_up = hang_up
 
     def drop(
         self, name: str = "*", *, op: str = "*", to: To = "both", count: int | None = None, every: int = 1
@@ -201,7 +203,7 @@ class Faults:
 
     def disconnect(self, code: int = 1011, reason: str = "a fault of the test") -> int:
         """Hang up on every client with a code of RFC 6455 section 7.4; gives how many there were."""
-        return self.hang_up(code, reason)
+        return self._hang_up(code, reason)
 
     def clear(self) -> None:
         """Remove every fault."""

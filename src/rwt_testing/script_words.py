@@ -38,6 +38,8 @@ def read_script(file: Path) -> Script:
         raise ScriptError(f"{file}: {error.strerror or 'cannot be read'}") from None
     except UnicodeDecodeError as error:
         raise ScriptError(f"{file}: not UTF-8 at byte {error.start}") from None
+    except RecursionError:
+        raise ScriptError(f"{file}: tables or lists are nested too deeply") from None
     except tomllib.TOMLDecodeError as error:
         raise ScriptError(f"{file}: not TOML: {error}") from None
     try:

@@ -44,8 +44,7 @@ class ObservedWire:
     """
 
     def __init__(self, graph: Graph, *, bson: bool = False) -> None:
-        self.faults = Faults()
-        self.faults.hang_up = self._hang_up
+        self.faults = Faults(self._hang_up)
         self.transcript = Transcript(graph.clock.monotonic)
         self._graph = graph
         self.clock = graph.clock

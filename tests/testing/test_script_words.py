@@ -85,6 +85,7 @@ def test_the_key_and_what_instead(tmp_path: Path, text: str, said: str) -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     assert complaint(tmp_path, "name = ").startswith("not TOML: ")
+    assert complaint(tmp_path, "name = " + "[" * 100_000).startswith("tables or lists are nested")
     with pytest.raises(ScriptError, match=r"nowhere\.toml: No such file"):
         read_script(tmp_path / "nowhere.toml")
     (tmp_path / "bytes.toml").write_bytes(b"name = '\xff'")
@@ -130,6 +131,13 @@ def test_recorded_messages_name_the_line(tmp_path: Path) -> None:
             r'`actions."/x"`: .*sequence',
         ),
         ('name = "a b"', "`name`: "),
+        ("[parameters]\nstart = 2024-05-01", "`parameters.start`: "),
+        ('[parameters]\nmixed = [1, "a"]', "`parameters.mixed`: "),
+        ("[parameters.table]\ninner = 1", "`parameters.table`: "),
+        (
+            '[topics."/x"]\ntype = "std_msgs/String"\nlatched = {data = 2024-05-01}',
+            r'`topics."/x"`: .*data: expected string',
+        ),
         ('[topics."/x"]\ntype = "std_msgs/Int32"\nfile = "nowhere.jsonl"', "nowhere.jsonl: No such file"),
     ],
 )
