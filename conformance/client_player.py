@@ -396,6 +396,8 @@ class _ClientPlayer:
                 self._probes_heard.add(_word(event.get("value"), "data"))
                 self._arrived.set()
                 return
+        if event.get("event") == "uncaught":
+            self.remarks.append(f"an exception that nobody caught: {shorten(_word(event, 'text'))}")
         (self._asides if event.get("event") in ASIDE else self._events).append(event)
         self._arrived.set()
 

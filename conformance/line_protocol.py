@@ -49,8 +49,13 @@ EVENTS: Final[Mapping[str, tuple[str, ...]]] = {
     "status": ("level", "msg", "id"),
     "closed": (),
     "complaint": ("text",),
+    "uncaught": ("text",),
 }
 """What a program tells of itself, and the keys beside `event`."""
 
-ASIDE: Final = ("status", "closed", "complaint")
-"""Events that a step hears only if it asks for them, and that may come at any time."""
+ASIDE: Final = ("status", "closed", "complaint", "uncaught")
+"""Events that a step hears only if it asks for them, and that may come at any time.
+
+A library complains where it reports an error; an exception that reaches nobody is `uncaught`, which lets a case
+pass as non-strict at best.
+"""

@@ -18,8 +18,10 @@ const entry = manifest.exports?.['.']?.import ?? manifest.main;
 const say = (line) => process.stdout.write(`${JSON.stringify(line, plain)}\n`);
 const complain = (...words) => say({ event: 'complaint', text: words.map(String).join(' ') });
 console.log = console.info = console.warn = console.error = complain;
-process.on('uncaughtException', complain);
-process.on('unhandledRejection', complain);
+// A browser goes on after these, a program on Node ends unless it has such handlers.
+const confess = (error) => say({ event: 'uncaught', text: String(error) });
+process.on('uncaughtException', confess);
+process.on('unhandledRejection', confess);
 
 const loaded = await import(pathToFileURL(path.join(home, entry)).href);
 const ROSLIB = loaded.Ros ? loaded : loaded.default;

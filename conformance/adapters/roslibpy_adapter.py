@@ -24,6 +24,20 @@ import roslibpy.tf
 Value = Any
 
 _SECONDS = 5.0
+
+#: The method for each question, and where its answer stands in a whole one.
+_QUESTIONS = {
+    "topics": ("get_topics", "topics"),
+    "topic_type": ("get_topic_type", "type"),
+    "topics_for_type": ("get_topics_for_type", "topics"),
+    "services": ("get_services", "services"),
+    "service_type": ("get_service_type", "type"),
+    "services_for_type": ("get_services_for_type", "services"),
+    "nodes": ("get_nodes", "nodes"),
+    "params": ("get_params", "names"),
+    "action_servers": ("get_action_servers", "action_servers"),
+    "message_details": ("get_message_details", "typedefs"),
+}
 _OUTPUT = threading.Lock()
 
 
@@ -73,7 +87,7 @@ class Adapter:
         if wait:
             ros.run(timeout=_SECONDS)
         else:
-            ros.run_event_loop() if hasattr(ros, "run_event_loop") else ros.factory.manager.run()
+            ros.factory.manager.run()
 
     def reconnect(self, url: str) -> None:
         """The library comes back by itself."""
@@ -187,9 +201,7 @@ class Adapter:
         name = more["as"]
 
         def send() -> None:
-            sent = actionlib.Goal(
-                actionlib.ActionClient(self._ros, server, type), roslibpy.Message(goal)
-            )
+            sent = actionlib.Goal(actionlib.ActionClient(self._ros, server, type), roslibpy.Message(goal))
             sent.on("feedback", lambda value: event("feedback", name, value=value))
             sent.on("result", lambda value: event("result", name, value=value, status=sent.status["status"]))
             self._made[name] = sent
@@ -244,17 +256,15 @@ class Adapter:
 
     def ask(self, what: str, of_what: str | None = None, **more: Value) -> None:
         """Ask rosapi, by the library's method for it."""
-        methods = {
-            "topics": "get_topics", "topic_type": "get_topic_type", "topics_for_type": "get_topics_for_type",
-            "services": "get_services", "service_type": "get_service_type",
-            "services_for_type": "get_services_for_type", "nodes": "get_nodes", "params": "get_params",
-            "action_servers": "get_action_servers", "message_details": "get_message_details", "time": "get_time",
-        }  # fmt: skip
-        if what not in methods:
+        if what not in _QUESTIONS:
             raise Unsupported(f"no question {what}")
+        method, key = _QUESTIONS[what]
         given = [] if of_what is None else [of_what]
         answered, failed = _tells_response(more["as"])
-        getattr(self._ros, methods[what])(*given, lambda value: answered(_only(value, what)), failed)
+        # Some methods give the whole answer to their callback, some what was asked for.
+        getattr(self._ros, method)(
+            *given, lambda value: answered(value[key] if hasattr(value, "keys") else value), failed
+        )
 
     def set_level(self, level: str, id: str | None = None) -> None:
         """Say which statuses are wanted."""
@@ -264,14 +274,6 @@ class Adapter:
         """Log in."""
         names = ("mac", "client", "dest", "rand", "t", "level", "end")
         self._ros.authenticate(*(given[name] for name in names))
-
-
-def _only(value: Value, what: str) -> Value:
-    """The library gives whole answers to callbacks: what the question was about."""
-    whole = dict(value) if hasattr(value, "keys") else value
-    key = {"topic_type": "type", "service_type": "type", "topics_for_type": "topics",
-           "services_for_type": "services", "params": "names", "message_details": "typedefs"}.get(what, what)  # fmt: skip
-    return whole.get(key, whole) if isinstance(whole, dict) else whole
 
 
 def _tells_response(name: str) -> tuple[Callable[[Value], None], Callable[[Value], None]]:
