@@ -30,7 +30,7 @@ from conformance.listening import Listener
 from conformance.matching import Context, Difference, Match, fill, match_frame
 from conformance.pace import Pace
 from conformance.player import NO_TIME, Fault, Line, Played, Raw, Stop, describe, show
-from conformance.program import Program, ProgramEnded
+from conformance.program import Driven, ProgramEnded
 from conformance.target import Target
 from conformance.unwrap import decode_text
 from conformance.values import Json, Value, as_text, as_value, shorten
@@ -57,7 +57,7 @@ class _Connection:
 
 
 async def play_as_server(
-    case: Case, target: Target, program: Program, listener: Listener, pace: Pace, tag: str
+    case: Case, target: Target, program: Driven, listener: Listener, pace: Pace, tag: str
 ) -> Played:
     """Play one case.
 
@@ -83,7 +83,7 @@ async def play_as_server(
 
 class _ClientPlayer:
     def __init__(
-        self, case: Case, target: Target, program: Program, listener: Listener, pace: Pace, tag: str
+        self, case: Case, target: Target, program: Driven, listener: Listener, pace: Pace, tag: str
     ) -> None:
         self._case = case
         self._target = target
@@ -94,7 +94,7 @@ class _ClientPlayer:
         self._connections: dict[str, _Connection] = {}
         self._gone: list[_Connection] = []
         self._events: deque[dict[str, Json]] = deque()
-        self._asides: deque[dict[str, Json]] = deque()
+        self._asides: dict[str, deque[dict[str, Json]]] = {name: deque() for name in ASIDE}
         self._probes_heard: set[str] = set()
         self._subscribed: set[str] = set()
         self._arrived = asyncio.Event()
@@ -199,7 +199,7 @@ class _ClientPlayer:
 
     async def _hear(self, step: Hear) -> None:
         pattern = self._named(step.event)
-        queue = self._asides if _word(pattern, "event") in ASIDE else self._events
+        queue = self._asides[_word(pattern, "event")] if _word(pattern, "event") in ASIDE else self._events
         seconds = self._target.timeout if step.within is None else step.within
         wanted = as_text(as_value(pattern))
         if not await self._until(lambda: bool(queue), seconds):
@@ -398,7 +398,7 @@ class _ClientPlayer:
                 return
         if event.get("event") == "uncaught":
             self.remarks.append(f"an exception that nobody caught: {shorten(_word(event, 'text'))}")
-        (self._asides if event.get("event") in ASIDE else self._events).append(event)
+        self._asides.get(_word(event, "event"), self._events).append(event)
         self._arrived.set()
 
     async def _next(self, connection: _Connection, within: float | None, wanted: str) -> Raw:

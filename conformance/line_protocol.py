@@ -56,6 +56,6 @@ EVENTS: Final[Mapping[str, tuple[str, ...]]] = {
 ASIDE: Final = ("status", "closed", "complaint", "uncaught")
 """Events that a step hears only if it asks for them, and that may come at any time.
 
-A library complains where it reports an error; an exception that reaches nobody is `uncaught`, which lets a case
-pass as non-strict at best.
+A library complains where it reports an error; an exception that reaches nobody is `uncaught`, which lets a
+case pass as non-strict at best.
 """

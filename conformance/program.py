@@ -6,6 +6,7 @@ import asyncio
 import json
 import shlex
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 from conformance.values import Json
 
@@ -20,6 +21,24 @@ class ProgramError(Exception):
 
 class ProgramEnded(Exception):
     """The program has ended, or closed its standard output."""
+
+
+class Driven(Protocol):
+    """A client library that does what it is told: in a child process, or in this one for tests.
+
+    Attributes:
+        on_event: called with each event.
+        on_noise: called with each line that means nothing.
+    """
+
+    on_event: Callable[[dict[str, Json]], None]
+    on_noise: Callable[[str], None]
+
+    async def tell(self, command: Mapping[str, Json]) -> dict[str, Json]:
+        """Have a command carried out, and give its answer. Raises ProgramEnded."""
+
+    def kill(self) -> None:
+        """End it at once."""
 
 
 class Program:

@@ -55,7 +55,7 @@ const action = (name, actionType) => {
 };
 const tellsResponse = (as) => [
   (value) => event('response', as, { value: value ?? null }),
-  (error) => event('failed', as, { error }),
+  (error) => event('failed', as, { error: error ?? null }),
 ];
 
 function opened(url, wait) {
@@ -107,7 +107,11 @@ const questions = {
 
 const commands = {
   connect: ({ url, wait }) => opened(url, wait),
-  reconnect: ({ url }) => joined(url),
+  // It does not come back by itself, and cannot before it knows that the connection is lost.
+  async reconnect({ url }) {
+    if (ros.isConnected) await new Promise((resolve) => ros.once('close', resolve));
+    await joined(url);
+  },
   close: left,
 
   subscribe(command) {
@@ -143,7 +147,7 @@ const commands = {
       args,
       (value) => event('result', as, { value, status: 4 }),
       (value) => event('feedback', as, { value }),
-      (error) => event('failed', as, { error }),
+      (error) => event('failed', as, { error: error ?? null }),
     );
     made.set(as, { cancel: () => client.cancelGoal(id) });
   },
