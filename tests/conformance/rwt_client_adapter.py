@@ -11,6 +11,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack
 from typing import Any
 
+import anyio
 import msgspec
 
 from rwt_client import (
@@ -61,7 +62,8 @@ def event(name: str, of: str, **more: Value) -> None:
 
 class Complaints(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
-        say({"event": "complaint", "text": record.getMessage()})
+        cause = f": {record.exc_info[1]!r}" if record.exc_info else ""
+        say({"event": "complaint", "text": record.getMessage() + cause})
 
 
 class Adapter:
@@ -120,8 +122,9 @@ class Adapter:
             raise Unsupported(f"no compression {options['compression']}")
         if "throttle_rate" in options:
             options["throttle"] = options.pop("throttle_rate") / 1000
-        callback: Callable[[Value], None] = lambda message: event("message", name, value=message)  # noqa: E731 - bound to this name
-        self._made[name] = await self.robot.subscribe(topic, type, callback, **options)
+        self._made[name] = await self.robot.subscribe(
+            topic, type, lambda message: event("message", name, value=message), **options
+        )
 
     async def _close_made(self, of: str) -> None:
         self._made[of].close()
@@ -219,7 +222,7 @@ class Adapter:
         async def answer() -> Value:
             value = await source(*([] if of_what is None else [of_what]))
             if isinstance(value, tuple):
-                return [getattr(item, "name", item) if isinstance(item, str) else _name(item) for item in value]
+                return [item if isinstance(item, str) else _name(item) for item in value]
             return value
 
         await self._answered(name, answer())
@@ -254,4 +257,4 @@ async def main() -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(main())
+    anyio.run(main)
