@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
 
-from conformance.wires import WebSocketWire, WireError
+from conformance.wires import WebSocketWire, Wire, WireError
 
 
 class Listener:
@@ -19,11 +19,11 @@ class Listener:
         url: with the port that was free.
     """
 
-    def __init__(self, url: str, arrived: asyncio.Queue[WebSocketWire]) -> None:
+    def __init__(self, url: str, arrived: asyncio.Queue[Wire]) -> None:
         self.url = url
         self._arrived = arrived
 
-    async def accept(self) -> WebSocketWire:
+    async def accept(self) -> Wire:
         """The next connection."""
         return await self._arrived.get()
 
@@ -43,7 +43,7 @@ async def listen(url: str) -> AsyncIterator[Listener]:
     parts = urlsplit(url)
     if parts.scheme != "ws" or parts.hostname is None or parts.port is None:
         raise WireError(f"{url}: expected ws://HOST:PORT, with port 0 for any that is free")
-    arrived: asyncio.Queue[WebSocketWire] = asyncio.Queue()
+    arrived: asyncio.Queue[Wire] = asyncio.Queue()
 
     async def take(connection: ServerConnection) -> None:
         arrived.put_nowait(WebSocketWire(connection))

@@ -40,24 +40,20 @@ class Unsupported(Exception):
 
 
 def say(line: dict[str, Value]) -> None:
-    sys.stdout.write(json.dumps(_plain(line)) + "\n")
+    sys.stdout.write(json.dumps(plain(line)) + "\n")
     sys.stdout.flush()
 
 
-def _plain(value: Value) -> Value:
+def plain(value: Value) -> Value:
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, bytes | bytearray | memoryview):
         return list(bytes(value))
     if isinstance(value, msgspec.Struct):
-        return {name: _plain(getattr(value, name)) for name in value.__struct_fields__}
+        return {name: plain(getattr(value, name)) for name in value.__struct_fields__}
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def event(name: str, of: str, **more: Value) -> None:
-    say({"event": name, "of": of, **more})
 
 
 class Complaints(logging.Handler):
@@ -69,12 +65,16 @@ class Complaints(logging.Handler):
 class Adapter:
     """One method for each command."""
 
-    def __init__(self) -> None:
+    def __init__(self, say: Callable[[dict[str, Value]], None]) -> None:
+        self._say = say
         self._stack = AsyncExitStack()
         self._robot: Robot | None = None
         self._made: dict[str, Value] = {}
         self._restored = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
+
+    def _event(self, name: str, of: str, **more: Value) -> None:
+        self._say({"event": name, "of": of, **more})
 
     @property
     def robot(self) -> Robot:
@@ -96,7 +96,7 @@ class Adapter:
             self._restored.set()
         if told.kind == "lost":
             self._restored.clear()
-            say({"event": "closed"})
+            self._say({"event": "closed"})
 
     async def reconnect(self, url: str) -> None:
         await self._restored.wait()
@@ -123,7 +123,7 @@ class Adapter:
         if "throttle_rate" in options:
             options["throttle"] = options.pop("throttle_rate") / 1000
         self._made[name] = await self.robot.subscribe(
-            topic, type, lambda message: event("message", name, value=message), **options
+            topic, type, lambda message: self._event("message", name, value=message), **options
         )
 
     async def _close_made(self, of: str) -> None:
@@ -149,15 +149,15 @@ class Adapter:
 
     async def _answered(self, name: str, call: Awaitable[Value]) -> None:
         try:
-            event("response", name, value=await call)
+            self._event("response", name, value=await call)
         except (CallFailed, ParameterRefused) as error:
-            event("failed", name, error=str(error))
+            self._event("failed", name, error=str(error))
 
     async def advertise_service(self, service: str, type: str, answer: Value = None, **more: Value) -> None:
         name, said = more["as"], answer or {}
 
         def handle(request: Value) -> Value:
-            event("request", name, value=request)
+            self._event("request", name, value=request)
             if "throw" in said:
                 raise RuntimeError(said["throw"])
             if said.get("result") is False:
@@ -171,7 +171,7 @@ class Adapter:
             raise Unsupported("goals always ask for feedback")
         name = more["as"]
         goal = await self.robot.send_goal(
-            action, args, type, on_feedback=lambda value: event("feedback", name, value=value)
+            action, args, type, on_feedback=lambda value: self._event("feedback", name, value=value)
         )
         self._made[name] = goal
         self._later(self._ended(name, goal))
@@ -179,11 +179,11 @@ class Adapter:
     async def _ended(self, name: str, goal: Value) -> None:
         try:
             end = await goal.result()
-            event("result", name, value=end.result, status=int(end.status))
+            self._event("result", name, value=end.result, status=int(end.status))
         except GoalFailed as error:
-            event("failed", name, error=str(error))
+            self._event("failed", name, error=str(error))
         except ClientError as error:
-            say({"event": "complaint", "text": str(error)})
+            self._say({"event": "complaint", "text": str(error)})
 
     async def cancel_goal(self, of: str) -> None:
         self._made[of].cancel()
@@ -192,14 +192,14 @@ class Adapter:
         name, said = more["as"], answer or {}
 
         async def execute(goal: ReceivedGoal) -> Value:
-            event("goal", name, value=goal.request)
+            self._event("goal", name, value=goal.request)
             for feedback in said.get("feedback", []):
                 goal.publish_feedback(feedback)
             if said.get("end") == "abort":
                 raise GoalAborted(said.get("values", {}))
             if said.get("end") == "wait":
                 await goal.canceled.wait()
-                event("cancel", name)
+                self._event("cancel", name)
                 raise GoalCanceled(said.get("values", {}))
             return said.get("values", {})
 
@@ -247,7 +247,7 @@ async def answer(adapter: Adapter, command: dict[str, Value]) -> dict[str, Value
 
 async def main() -> None:
     logging.basicConfig(level=logging.WARNING, handlers=[Complaints()])
-    adapter = Adapter()
+    adapter = Adapter(say)
     say({"event": "ready", "library": "rwt_client", "version": ""})
     loop = asyncio.get_running_loop()
     while line := await loop.run_in_executor(None, sys.stdin.readline):
