@@ -38,6 +38,8 @@ from conformance.wires import Wire, WireClosed
 from conformance.wrap import wrap
 
 _GOODBYE_SECONDS = 3.0
+_ANSWER_SECONDS = 10.0
+"""An answer says only that the program goes on, so there is no hurry."""
 
 
 class _Unsupported(Exception):
@@ -181,11 +183,13 @@ class _ClientPlayer:
             raise TypeError("a command is an object")
         if told["do"] in ("connect", "reconnect"):
             told = {**told, "url": self._listener.url}
+        if told.get("wait") is False:
+            self._listener.keep_waiting()
         for key in ("as", "of"):
             if key in told:
                 told[key] = f"{self._tag}.{told[key]}"
         self._note("a", "!", f"told: {shorten(json.dumps(told))}")
-        seconds = max(self._target.timeout, 2.0) if within is None else within
+        seconds = _ANSWER_SECONDS if within is None else within
         try:
             async with asyncio.timeout(seconds):
                 answer = await self._program.tell(told)
@@ -334,7 +338,7 @@ class _ClientPlayer:
 
     async def _open(self, name: str) -> None:
         try:
-            async with asyncio.timeout(max(self._target.timeout, 5.0)):
+            async with asyncio.timeout(_ANSWER_SECONDS):
                 wire = await self._listener.accept()
         except TimeoutError as error:
             raise Stop(Difference("", "a connection", "none")) from error

@@ -95,7 +95,7 @@ def _altered(data: str | bytes, alter: Alter | None) -> Sequence[str | bytes]:
 
 class _SpoiledListener(Listener):
     def __init__(self, listener: Listener, fault: ClientFault) -> None:
-        super().__init__(listener.url, asyncio.Queue())
+        super().__init__(listener.url, asyncio.Queue(), asyncio.Event())
         self._listener = listener
         self._fault = fault
 
