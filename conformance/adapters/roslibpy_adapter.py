@@ -285,9 +285,10 @@ def _tells_response(name: str) -> tuple[Callable[[Value], None], Callable[[Value
 
 def answer(adapter: Adapter, command: dict[str, Value]) -> dict[str, Value]:
     """Carry out one command."""
-    what = getattr(adapter, command.pop("do"), None)
+    name = command.pop("do")
+    what = getattr(adapter, name, None)
     if what is None:
-        return {"unsupported": "roslibpy has no such call"}
+        return {"unsupported": f"no call for {name}"}
     try:
         what(**command)
     except Unsupported as error:

@@ -215,7 +215,9 @@ def test_frames_are_wrapped_innermost_first() -> None:
     parts = [decode_text(text) for text in wrap(json.loads(json.dumps(frame)), ("png", "fragments"), 40, "f")]
     whole = join_fragments([part for part in parts if isinstance(part, dict)], 40)
     assert isinstance(whole, str)
-    inner = open_png(decode_text(whole))
+    picture = decode_text(whole)
+    assert isinstance(picture, dict)
+    inner = open_png(picture)
     assert isinstance(inner, str) and json.loads(inner) == frame
     assert png("ab").startswith(b"\x89PNG\r\n\x1a\n")
     assert [json.loads(part)["data"] for part in fragments("abcde", 2, "f")] == ["ab", "cd", "e"]
