@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 
-.PHONY: demo test lint types unit bench load soak fuzz mutants client-grades clean
+.PHONY: demo test lint types unit bench load soak fuzz mutants conformance client-grades clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -75,6 +75,10 @@ client-grades: $(STAMP)-dev $(CLIENTS)/node_modules/.installed
 		$(BIN)/python -m tests.conformance.rwt_client_adapter
 	$(BIN)/python tools/generate_client_grades.py $(GRADES)/[1-4]
 	rm -r $(GRADES)
+
+# Every case of the suite against our server over every transport; six minutes, most of them for the pipes.
+conformance: $(STAMP)-dev
+	$(BIN)/python -m tests.conformance.transports
 
 clean:
 	rm -rf $(VENV) $(CLIENTS)/node_modules

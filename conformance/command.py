@@ -12,7 +12,9 @@ from pathlib import Path
 from conformance import SUITE_VERSION
 from conformance.case import PROFILES, Case
 from conformance.client_runner import run_client_cases
+from conformance.dialing import dialer
 from conformance.loading import CASES, CLIENT_CASES, CaseError, load_cases
+from conformance.pipes import takes_several_clients
 from conformance.program import ProgramError
 from conformance.reports import badge, html, json_file, junit, summary, terminal
 from conformance.reports.compare import compare_files
@@ -28,7 +30,7 @@ from conformance.target import (
     shipped,
     shipped_clients,
 )
-from conformance.wires import WireError, dialer, framing_of
+from conformance.wires import WireError, framing_of
 
 ADAPTERS = Path(__file__).parent / "adapters"
 """Programs around client libraries that come with the suite."""
@@ -41,6 +43,7 @@ _EXAMPLES = f"""\
 examples:
   rwt conformance ws://localhost:9090                      any server, CORE only
   rwt conformance ws://localhost:9090 --target my.toml     what it declares
+  rwt conformance 'stdio:rwt serve stdio: unix://{{socket}}' a program on its pipes
   rwt conformance ws://localhost:9090 --run 'publish/*' --run FRG-01
   rwt conformance client --target roslib-2 -- node roslib.mjs
   rwt conformance diff before.json after.json
@@ -219,10 +222,15 @@ def _copy_adapters(folder: Path) -> int:
 async def _play(cases: Sequence[Case], target: Target, arguments: argparse.Namespace) -> Run:
     url = arguments.url
     dial = dialer(url)
-    several = not url.startswith("stdio:")
-    wire = await dial()  # A wrong address is said once, not by every case.
+    wire = await dial("first")  # A wrong address is said once, not by every case.
     await wire.close()
-    conditions = Conditions(max(1, arguments.jobs), arguments.strict, framing_of(url), several)
+    conditions = Conditions(
+        max(1, arguments.jobs),
+        arguments.strict,
+        framing_of(url),
+        several_clients=takes_several_clients(url),
+        outlives=not url.startswith("stdio:"),
+    )
     progress = terminal.Progress(sys.stderr, len(cases), load_rules())
     run = await run_cases(cases, target, dial, url, conditions, told=progress)
     progress.end()
