@@ -24,11 +24,10 @@ from rwt_client.reading import Arrived, Message, MessageReader
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
-    from anyio.abc import TaskGroup
-
     from rwt_client.line import Line
     from rwt_client.types import LiveTypes
     from rwt_interfaces.structs import MessageType
+    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
@@ -83,7 +82,7 @@ class Hub:
 
     __slots__ = ("_topics", "cbor_offered", "line", "tasks", "types")
 
-    def __init__(self, line: Line, types: LiveTypes, tasks: TaskGroup, *, binary: bool) -> None:
+    def __init__(self, line: Line, types: LiveTypes, tasks: TaskStarter, *, binary: bool) -> None:
         self.line = line
         self.types = types
         self.tasks = tasks
