@@ -154,7 +154,7 @@ def _kind(value: ParameterValue) -> str:
         case str():
             return "String"
         case list():
-            return f"{_kind(value[0])} values are:".removesuffix(" values are:") + " array" if value else "Array"
+            return f"{_kind(value[0])} array" if value else "Array"
         case _:
             return "Value"
 
@@ -166,22 +166,18 @@ def _set_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
-    words = _given(arguments.node, arguments.parameter, arguments.value)
-    name, value = _addressed(robot, words[:-1]), read_value(words[-1], "the value")
-    await _set_value(robot, name, value)
-    if output.json:
-        output.record({"name": name, "value": value})
-    else:
-        output.line("Set parameter successful")
-
-
-async def _set_value(robot: Robot, name: str, value: YamlValue) -> None:
     from rwt_client import ParameterRefused
 
+    words = _given(arguments.node, arguments.parameter, arguments.value)
+    name, value = _addressed(robot, words[:-1]), read_value(words[-1], "the value")
     try:
         await robot.params.set(name, value)
     except ParameterRefused as error:
         raise CommandError(f"setting {name} failed: {error}", FAILED) from error
+    if output.json:
+        output.record({"name": name, "value": value})
+    else:
+        output.line("Set parameter successful")
 
 
 async def _delete(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -246,19 +242,29 @@ async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
     parameters = _in_file(_text(arguments.file), node, arguments.file)
     failures = []
     for parameter, value in parameters.items():
-        try:
-            await _set_value(robot, _full(robot, node, parameter), value)
-        except CommandError as error:
-            failures.append(str(error))
-            if not output.json:
-                output.line(f"Set parameter {parameter} failed: {error}")
-        else:
-            if not output.json:
-                output.line(f"Set parameter {parameter} successful")
+        refused = await _load_one(robot, _full(robot, node, parameter), value)
+        if refused:
+            failures.append(f"{parameter}: {refused}")
+        if not output.json:
+            output.line(f"Set parameter {parameter} {f'failed: {refused}' if refused else 'successful'}")
     if output.json:
         output.record({"node": node, "set": len(parameters) - len(failures), "failed": failures})
     if failures:
         raise CommandError(f"{len(failures)} of {len(parameters)} parameters of {node} were not set", FAILED)
+
+
+async def _load_one(robot: Robot, name: str, value: YamlValue) -> str:
+    """Give a parameter its value; why that failed, empty if it has it now: read-only ones may have it already."""
+    from rwt_client import ParameterRefused
+
+    try:
+        await robot.params.set(name, value)
+    except ParameterRefused as error:
+        try:
+            return "" if await robot.params.get(name) == value else str(error)
+        except ParameterRefused:
+            return str(error)
+    return ""
 
 
 def _text(file: str) -> str:
@@ -338,8 +344,8 @@ VERBS = (
         "delete",
         "remove a parameter",
         _delete,
-        "rwt param delete /demo_robot fibonacci_rate",
-        '{"name": "/demo_robot:fibonacci_rate", "deleted": true}',
+        "rwt param delete /my_node my_parameter",
+        '{"name": "/my_node:my_parameter", "deleted": true}',
         _name_arguments,
     ),
     Verb(
