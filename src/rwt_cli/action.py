@@ -83,8 +83,8 @@ def _goal_arguments(parser: argparse.ArgumentParser) -> None:
         "goal",
         metavar="TYPE GOAL",
         nargs="*",
-        help="type and goal in YAML or JSON, - to read it from standard input; what is left out has its default,"
-        " and the type may be left out",
+        help="type and goal in YAML or JSON, - to read it from standard input; what is left out has its"
+        " default, and the type may be left out",
     )
     parser.add_argument("-f", "--feedback", action="store_true", help="print the feedback, too")
 
@@ -196,7 +196,7 @@ VERBS = (
         "send a goal and wait for its result; Ctrl-C cancels it",
         _send_goal,
         "rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback",
-        'with --feedback a line {"feedback": {…}} for each; in the end {"status": "SUCCEEDED", "result": {…}}',
+        'with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}',
         _goal_arguments,
     ),
 )

@@ -164,16 +164,17 @@ async def _of_graph(robot: Robot) -> list[AnyType]:
     found: list[AnyType] = [
         await robot.types.message(topic.type) for topic in await robot.api.topics() if topic.type
     ]
-    for service in await robot.api.services():
-        found.append(await robot.types.service(await robot.types.of_service(service)))
-    for action in await robot.api.action_servers():
-        found.append(await robot.types.action(await robot.types.of_action(action)))
+    services, actions = await robot.api.services(), await robot.api.action_servers()
+    found += [await robot.types.service(await robot.types.of_service(name)) for name in services]
+    found += [await robot.types.action(await robot.types.of_action(name)) for name in actions]
     return found
 
 
 def selection(registry: Registry, types: Iterable[AnyType]) -> Selection:
     """Types with everything that they contain, sorted by name, each after what it contains."""
-    chosen = sorted({(type(each).__name__, each.name): each for each in types}.values(), key=lambda each: each.name)
+    chosen = sorted(
+        {(type(each).__name__, each.name): each for each in types}.values(), key=lambda each: each.name
+    )
     walk = _Walk()
     for each in chosen:
         for part in parts_of(each):
@@ -236,7 +237,8 @@ class ClassNames:
 
     def __init__(self, chosen: Selection, reserved: Iterable[str]) -> None:
         names = [message.name for message in chosen.messages]
-        names += [interface.name for interface in (*chosen.services, *chosen.actions)]
+        names += [service.name for service in chosen.services]
+        names += [action.name for action in chosen.actions]
         names += [time_name(time) for time in chosen.times]
         shared: dict[str, int] = {}
         for name in dict.fromkeys(map(two_part, names)):

@@ -25,7 +25,7 @@ def add_interface_command(commands: Commands) -> None:
     """Add `interface` to the command line."""
     family = commands.add_parser(
         "interface",
-        description="Messages, services and actions: of the standard set, of folders, or of a robot (--live).",
+        description="Messages, services and actions: of the standard set, of folders, or of a robot.",
     )
     verbs = family.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_list(verbs)
@@ -57,7 +57,9 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
     )
-    source.add_argument("--distro", choices=_DISTROS, default=_DISTROS[0], help="whose standard set (default jazzy)")
+    source.add_argument(
+        "--distro", choices=_DISTROS, default=_DISTROS[0], help="whose standard set (default jazzy)"
+    )
     source.add_argument("--live", action="store_true", help="ask the robot; so does --url")
     add_robot_options(parser)
 
@@ -65,7 +67,9 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
 def _is_live(arguments: Arguments) -> bool:
     if arguments.live or arguments.url:
         if arguments.interfaces:
-            raise CommandError("--interfaces adds to the standard set: leave --live and --url out", CALLED_WRONGLY)
+            raise CommandError(
+                "--interfaces adds to the standard set: leave --live and --url out", CALLED_WRONGLY
+            )
         return True
     return False
 
@@ -92,7 +96,9 @@ def _add_list(verbs: Commands) -> None:
     parser.add_argument("package", metavar="PACKAGE", nargs="?", help="only of this package")
     for kind, heading in _HEADINGS.items():
         what = heading.lower()
-        parser.add_argument(f"-{kind[0]}", f"--only-{kind}s", action="store_true", dest=kind, help=f"only {what}")
+        parser.add_argument(
+            f"-{kind[0]}", f"--only-{kind}s", action="store_true", dest=kind, help=f"only {what}"
+        )
     _add_source(parser)
 
 
@@ -144,13 +150,15 @@ def _add_show(verbs: Commands) -> None:
         "show",
         "print a definition, with what it contains",
         "rwt interface show geometry_msgs/msg/Twist",
-        '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; the parts\n'
-        'of a service are "request" and "response", of an action "goal", "result" and "feedback"',
+        '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; the\n'
+        'parts of a service are "request" and "response", of an action "goal", "result" and "feedback"',
         _show,
     )
     parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
     parser.add_argument("--no-comments", action="store_true", help="without comments")
-    parser.add_argument("--all-comments", action="store_true", help="with the comments of what it contains, too")
+    parser.add_argument(
+        "--all-comments", action="store_true", help="with the comments of what it contains, too"
+    )
     _add_source(parser)
 
 
@@ -239,7 +247,10 @@ def _add_generate(verbs: Commands) -> None:
         _generate,
     )
     parser.add_argument(
-        "name", metavar="NAME", nargs="*", help="a type or a package; with --live none means all of the live graph"
+        "name",
+        metavar="NAME",
+        nargs="*",
+        help="a type or a package; with --live none means all of the live graph",
     )
     parser.add_argument("--lang", choices=("python", "typescript"), required=True, help="the language")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write to this file")
@@ -259,7 +270,8 @@ def _generate(arguments: Arguments, output: Output) -> None:
     code = _code(arguments.lang, chosen)
     if arguments.out is not None:
         _write(arguments.out, code)
-    names = [registry.type_name(each) for each in (*chosen.messages, *chosen.services, *chosen.actions)]
+    every: list[AnyType] = [*chosen.messages, *chosen.services, *chosen.actions]
+    names = [registry.type_name(each) for each in every]
     if output.json:
         written = {"file": str(arguments.out)} if arguments.out is not None else {"code": code}
         output.record({"types": names, **written})

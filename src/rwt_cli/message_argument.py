@@ -46,9 +46,9 @@ def read_message(text: str) -> dict[str, YamlValue]:
         return {}
     if isinstance(value, dict):
         return value
+    example = text if len(text) < 20 else "…"
     raise CommandError(
-        f"the message: expected fields, as in '{{data: {text if len(text) < 20 else '…'}}}', got {text[:60]!r}",
-        CALLED_WRONGLY,
+        f"the message: expected fields, as in '{{data: {example}}}', got {text[:60]!r}", CALLED_WRONGLY
     )
 
 

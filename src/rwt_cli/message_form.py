@@ -88,7 +88,9 @@ def _items(shape: shapes.Array, items: list[Any], element: shapes.Scalar, form: 
     if not form.arrays:
         return _only_length(shape.length is not None, _element_name(element), len(items))
     cut = form.longest is not None and len(items) > form.longest
-    told: list[YamlValue] = [_value(element, item, form) for item in (items[: form.longest] if cut else items)]
+    told: list[YamlValue] = [
+        _value(element, item, form) for item in (items[: form.longest] if cut else items)
+    ]
     return [*told, "..."] if cut else told
 
 
@@ -235,13 +237,16 @@ def _constructed(shape: Shape, value: Any) -> str:
                 ", ".join(f"{key}={getattr(value, key)}" for key in keys)
                 if keys is not None
                 else ", ".join(
-                    f"{slot.name}={_constructed(slot.shape, getattr(value, slot.attribute))}" for slot in nested.slots
+                    f"{slot.name}={_constructed(slot.shape, getattr(value, slot.attribute))}"
+                    for slot in nested.slots
                 )
             )
             return f"{nested.registry.full_name(nested.name).replace('/', '.')}({inner})"
         case shapes.Time(is_duration=is_duration, keys=keys):
             name = "Duration" if is_duration else "Time"
-            return f"builtin_interfaces.msg.{name}({', '.join(f'{key}={getattr(value, key)}' for key in keys)})"
+            return (
+                f"builtin_interfaces.msg.{name}({', '.join(f'{key}={getattr(value, key)}' for key in keys)})"
+            )
         case shapes.Array(element=element):
             return f"[{', '.join(_constructed(element, item) for item in value)}]"
         case shapes.Octets():

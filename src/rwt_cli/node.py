@@ -39,7 +39,9 @@ async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 def _info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
-    parser.add_argument("--include-hidden", action="store_true", help="also names with a part that begins with _")
+    parser.add_argument(
+        "--include-hidden", action="store_true", help="also names with a part that begins with _"
+    )
 
 
 async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -49,7 +51,9 @@ async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
     topics = {topic.name: topic.type for topic in await robot.api.topics()}
     services = sorted(each for each in found.services if arguments.include_hidden or not is_hidden(each))
     kinds = await together([partial(robot.api.service_type, service) for service in services])
-    actions = [each for each in await robot.api.action_servers() if offers(each, found.services, found.publishing)]
+    actions = [
+        each for each in await robot.api.action_servers() if offers(each, found.services, found.publishing)
+    ]
     action_types = await together([partial(robot.api.action_type, action) for action in actions])
     sections = {
         "Subscribers": [(topic, topics.get(topic, "")) for topic in sorted(found.subscribing)],
@@ -58,7 +62,9 @@ async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
         "Action Servers": list(zip(actions, action_types, strict=True)),
     }
     if output.json:
-        told = {_key(heading): [{"name": n, "type": t} for n, t in each] for heading, each in sections.items()}
+        told = {
+            _key(heading): [{"name": n, "type": t} for n, t in each] for heading, each in sections.items()
+        }
         output.record({"name": name, **told})
         return
     output.line(output.styled(name, "name"))
@@ -75,7 +81,12 @@ def _key(heading: str) -> str:
 
 VERBS = (
     Verb(
-        "list", "list the nodes", _list, "rwt node list", '["/demo_robot", …]; with -c {"count": 3}', _list_arguments
+        "list",
+        "list the nodes",
+        _list,
+        "rwt node list",
+        '["/demo_robot", …]; with -c {"count": 3}',
+        _list_arguments,
     ),
     Verb(
         "info",

@@ -97,7 +97,11 @@ def standard_output(*, json: bool) -> Output:
 
 def printable(text: str) -> str:
     """`text` without what a terminal would take as a command: what a robot is called is not to be trusted."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    return (
+        text
+        if text.isprintable()
+        else "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    )
 
 
 def note(text: str) -> None:

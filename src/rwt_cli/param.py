@@ -114,7 +114,9 @@ async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _name_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word")
+    parser.add_argument(
+        "node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word"
+    )
     parser.add_argument("parameter", metavar="PARAMETER", nargs="?", help="for example max_speed")
 
 
@@ -160,7 +162,9 @@ def _kind(value: ParameterValue) -> str:
 
 
 def _set_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word")
+    parser.add_argument(
+        "node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word"
+    )
     parser.add_argument("parameter", metavar="PARAMETER", help="for example max_speed")
     parser.add_argument("value", metavar="VALUE", nargs="?", help="in YAML, for example 0.5, true or [1, 2]")
 
@@ -254,7 +258,7 @@ async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _load_one(robot: Robot, name: str, value: YamlValue) -> str:
-    """Give a parameter its value; why that failed, empty if it has it now: read-only ones may have it already."""
+    """Give a parameter its value; why that failed, empty if it has it now, as read-only ones may."""
     from rwt_client import ParameterRefused
 
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ class Window:
     def intervals(self) -> Spread | None:
         """The times between one and the next, in seconds; None if fewer than two came."""
         times = [time for time, _ in self._seen]
-        return spread([later - earlier for earlier, later in zip(times, times[1:], strict=False)])
+        return spread([later - earlier for earlier, later in pairwise(times)])
 
     def per_second(self, now: float) -> float:
         """The sum of the values a second, from the first of them until `now`."""

@@ -85,7 +85,11 @@ def _call_arguments(parser: argparse.ArgumentParser) -> None:
         " default, and the type may be left out",
     )
     parser.add_argument(
-        "-r", "--rate", type=hertz, metavar="HZ", help="call again and again, so many times a second, until Ctrl-C"
+        "-r",
+        "--rate",
+        type=hertz,
+        metavar="HZ",
+        help="call again and again, so many times a second, until Ctrl-C",
     )
 
 

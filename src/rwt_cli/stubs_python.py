@@ -69,7 +69,7 @@ class _Message(pydantic.BaseModel):
 _INT: Final = "_{name} = typing.Annotated[int, pydantic.Field(strict=True, ge={low}, le={high})]"
 _BITS: Final = (8, 16, 32, 64)
 
-#: What a field may not be called: pydantic would take it for its own, or an annotation below it for the field.
+#: What a field may not be called: pydantic would take it for its own, or annotations below for the field.
 _TAKEN: Final = frozenset(dir(BaseModel)) | frozenset(
     {"bytes", "int", "float", "str", "bool", "list", "typing", "pydantic", "math", "base64", "ROS_TYPE"}
 )
@@ -152,7 +152,7 @@ class _Stubs:
             case shapes.Bool():
                 return "_Bool"
             case shapes.Int():
-                return f"_{shape.low < 0 and 'Int' or 'Uint'}{_bits(shape)}"
+                return f"_{'Int' if shape.low < 0 else 'Uint'}{_bits(shape)}"
             case shapes.Float():
                 return "_Float"
             case shapes.String(bound=bound):

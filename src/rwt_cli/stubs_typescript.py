@@ -21,8 +21,8 @@ _HEAD: Final = """\
 // Octets (uint8[]) are base64 in JSON, and a Uint8Array where a topic comes as CBOR.
 """
 _RESERVED: Final = (
-    "any", "bigint", "boolean", "never", "null", "number", "object", "string", "symbol", "undefined", "unknown",
-    "void", "Uint8Array", "MessageTypes", "ServiceTypes", "ActionTypes",
+    "any", "bigint", "boolean", "never", "null", "number", "object", "string", "symbol", "undefined",
+    "unknown", "void", "Uint8Array", "MessageTypes", "ServiceTypes", "ActionTypes",
 )  # fmt: skip
 _LARGEST_EXACT: Final = 2**53
 
@@ -47,7 +47,8 @@ class _Stubs:
         for message in self._chosen.messages:
             yield self._message(message)
         yield self._table(
-            "MessageTypes", [(registry.type_name(each), self._names.of(each.name)) for each in self._chosen.messages]
+            "MessageTypes",
+            [(registry.type_name(each), self._names.of(each.name)) for each in self._chosen.messages],
         )
         yield self._table(
             "ServiceTypes",
@@ -59,7 +60,10 @@ class _Stubs:
         yield self._table(
             "ActionTypes",
             [
-                (registry.type_name(each), self._record(goal=each.goal, result=each.result, feedback=each.feedback))
+                (
+                    registry.type_name(each),
+                    self._record(goal=each.goal, result=each.result, feedback=each.feedback),
+                )
                 for each in self._chosen.actions
             ],
         )

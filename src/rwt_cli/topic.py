@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from rwt_client import Robot, TopicInfo
 
 
-
-
 def add_topic_command(commands: Commands) -> None:
     """Add `topic` to the command line."""
     add_family(commands, "topic", "The robot's topics.", VERBS)
@@ -58,7 +56,10 @@ async def _list_verbosely(robot: Robot, topics: list[TopicInfo], output: Output)
             ]
         )
         return
-    for heading, who, sides in (("Published", "publisher", publishers), ("Subscribed", "subscriber", subscribers)):
+    for heading, who, sides in (
+        ("Published", "publisher", publishers),
+        ("Subscribed", "subscriber", subscribers),
+    ):
         output.line(output.styled(f"{heading} topics:", "heading"))
         for topic, nodes in zip(topics, sides, strict=True):
             if nodes:
@@ -128,8 +129,8 @@ VERBS = (
         "list the topics",
         _list,
         "rwt topic list -t",
-        '[{"name": "/odom", "type": "nav_msgs/msg/Odometry"}, …]; with -v also "publishers" and "subscribers",\n'
-        'how many; with -c {"count": 16}',
+        '[{"name": "/odom", "type": "nav_msgs/msg/Odometry"}, …]; with -v also "publishers" and\n'
+        '"subscribers", how many; with -c {"count": 16}',
         _list_arguments,
     ),
     Verb(
@@ -137,7 +138,8 @@ VERBS = (
         "tell a topic's type and who takes part",
         _info,
         "rwt topic info /odom -v",
-        '{"name": "/odom", "type": "nav_msgs/msg/Odometry", "publishers": ["/demo_robot"], "subscribers": []}',
+        '{"name": "/odom", "type": "nav_msgs/msg/Odometry", "publishers": ["/demo_robot"],\n'
+        '"subscribers": []}',
         _info_arguments,
     ),
     Verb(

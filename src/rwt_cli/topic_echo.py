@@ -14,9 +14,9 @@ from rwt_cli.topic_qos import add_qos_options, qos_from
 from rwt_cli.verbs import Arguments, Verb, count, count_or_none, hertz
 
 if TYPE_CHECKING:
+    from rwt_cli.yaml_reader import YamlValue
     from rwt_client import Robot
     from rwt_client.robot import SubscribeKeywords
-    from rwt_cli.yaml_reader import YamlValue
     from rwt_interfaces.structs import MessageType
 
 _USUAL_LENGTH: Final = 128
@@ -24,7 +24,9 @@ _USUAL_LENGTH: Final = 128
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("topic", metavar="TOPIC", help="for example /odom")
-    parser.add_argument("type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it yet")
+    parser.add_argument(
+        "type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it yet"
+    )
     how_many = parser.add_mutually_exclusive_group()
     how_many.add_argument("--once", action="store_const", const=1, dest="times", help="end after one message")
     how_many.add_argument("-n", "--times", type=count, metavar="N", help="end after N messages")
@@ -110,4 +112,3 @@ ECHO = Verb(
     definitions=True,
     lasting=True,
 )
-

@@ -32,12 +32,16 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         " default, a header `auto` the time; of a topic that is there the type may be left out",
     )
     how_many = parser.add_mutually_exclusive_group()
-    how_many.add_argument("-1", "--once", action="store_const", const=1, dest="times", help="publish one message")
+    how_many.add_argument(
+        "-1", "--once", action="store_const", const=1, dest="times", help="publish one message"
+    )
     how_many.add_argument("-t", "-n", "--times", type=count, metavar="N", help="publish N messages")
     parser.add_argument(
         "-r", "--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="messages a second (default 1)"
     )
-    parser.add_argument("-p", "--print", type=count, default=1, metavar="N", help="tell of every N-th message only")
+    parser.add_argument(
+        "-p", "--print", type=count, default=1, metavar="N", help="tell of every N-th message only"
+    )
     parser.add_argument(
         "-w",
         "--wait",

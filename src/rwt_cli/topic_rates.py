@@ -51,7 +51,12 @@ Look = Callable[[Heard, float], Report | None]
 def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
     parser.add_argument("topic", metavar="TOPIC", nargs="+", help="for example /odom; several may be given")
     parser.add_argument(
-        "-w", "--window", type=count, default=window, metavar="N", help=f"of the newest N messages (default {window})"
+        "-w",
+        "--window",
+        type=count,
+        default=window,
+        metavar="N",
+        help=f"of the newest N messages (default {window})",
     )
     parser.add_argument("-n", "--times", type=count, metavar="N", help="end after N reports")
     parser.add_argument(
@@ -159,7 +164,9 @@ def _frequency(heard: Heard, now: float) -> Report | None:
         return None
     rate = 1 / between.mean
     record = {"rate": rate, **_fields(between, "s")}
-    return Report(f"average rate: {rate:.3f}\n{_seconds(between, 1)}", {**record, "window": len(heard.window)})
+    return Report(
+        f"average rate: {rate:.3f}\n{_seconds(between, 1)}", {**record, "window": len(heard.window)}
+    )
 
 
 def _bandwidth(heard: Heard, now: float) -> Report | None:
@@ -172,7 +179,12 @@ def _bandwidth(heard: Heard, now: float) -> Report | None:
         f"{in_bytes(rate)}/s from {sizes.number} messages\n"
         f"\tMessage size mean: {mean} min: {least} max: {most}"
     )
-    record = {"bytes_per_second": rate, "mean_bytes": sizes.mean, "min_bytes": sizes.least, "max_bytes": sizes.most}
+    record = {
+        "bytes_per_second": rate,
+        "mean_bytes": sizes.mean,
+        "min_bytes": sizes.least,
+        "max_bytes": sizes.most,
+    }
     return Report(text, {**record, "window": sizes.number})
 
 
@@ -238,7 +250,11 @@ async def _check_header(robot: Robot, name: str) -> None:
     kind = await topic_type(robot, name)
     message_type = await robot.types.message(kind)
     for slot in message_type.slots:
-        if slot.name == "header" and isinstance(slot.shape, shapes.Message) and slot.shape.type.name == "std_msgs/Header":
+        if (
+            slot.name == "header"
+            and isinstance(slot.shape, shapes.Message)
+            and slot.shape.type.name == "std_msgs/Header"
+        ):
             return
     raise CommandError(f"{name}: {kind} has no header, so nobody knows when its messages were made")
 
@@ -249,8 +265,8 @@ VERBS = (
         "measure how often messages come",
         _hz,
         "rwt topic hz /odom\nrwt topic hz /odom /scan -n 3",
-        'one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049, "max_s": 0.051,\n'
-        '"std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is nothing to tell',
+        'one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,\n'
+        '"max_s": 0.051, "std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is nothing to tell',
         partial(_arguments, window=_MANY),
         definitions=True,
         lasting=True,
@@ -260,8 +276,8 @@ VERBS = (
         "measure how many bytes a second come",
         _bw,
         "rwt topic bw /scan",
-        'one line for each topic and report: {"topic": "/scan", "bytes_per_second": 14400.0, "mean_bytes": …,\n'
-        '"min_bytes": …, "max_bytes": …, "window": 10}; sizes are those of the messages on the connection',
+        'one line for each topic and report: {"topic": "/scan", "bytes_per_second": 14400.0, \n'
+        '"mean_bytes": …, "min_bytes": …, "max_bytes": …, "window": 10}; sizes are those of the messages on the connection',
         partial(_arguments, window=_FEW),
         definitions=True,
         lasting=True,
@@ -278,4 +294,3 @@ VERBS = (
         lasting=True,
     ),
 )
-

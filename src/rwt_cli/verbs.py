@@ -103,7 +103,9 @@ def epilog(example: str, json: str) -> str:
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
     """The options that every verb has which talks to a robot."""
     group = parser.add_argument_group(_ROBOT_OPTIONS)
-    group.add_argument("--url", metavar="URL", help=f"where it is (default ${URL_VARIABLE}, or {DEFAULT_URL})")
+    group.add_argument(
+        "--url", metavar="URL", help=f"where it is (default ${URL_VARIABLE}, or {DEFAULT_URL})"
+    )
     group.add_argument(
         "--token",
         metavar="TOKEN",

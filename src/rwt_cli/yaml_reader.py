@@ -30,8 +30,8 @@ _FLOAT: Final = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?
 _INFINITE: Final = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
 _NAN: Final = frozenset({".nan", ".NaN", ".NAN"})
 _ESCAPES: Final = {
-    "0": "\0", "a": "\a", "b": "\b", "t": "\t", "\t": "\t", "n": "\n", "v": "\v", "f": "\f", "r": "\r", "e": "\x1b",
-    " ": " ", '"': '"', "/": "/", "\\": "\\", "N": "\x85", "_": "\xa0", "L": "\u2028", "P": "\u2029",
+    "0": "\0", "a": "\a", "b": "\b", "t": "\t", "\t": "\t", "n": "\n", "v": "\v", "f": "\f", "r": "\r",
+    "e": "\x1b", " ": " ", '"': '"', "/": "/", "\\": "\\", "N": "\x85", "_": "\xa0", "L": "\u2028", "P": "\u2029",
 }  # fmt: skip
 _HEXADECIMAL: Final = {"x": 2, "u": 4, "U": 8}
 _REFUSED: Final = {
@@ -429,7 +429,17 @@ class _Reader:
             here = self._text[end]
             if here in ",[]{}" or (here == "#" and end > start and self._text[end - 1] in " \t\n"):
                 break
-            if here == ":" and self._text[end + 1 : end + 2] in ("", " ", "\n", "\t", ",", "]", "}", "[", "{"):
+            if here == ":" and self._text[end + 1 : end + 2] in (
+                "",
+                " ",
+                "\n",
+                "\t",
+                ",",
+                "]",
+                "}",
+                "[",
+                "{",
+            ):
                 break
             end += 1
         self._at = end
