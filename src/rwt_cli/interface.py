@@ -262,7 +262,10 @@ def _generate(arguments: Arguments, output: Output) -> None:
 
     if not arguments.name and not _is_live(arguments) and not arguments.interfaces:
         raise CommandError("expected types or packages, --interfaces DIR or --live", CALLED_WRONGLY)
-    words = arguments.name or ([] if _is_live(arguments) else _own_packages(arguments))
+    words = arguments.name
+    if not words and arguments.interfaces:
+        _registry(arguments)  # Says what is wrong with the folders.
+        words = _own_packages(arguments)
     registry, types = _types(arguments, words)
     if _is_live(arguments):
         types = named(registry, [registry.type_name(each) for each in types])

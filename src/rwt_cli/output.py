@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import sys
@@ -90,6 +91,9 @@ class Output:
 def standard_output(*, json: bool) -> Output:
     """The program's own output, as it is: see https://no-color.org for ``NO_COLOR``."""
     stream = sys.stdout
+    if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
+        # A name that the terminal has no letters for is no reason to fail.
+        stream.reconfigure(errors="backslashreplace")
     people = stream.isatty() and not json
     colour = people and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
     return Output(stream, people=people, colour=colour, json=json)

@@ -117,6 +117,8 @@ class _Reader:
         """The node that begins here, in a collection at the column `parent`."""
         if depth > _DEEPEST:
             raise self._error(f"nested more than {_DEEPEST} deep")
+        if self._peek() == "?" and self._text[self._at + 1 : self._at + 2] in ("", " ", "\n"):
+            raise self._error("a key that is no scalar (?) is not read")
         column = self._column()
         if self._is_dash():
             return self._sequence(column, depth)
@@ -216,8 +218,6 @@ class _Reader:
     def _key(self, ends: int) -> str:
         if self._peek() in ("'", '"'):
             return self._quoted()
-        if self._peek() == "?" and self._text[self._at + 1 : self._at + 2] in (" ", "\n"):
-            raise self._error("a key that is no scalar (?) is not read")
         key = self._text[self._at : ends].strip(" \t")
         if not key:
             raise self._error("expected a key before the colon")

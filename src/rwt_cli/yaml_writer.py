@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from typing import Final
 
 from rwt_cli.yaml_reader import YamlValue, scalar
 
+_ESCAPED: Final = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
 _PLAIN: Final = re.compile(r"[A-Za-z0-9_./+(~^$\\<=;-][^\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff]*")
 #: What YAML 1.1 takes for something else than text: numbers with _ or :, dates, <<, =.
 _TEXT_IN_1_2_ONLY: Final = re.compile(
@@ -70,7 +70,16 @@ def text_of(text: str) -> str:
         return text
     if text.isprintable():
         return "'" + text.replace("'", "''") + "'"
-    return json.dumps(text, ensure_ascii=not text.replace("\n", "").isprintable())
+    return f'"{"".join(map(_escaped, text))}"'
+
+
+def _escaped(character: str) -> str:
+    if character in _ESCAPED:
+        return _ESCAPED[character]
+    if character.isprintable():
+        return character
+    code = ord(character)
+    return f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
 
 
 def _is_plain(text: str) -> bool:
