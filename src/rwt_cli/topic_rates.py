@@ -267,7 +267,7 @@ VERBS = (
         "rwt topic hz /odom\nrwt topic hz /odom /scan -n 3",
         'one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,\n'
         '"max_s": 0.051, "std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is\n'
-        'nothing to tell',
+        "nothing to tell",
         partial(_arguments, window=_MANY),
         definitions=True,
         lasting=True,
@@ -279,7 +279,7 @@ VERBS = (
         "rwt topic bw /scan",
         'one line for each topic and report: {"topic": "/scan", "bytes_per_second": 14400.0,\n'
         '"mean_bytes": …, "min_bytes": …, "max_bytes": …, "window": 10}; sizes are\n'
-        'those of the messages on the connection',
+        "those of the messages on the connection",
         partial(_arguments, window=_FEW),
         definitions=True,
         lasting=True,

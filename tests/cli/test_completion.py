@@ -41,7 +41,9 @@ _Case = tuple[tuple[str, ...], list[str]]
         (("nonsense", ""), []),
     ],
 )
-def test_candidates(demo: str, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: list[str]) -> None:
+def test_candidates(
+    demo: str, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: list[str]
+) -> None:
     monkeypatch.setenv("RWT_URL", demo)
     assert candidates(words) == expected
 

@@ -15,7 +15,11 @@ from tests.cli.conftest import demo_server, process
 
 @pytest.mark.parametrize(
     "words",
-    [("topic", "echo", "/odom"), ("topic", "pub", "/cmd_vel", "{}"), ("topic", "hz", "/odom", "--interval", "0.1")],
+    [
+        ("topic", "echo", "/odom"),
+        ("topic", "pub", "/cmd_vel", "{}"),
+        ("topic", "hz", "/odom", "--interval", "0.1"),
+    ],
     ids=lambda words: words[1],
 )
 def test_ctrl_c_is_a_silent_good_end_of_what_goes_on_for_ever(demo: str, words: tuple[str, ...]) -> None:
@@ -83,11 +87,23 @@ def _loaded_by(*words: str, url: str) -> set[str]:
 def test_help_loads_nothing_that_takes_time(demo: str) -> None:
     code = "import sys; sys.argv = ['rwt', '--help']\ntry:\n import rwt_cli; rwt_cli.main()\nexcept SystemExit: pass\n"
     done = subprocess.run(
-        [sys.executable, "-c", f"{code}print('\\n', *sys.modules)"], capture_output=True, text=True, timeout=30
+        [sys.executable, "-c", f"{code}print('\\n', *sys.modules)"],
+        capture_output=True,
+        text=True,
+        timeout=30,
     )
     loaded = set(done.stdout.splitlines()[-1].split())
     assert "rwt_cli" in loaded
-    assert not loaded & {"pydantic", "msgspec", "anyio", "asyncio", "numpy", "PIL", "rwt_client", "rwt_bridge"}
+    assert not loaded & {
+        "pydantic",
+        "msgspec",
+        "anyio",
+        "asyncio",
+        "numpy",
+        "PIL",
+        "rwt_client",
+        "rwt_bridge",
+    }
 
 
 def test_a_verb_loads_no_server_and_no_arrays(demo: str) -> None:
@@ -99,6 +115,18 @@ def test_a_verb_loads_no_server_and_no_arrays(demo: str) -> None:
 
 def test_output_survives_a_terminal_without_unicode(demo: str, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "RWT_URL": demo}
-    command = [sys.executable, "-m", "rwt_cli", "topic", "pub", "--once", "-w", "0", "/a", "std_msgs/String", "data: é"]
+    command = [
+        sys.executable,
+        "-m",
+        "rwt_cli",
+        "topic",
+        "pub",
+        "--once",
+        "-w",
+        "0",
+        "/a",
+        "std_msgs/String",
+        "data: é",
+    ]
     done = subprocess.run(command, capture_output=True, timeout=20, env=environment)
     assert (done.returncode, done.stderr) == (0, b"")

@@ -72,7 +72,9 @@ def tricky(tmp_path: Path) -> Path:
 
 def test_list(rwt: Rwt) -> None:
     said = rwt("interface", "list", "-s", "std_srvs")
-    assert said.out == "Services:\n    std_srvs/srv/Empty\n    std_srvs/srv/SetBool\n    std_srvs/srv/Trigger\n"
+    assert (
+        said.out == "Services:\n    std_srvs/srv/Empty\n    std_srvs/srv/SetBool\n    std_srvs/srv/Trigger\n"
+    )
     assert rwt("interface", "list", "std_srvs", "--json").json["services"][0] == "std_srvs/srv/Empty"
     assert "geometry_msgs/msg/Twist" in rwt("interface", "list", "-m", "--live", "--json").json["messages"]
     assert rwt("interface", "list", "no_msgs").code == 1
@@ -83,8 +85,12 @@ def test_show(rwt: Rwt) -> None:
         "Vector3 linear\n\tfloat64 x\n\tfloat64 y\n\tfloat64 z\n"
         "Vector3 angular\n\tfloat64 x\n\tfloat64 y\n\tfloat64 z\n"
     )
-    assert rwt("interface", "show", "std_srvs/SetBool").out == "bool data\n---\nbool success\nstring message\n"
-    assert rwt("interface", "show", "--live", "nav_msgs/Odometry").out.startswith("std_msgs/Header header\n\t")
+    assert (
+        rwt("interface", "show", "std_srvs/SetBool").out == "bool data\n---\nbool success\nstring message\n"
+    )
+    assert rwt("interface", "show", "--live", "nav_msgs/Odometry").out.startswith(
+        "std_msgs/Header header\n\t"
+    )
     parts = rwt("interface", "show", "std_srvs/srv/SetBool", "--json").json["parts"]
     assert parts["request"] == [{"name": "data", "type": "bool"}]
     ended = rwt("interface", "show", "std_msgs/msg/Strin")
@@ -144,7 +150,14 @@ def _tricky_messages_fit(module: ModuleType, folder: Path) -> None:
     assert (read.octets, read.from_) == (b"\x01\x02", "there")
     assert read.three[1] != read.three[1], "null is NaN"
     Payload.from_json(kind, read.model_dump_json().encode())
-    for wrong in ({"int": 1.5}, {"four": "AQI="}, {"few": [1, 2, 3]}, {"short": "longer"}, {"letter": 256}, {"x": 1}):
+    for wrong in (
+        {"int": 1.5},
+        {"four": "AQI="},
+        {"few": [1, 2, 3]},
+        {"short": "longer"},
+        {"letter": 256},
+        {"x": 1},
+    ):
         with pytest.raises(ValueError, match="validation error"):
             module.All.model_validate(wrong)
 

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.conftest import ROOT
+
 _LIMIT = 25.0
 
 
@@ -22,12 +24,14 @@ class Terminal:
 
     def __init__(self, folder: Path, url: str) -> None:
         self._socket = folder / "tmux"
+        self._lines = 0
         command = folder / "rwt"
         command.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m rwt_cli "$@"\n')
         command.chmod(0o755)
         environment = {
             **{name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "TMUX")},
             "RWT_URL": url,
+            "PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}",
             "PS1": "$ ",
             "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}",
         }
@@ -53,11 +57,14 @@ class Terminal:
 
     def run(self, line: str) -> str:
         """Type a command line and give what it printed, when it has ended with exit code 0."""
-        self._tmux("send-keys", "-l", f"clear; {line}; echo ended with $?")
+        # Numbered, because what the line before printed may still stand there.
+        self._lines += 1
+        mark = f"line {self._lines} ended with"
+        self._tmux("send-keys", "-l", f"clear; {line}; echo {mark} $?")
         self.keys("Enter")
-        found = self.wait_for(r"^ended with (\d+)$")
-        assert found.endswith("ended with 0"), found
-        return found.rpartition("ended with")[0]
+        found = self.wait_for(rf"^{mark} \d+$")
+        assert found.endswith(f"{mark} 0"), found
+        return found.rpartition(mark)[0]
 
     def wait_for(self, pattern: str) -> str:
         """The screen up to where a pattern is; waits for it."""
@@ -82,7 +89,7 @@ def terminal(tmp_path: Path, demo: str) -> Iterator[Terminal]:
 
 def _x(terminal: Terminal) -> float:
     said = terminal.run("rwt topic echo --once /odom --field pose.pose.position.x")
-    return float(re.findall(r"^-?[0-9.e-]+$", said, re.MULTILINE)[-1])
+    return float(re.findall(r"^-?[0-9][0-9.e-]*$", said, re.MULTILINE)[-1])
 
 
 @pytest.mark.timeout(120)
@@ -101,7 +108,8 @@ def test_the_robot_is_driven_from_a_terminal(terminal: Terminal) -> None:
     said = terminal.run("rwt service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 40, b: 2}'")
     assert "AddTwoInts_Response(sum=42)" in said
 
-    goal = "{pose: {header: {frame_id: map}, pose: {position: {x: 0.5}, orientation: {w: 1.0}}}}"
+    terminal.run("rwt service call /reset std_srvs/srv/Empty")
+    goal = "{pose: {header: {frame_id: map}, pose: {position: {x: 0.3}, orientation: {w: 1.0}}}}"
     said = terminal.run(
         f"rwt action send_goal -f /navigate_to_pose nav2_msgs/action/NavigateToPose '{goal}' | tail -n 40"
     )

@@ -91,7 +91,9 @@ def test_echo_one_field(rwt: Rwt) -> None:
     assert rwt("topic", "echo", "odom", "--once", "--field", "header.frame_id").out == "odom\n---\n"
     assert rwt("topic", "echo", "odom", "--once", "--field", "pose.covariance[0]", "--json").json >= 0
     assert rwt("topic", "echo", "odom", "--once", "--field", "header.stamp.sec", "--json").json > 0
-    assert isinstance(rwt("topic", "echo", "/tf", "--once", "--field", "transforms[0].header.frame_id").out, str)
+    assert isinstance(
+        rwt("topic", "echo", "/tf", "--once", "--field", "transforms[0].header.frame_id").out, str
+    )
 
 
 @pytest.mark.parametrize(
@@ -164,7 +166,9 @@ def test_pub_so_many_times(rwt: Rwt) -> None:
 def test_pub_stamps_headers(rwt: Rwt) -> None:
     ended = rwt("topic", "pub", "-w", "0", "--once", "/h", "std_msgs/msg/Header", "stamp: now", "--json")
     assert ended.records[0]["message"]["stamp"]["sec"] > 1_000_000_000
-    ended = rwt("topic", "pub", "-w", "0", "--once", "/p", "geometry_msgs/PoseStamped", "header: auto", "--json")
+    ended = rwt(
+        "topic", "pub", "-w", "0", "--once", "/p", "geometry_msgs/PoseStamped", "header: auto", "--json"
+    )
     assert ended.records[0]["message"]["header"]["stamp"]["sec"] > 1_000_000_000
 
 
@@ -186,7 +190,11 @@ def test_pub_that_nobody_hears(rwt: Rwt) -> None:
     [
         (("/cmd_vel", "{liner: {x: 1}}"), 2, 'has no field "liner"; it has linear, angular'),
         (("/cmd_vel", "{linear: {x: fast}}"), 2, 'linear.x: expected float64, got "fast"'),
-        (("/cmd_vel", "{linear: {x: 1}"), 2, "the message: line 1, column 1: what begins here has no closing }"),
+        (
+            ("/cmd_vel", "{linear: {x: 1}"),
+            2,
+            "the message: line 1, column 1: what begins here has no closing }",
+        ),
         (("/cmd_vel", _TWIST, "3"), 2, "expected fields"),
         (("/cmd_vel", _TWIST, "{linear:", "1}"), 2, "the message goes in quotes"),
         (("/new", "std_msgs/msg/Strin", "{}"), 1, "did you mean std_msgs/String?"),
@@ -358,7 +366,11 @@ def test_param_dump_and_load(rwt: Rwt, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "code", "expected"),
     [
-        ("/demo_robot:\n  ros__parameters:\n    max_speed: fast\n", 1, "1 of 1 parameters of /demo_robot were not set"),
+        (
+            "/demo_robot:\n  ros__parameters:\n    max_speed: fast\n",
+            1,
+            "1 of 1 parameters of /demo_robot were not set",
+        ),
         ("/other:\n  ros__parameters:\n    a: 1\n", 2, "has nothing for /demo_robot; it has ['/other']"),
         ("/demo_robot:\n  a: 1\n", 2, "expected `ros__parameters:` below `/demo_robot:`"),
         ("[1]", 2, "expected `/demo_robot:`"),

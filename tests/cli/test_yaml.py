@@ -123,8 +123,12 @@ _SCALARS = (
     | st.integers(-(2**64), 2**64)
     | st.floats(allow_nan=False)
     | st.text(st.characters(codec="utf-8", exclude_characters="\ufeff"), max_size=20)
-    | st.sampled_from(["yes", "no", "null", "~", "1", "1e3", "0x1", "- a", "a: b", "a #b", " a ", "#", "-", "--- a"])
-    | st.sampled_from(["2020-01-01", "12:30", "1_000", "=", "<<", ".inf", "y", "a\nb", "'", '"', "{", "\x1b[31m"])
+    | st.sampled_from(
+        ["yes", "no", "null", "~", "1", "1e3", "0x1", "- a", "a: b", "a #b", " a ", "#", "-", "--- a"]
+    )
+    | st.sampled_from(
+        ["2020-01-01", "12:30", "1_000", "=", "<<", ".inf", "y", "a\nb", "'", '"', "{", "\x1b[31m"]
+    )
 )
 _KEYS = st.text(st.characters(codec="utf-8", exclude_characters="\ufeff"), min_size=1, max_size=10)
 _VALUES = st.recursive(
@@ -151,7 +155,9 @@ def test_what_is_written_is_yaml_to_an_independent_reader(value: YamlValue) -> N
 @given(
     st.dictionaries(
         st.from_regex(r"[a-z][a-z_/.]{0,9}", fullmatch=True).filter(lambda key: key not in ("y", "n")),
-        st.integers() | st.text(st.characters(min_codepoint=32, max_codepoint=126, exclude_characters=":?"), max_size=60) | st.lists(st.integers()),
+        st.integers()
+        | st.text(st.characters(min_codepoint=32, max_codepoint=126, exclude_characters=":?"), max_size=60)
+        | st.lists(st.integers()),
     ),
     st.booleans(),
 )
@@ -170,7 +176,12 @@ def test_nan_is_written_and_read() -> None:
 
 
 def test_as_the_ros2_tool_prints() -> None:
-    value: YamlValue = {"header": {"frame_id": "odom", "stamp": {}}, "y": 0.0, "list": [1, {"a": 1, "b": []}], "s": ""}
+    value: YamlValue = {
+        "header": {"frame_id": "odom", "stamp": {}},
+        "y": 0.0,
+        "list": [1, {"a": 1, "b": []}],
+        "s": "",
+    }
     assert list(yaml_writer.block(value)) == [
         "header:",
         "  frame_id: odom",
