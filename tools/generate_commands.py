@@ -3,6 +3,8 @@
 Run it after a change of a verb: ``python tools/generate_commands.py``. A test compares.
 """
 
+# ruff: noqa: E501 - a row of a Markdown table is one line
+
 from __future__ import annotations
 
 import argparse

@@ -119,37 +119,51 @@ def _unquoted(word: str) -> str:
 
 def candidates(words: Sequence[str]) -> list[str]:
     """What the last word may become, given those before it."""
-    from rwt_cli import parser_for
-
     *before, typed = words
-    parser: argparse.ArgumentParser = parser_for(before[0] if before else None)
-    positionals: list[argparse.Action] = []
-    filled = 0
-    expecting: argparse.Action | None = None
-    given: dict[str, str] = {}
-    for word in before:
-        if expecting is not None:
-            given[expecting.dest], expecting = word, None
-            continue
-        if word.startswith("-") and len(word) > 1:
-            expecting = _option_with_value(parser, word, given)
-            continue
-        inner = _subcommand(parser, word)
-        if inner is not None:
-            parser, filled = inner, 0
-        else:
-            filled += 1
-    if expecting is not None:
-        return _starting(typed, _values(expecting, given))
+    place = _Place(before)
+    if place.expecting is not None:
+        return _starting(typed, _values(place.expecting, place.given))
     if typed.startswith("-"):
-        return _starting(typed, _options(parser))
-    positionals = parser._get_positional_actions()
-    if not positionals:
-        return []
-    action = positionals[min(filled, len(positionals) - 1)]
-    if filled >= len(positionals) and action.nargs not in ("*", "+"):
-        return []
-    return _starting(typed, _values(action, given))
+        return _starting(typed, _options(place.parser))
+    action = place.positional()
+    return [] if action is None else _starting(typed, _values(action, place.given))
+
+
+class _Place:
+    """Where in the command line somebody is after some words.
+
+    Attributes:
+        parser: of the command that was typed.
+        expecting: the option whose value comes next; None for none.
+        given: the options that have a value.
+    """
+
+    def __init__(self, words: Sequence[str]) -> None:
+        from rwt_cli import parser_for
+
+        self.parser: argparse.ArgumentParser = parser_for(words[0] if words else None)
+        self.expecting: argparse.Action | None = None
+        self.given: dict[str, str] = {}
+        self._filled = 0
+        for word in words:
+            self._pass(word)
+
+    def _pass(self, word: str) -> None:
+        if self.expecting is not None:
+            self.given[self.expecting.dest], self.expecting = word, None
+        elif word.startswith("-") and len(word) > 1:
+            self.expecting = _option_with_value(self.parser, word, self.given)
+        elif (inner := _subcommand(self.parser, word)) is not None:
+            self.parser, self._filled = inner, 0
+        else:
+            self._filled += 1
+
+    def positional(self) -> argparse.Action | None:
+        """The argument that comes next; None if there is no more."""
+        known = self.parser._get_positional_actions()
+        if self._filled < len(known):
+            return known[self._filled]
+        return known[-1] if known and known[-1].nargs in ("*", "+") else None
 
 
 def _option_with_value(

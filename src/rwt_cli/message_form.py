@@ -16,8 +16,6 @@ from rwt_cli.errors import CALLED_WRONGLY, CommandError, did_you_mean
 from rwt_interfaces import shapes
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rwt_cli.yaml_reader import YamlValue
     from rwt_interfaces.shapes import Shape
     from rwt_interfaces.structs import MessageType
@@ -45,20 +43,13 @@ class Form:
 def plain(message_type: MessageType, message: Any, form: Form = Form()) -> dict[str, YamlValue]:
     """A message as plain values, fields in the definition's order."""
     return {
-        slot.name: _value(slot.shape, getattr(message, slot.attribute), form) for slot in _slots(message_type)
+        slot.name: plain_value(slot.shape, getattr(message, slot.attribute), form)
+        for slot in message_type.slots
     }
 
 
 def plain_value(shape: Shape, value: Any, form: Form) -> YamlValue:
     """What a field holds as plain values."""
-    return _value(shape, value, form)
-
-
-def _slots(message_type: MessageType) -> Sequence[shapes.Slot]:
-    return message_type.slots
-
-
-def _value(shape: Shape, value: Any, form: Form) -> YamlValue:
     match shape:
         case shapes.Message(type=nested) if nested.time is None:
             return plain(nested, value, form)
@@ -86,16 +77,12 @@ def _time(shape: shapes.Time | None, value: Any) -> YamlValue:
 
 def _items(shape: shapes.Array, items: list[Any], element: shapes.Scalar, form: Form) -> YamlValue:
     if not form.arrays:
-        return _only_length(shape.length is not None, _element_name(element), len(items))
+        return _only_length(shape.length is not None, str(element), len(items))
     cut = form.longest is not None and len(items) > form.longest
     told: list[YamlValue] = [
-        _value(element, item, form) for item in (items[: form.longest] if cut else items)
+        plain_value(element, item, form) for item in (items[: form.longest] if cut else items)
     ]
     return [*told, "..."] if cut else told
-
-
-def _element_name(element: shapes.Scalar) -> str:
-    return str(element)
 
 
 def _octets(shape: shapes.Octets, octets: Any, form: Form) -> YamlValue:

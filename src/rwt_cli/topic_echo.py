@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_cli import yaml_writer
@@ -58,12 +59,8 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
     message_type = await robot.types.message(kind)
     tell = _teller(message_type, arguments, output)
     async with robot.topic(name, kind, **options) as messages:
-        for _ in _numbers(arguments.times):
+        for _ in repeat(None) if arguments.times is None else repeat(None, arguments.times):
             tell(await messages.get(arguments.timeout))
-
-
-def _numbers(times: int | None) -> Any:
-    return iter(int, 1) if times is None else range(times)
 
 
 def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:

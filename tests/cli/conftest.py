@@ -42,9 +42,9 @@ Rwt = Callable[..., Ended]
 
 
 @contextmanager
-def demo_server(*options: str) -> Iterator[str]:
+def demo_server(*options: str, url: str = "ws://127.0.0.1:0") -> Iterator[str]:
     """The demo robot in another process, by its URL."""
-    command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", "ws://127.0.0.1:0", *options]
+    command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", url, *options]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("RWT_")}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:

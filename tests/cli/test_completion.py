@@ -90,7 +90,11 @@ def test_bash(demo: str, tmp_path: Path) -> None:
     script = """
         source <(rwt completion bash)
         complete -p rwt
-        try() { COMP_LINE="$1"; COMP_POINT=${#COMP_LINE}; COMPREPLY=(); _rwt_complete; echo "${COMPREPLY[@]}"; }
+        try() {
+            COMP_LINE="$1"; COMP_POINT=${#COMP_LINE}; COMPREPLY=()
+            _rwt_complete
+            echo "${COMPREPLY[@]}"
+        }
         try "rwt topic ec"
         try "rwt topic echo /od"
         try "rwt topic echo --url $RWT_URL /sc"

@@ -85,7 +85,10 @@ def _loaded_by(*words: str, url: str) -> set[str]:
 
 
 def test_help_loads_nothing_that_takes_time(demo: str) -> None:
-    code = "import sys; sys.argv = ['rwt', '--help']\ntry:\n import rwt_cli; rwt_cli.main()\nexcept SystemExit: pass\n"
+    code = (
+        "import sys\nimport rwt_cli\nsys.argv = ['rwt', '--help']\n"
+        "try:\n rwt_cli.main()\nexcept SystemExit:\n pass\n"
+    )
     done = subprocess.run(
         [sys.executable, "-c", f"{code}print('\\n', *sys.modules)"],
         capture_output=True,
@@ -130,3 +133,16 @@ def test_output_survives_a_terminal_without_unicode(demo: str, tmp_path: Path) -
     ]
     done = subprocess.run(command, capture_output=True, timeout=20, env=environment)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_what_goes_on_for_ever_waits_for_a_lost_robot() -> None:
+    with demo_server() as url:
+        running = process("topic", "echo", "/odom", "--csv", url=url)
+        assert running.stdout is not None and running.stderr is not None
+        assert running.stdout.readline()
+    assert "connecting again" in running.stderr.readline()
+    with demo_server(url=url):
+        assert "connected again" in running.stderr.readline()
+        running.send_signal(signal.SIGINT)
+        running.communicate(timeout=20)
+    assert running.returncode == 0

@@ -174,7 +174,8 @@ def test_generated_typescript_satisfies_tsc(rwt: Rwt, tricky: Path, tmp_path: Pa
         'import { Twist, MessageTypes } from "./live";\nimport { All, Ask_Request } from "./own";\n'
         'const twist: MessageTypes["geometry_msgs/msg/Twist"] = '
         "{ linear: { x: 1, y: 0, z: 0 }, angular: { x: 0, y: 0, z: 0 } };\n"
-        "const same: Twist = twist;\nconst ask: Ask_Request = { question: String(same.linear.x + All.SMALL) };\n"
+        "const same: Twist = twist;\n"
+        "const ask: Ask_Request = { question: String(same.linear.x + All.SMALL) };\n"
         "// @ts-expect-error: a number is asked for\nsame.linear.x = ask.question;\n"
     )
     command = ["node", str(compiler), "--strict", "--noEmit", "--target", "es2022", str(user)]
