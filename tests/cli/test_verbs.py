@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from rwt_cli import COMMANDS, parser_for
+from rwt_cli import COMMANDS, main, parser_for
 from rwt_cli.live_names import rooted
+from rwt_cli.output import Output
 from rwt_cli.yaml_reader import read_yaml
 from tests.cli.conftest import Rwt, demo_server
 
@@ -497,3 +498,17 @@ def test_every_command_and_verb_has_help_with_an_example(rwt: Rwt) -> None:
 
 def test_names_may_lack_their_slash() -> None:
     assert (rooted("odom"), rooted("/odom")) == ("/odom", "/odom")
+
+
+def test_what_a_robot_is_called_is_no_command_to_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    stream = io.StringIO()
+    people = Output(stream, people=True, colour=True, json=False)
+    people.columns([("/a\x1b[2J", "b")], ("name", None))
+    people.line(people.styled("/c\x07", "name"))
+    assert stream.getvalue() == "\x1b[36m/a\ufffd[2J\x1b[0m  b\n\x1b[36m/c\ufffd\x1b[0m\n"
+    plain = Output(stream, people=False, colour=False, json=False)
+    assert plain.styled("/a", "name") == "/a"
+    assert main(["topic", "echo", "/a", "--url", "no\x1b[2J\nurl"]) == 2
+    errors = capsys.readouterr().err
+    assert "\x1b" not in errors
+    assert len(errors.splitlines()) == 1
