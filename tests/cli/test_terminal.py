@@ -109,7 +109,7 @@ def test_the_robot_is_driven_from_a_terminal(terminal: Terminal) -> None:
     assert "AddTwoInts_Response(sum=42)" in said
 
     terminal.run("rwt service call /reset std_srvs/srv/Empty")
-    goal = "{pose: {header: {frame_id: map}, pose: {position: {x: 0.3}, orientation: {w: 1.0}}}}"
+    goal = "{pose: {header: {frame_id: map}, pose: {position: {x: -3.0, y: -2.5}, orientation: {w: 1.0}}}}"
     said = terminal.run(
         f"rwt action send_goal -f /navigate_to_pose nav2_msgs/action/NavigateToPose '{goal}' | tail -n 40"
     )
