@@ -122,6 +122,7 @@ class Subscription:
     Attributes:
         name: the topic.
         received: messages that have arrived.
+        received_bytes: their size as they came over the connection, in bytes.
         dropped: messages that were dropped because nobody took them in time.
         misfits: messages that did not fit the type; each is logged.
     """
@@ -136,6 +137,7 @@ class Subscription:
     ) -> None:
         self.name = name
         self.received = 0
+        self.received_bytes = 0
         self.dropped = 0
         self.misfits = 0
         self._hub = hub
@@ -233,6 +235,7 @@ class Subscription:
     def take(self, arrived: Arrived, size: int) -> None:
         """One message has arrived."""
         self.received += 1
+        self.received_bytes += size
         if self._direct:
             message = self._read(arrived)
             if message is not None:
