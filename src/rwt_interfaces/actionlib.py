@@ -77,6 +77,7 @@ def feedback_message(action: ActionDefinition) -> MessageDefinition:
 def action_service(action: ActionDefinition, which: str) -> ServiceDefinition:
     """The service ``X_SendGoal`` or ``X_GetResult`` of action ``X``."""
     name = f"{action.name}{which}"
+    request: tuple[Field, ...]
     if which == "_SendGoal":
         request = (Field("goal_id", _UUID), Field("goal", FieldType(action.goal.name)))
         stamp = Field("stamp", FieldType("builtin_interfaces/Time"))
