@@ -6,7 +6,6 @@ Imported only where a bag is read: it needs rosbags, of the extra ``mcap``.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,18 +38,24 @@ class BagRecording(Recording):
     def __init__(self, path: Path) -> None:
         self.paths = (path,)
         self._is_ros1 = path.suffix == ".bag" and not path.is_dir()
+        self.distro = NOETIC if self._is_ros1 else JAZZY
         try:
-            self._reader = Reader1(path) if self._is_ros1 else Reader2(path)
-            self._reader.open()
+            with self._opened() as reader:
+                self._describe(reader)
         except _FAILURES as error:
             hint = "" if self._is_ros1 else "; a folder of rosbag2 has a file metadata.yaml"
             raise RecordingUnreadable(f"{path} is not a bag that can be read: {error}{hint}") from None
-        self.distro = NOETIC if self._is_ros1 else JAZZY
-        self.topics = merged_topics([self._topic(connection) for connection in self._reader.connections])
-        filled = self._reader.message_count > 0
-        self.start_ns = self._reader.start_time if filled else 0
+
+    def _opened(self) -> Reader1 | Reader2:
+        """A reader of its own for each who reads: sqlite3 wants to be used by the thread that opened it."""
+        return Reader1(self.paths[0]) if self._is_ros1 else Reader2(self.paths[0])
+
+    def _describe(self, reader: Reader1 | Reader2) -> None:
+        self.topics = merged_topics([self._topic(connection) for connection in reader.connections])
+        filled = reader.message_count > 0
+        self.start_ns = reader.start_time if filled else 0
         # The library's end is the moment after the last message.
-        self.end_ns = self._reader.end_time - 1 if filled else 0
+        self.end_ns = reader.end_time - 1 if filled else 0
 
     def _topic(self, connection: Connection) -> RecordedTopic:
         definition = connection.msgdef
@@ -68,16 +73,15 @@ class BagRecording(Recording):
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
         """The messages of `topics` from `start_ns` to before `end_ns`, by log time, which is the only one."""
-        chosen = [each for each in self._reader.connections if topics is None or each.topic in topics]
-        if not chosen:
-            return
-        for connection, stamp, data in self._reader.messages(chosen, start_ns, end_ns):
-            yield RecordedMessage(connection.topic, connection.msgtype, stamp, stamp, bytes(data))
+        with self._opened() as reader:
+            chosen = [each for each in reader.connections if topics is None or each.topic in topics]
+            if not chosen:
+                return
+            for connection, stamp, data in reader.messages(chosen, start_ns, end_ns):
+                yield RecordedMessage(connection.topic, connection.msgtype, stamp, stamp, bytes(data))
 
     def close(self) -> None:
-        """Close the bag. May be called twice."""
-        with suppress(*_FAILURES):  # The library's second close.
-            self._reader.close()
+        """Nothing is open between readings."""
 
 
 def _offered(connection: Connection) -> tuple[QoS, ...]:

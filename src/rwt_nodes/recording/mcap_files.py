@@ -22,7 +22,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
-from rwt_nodes.recording.channels import DEFINITION, ChannelForm
+from rwt_nodes.recording.channels import DEFINITION, ChannelForm, Encoding
 from rwt_nodes.recording.errors import RecordingUnreadable
 from rwt_nodes.recording.offered import offered_of
 from rwt_nodes.recording.recording import (
@@ -299,7 +299,9 @@ def recover(path: Path, to: Path, *, overwrite: bool = False) -> McapRecording:
         RecordingNotWritten: `to` is there already, or cannot be written.
     """
     with McapRecording(path) as recording:
-        writer = RecordingWriter(to, recording.distro, overwrite=overwrite)
+        channels = recording.index.channels.values()
+        encoding: Encoding = "json" if any(each.message_encoding == "json" for each in channels) else "ros"
+        writer = RecordingWriter(to, recording.distro, encoding, overwrite=overwrite)
         with writer, _opened(path) as file:
             _copy(recording, file, writer)
     return recording

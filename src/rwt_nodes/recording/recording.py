@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 from msgspec import Struct
 
@@ -59,7 +59,7 @@ class RecordedMessage(Struct, frozen=True, gc=False):
 
 
 class Recording(ABC):
-    """An open recording; may be read from one thread at a time.
+    """An open recording. Any number of readings may be under way at once, each in one thread.
 
     Attributes:
         paths: its files.
@@ -89,7 +89,7 @@ class Recording(ABC):
     def close(self) -> None:
         """Close the files."""
 
-    def __enter__(self) -> Recording:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exc: object) -> None:
