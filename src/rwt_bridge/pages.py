@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
@@ -39,19 +40,30 @@ roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
 """
 
 
-def routes(bridge: Bridge) -> Routes:
-    """The routes that every bridge has."""
+MaySubscribe = Callable[[str], bool]
+"""Whether whoever asks for a page may subscribe to a topic, by its absolute name."""
+
+Page = Callable[[HttpRequest, MaySubscribe], HttpResponse | Awaitable[HttpResponse]]
+"""What a node serves over HTTP: it is asked only for those who may come in."""
+
+
+def routes(bridge: Bridge, pages: Mapping[str, Page]) -> Routes:
+    """The routes that every bridge has, and the pages of nodes by their paths (see :class:`Routes`)."""
     routes = Routes()
+    for path, page in pages.items():
+        routes.get(path, readable(bridge, partial(_of_node, page)))
     routes.get("/", readable(bridge, lambda request, role: _index(bridge, request, role)))
     routes.get("/healthz", lambda request: _health(bridge))
     routes.get("/metrics", readable(bridge, lambda request, role: _metrics(bridge, role)))
     return routes
 
 
-def readable(bridge: Bridge, page: Callable[[HttpRequest, Role], HttpResponse]) -> Handler:
+def readable(
+    bridge: Bridge, page: Callable[[HttpRequest, Role], HttpResponse | Awaitable[HttpResponse]]
+) -> Handler:
     """A page that tells something of the robot: only for those who may come in, and by what they may see."""
 
-    def handler(request: HttpRequest) -> HttpResponse:
+    def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         target = f"{request.path}?{request.query}"
         try:
             role = bridge.admission.role_of(PeerInfo("http", request.address, 0, target, request.headers))
@@ -62,6 +74,10 @@ def readable(bridge: Bridge, page: Callable[[HttpRequest, Role], HttpResponse]) 
         return page(request, role)
 
     return handler
+
+
+def _of_node(page: Page, request: HttpRequest, role: Role) -> HttpResponse | Awaitable[HttpResponse]:
+    return page(request, role.may_subscribe)
 
 
 def _index(bridge: Bridge, request: HttpRequest, role: Role) -> HttpResponse:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import anyio
@@ -21,6 +22,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
 if TYPE_CHECKING:
+    from rwt_bridge.pages import Page
     from rwt_graph.api import Graph
     from rwt_protocol.frames import Accept
     from rwt_transports.api import Listener
@@ -57,7 +59,12 @@ class Server:
 
 
 @asynccontextmanager
-async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> AsyncIterator[Server]:
+async def serve(
+    graph: Graph,
+    *urls: str,
+    settings: Settings | None = None,
+    pages: Mapping[str, Page] = MappingProxyType({}),
+) -> AsyncIterator[Server]:
     """Serve `graph` on every URL until the block is left; then each client is closed with code 1001.
 
     Args:
@@ -66,6 +73,8 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
             schemes are those of :data:`rwt_transports.urls.SCHEMES`; ``wss`` and ``tcps`` need `tls.certfile`
             and `tls.keyfile` in the settings.
         settings: everything else.
+        pages: further pages on the WebSocket's port, by path; nodes that serve HTTP have an attribute of this
+            name.
 
     Raises:
         TransportError: a URL that cannot be used, or a port that is taken.
@@ -84,7 +93,7 @@ async def serve(graph: Graph, *urls: str, settings: Settings | None = None) -> A
                 listen(
                     url,
                     _accept_at(url, bridge),
-                    routes=routes(bridge),
+                    routes=routes(bridge, pages),
                     limits=limits,
                     tls=tls,
                     bson=settings.bson_only_mode,

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, SecretStr, model_validator
 
@@ -18,6 +18,7 @@ CountOrNone = Annotated[int, Field(ge=0)]
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 SecondsOrNone = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Globs = tuple[str, ...]
+NodeName = Literal["rosapi"]
 
 
 class SettingsError(ValueError):
@@ -252,6 +253,10 @@ class Settings(Table):
         tuple[Path, ...], Field(description="folders of `.msg`, `.srv` and `.action` files")
     ] = ()
     demo: Annotated[bool, Field(description="whether the demo robot takes part")] = False
+    nodes: Annotated[
+        tuple[NodeName, ...],
+        Field(description="ready-made nodes that take part; `[]` for none"),
+    ] = get_args(NodeName)
     profile: Annotated[
         Literal["compat", "ros1", "ros2-2024", "2.0.0"],
         Field(description="protocol text to follow; `compat` takes what any client sends"),

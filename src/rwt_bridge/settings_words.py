@@ -91,10 +91,15 @@ def expected(field: FieldInfo) -> str:
     if _model_in(field) is not None:
         return "a table"
     if get_origin(kind) is tuple:
-        return f"a list of {_PLURALS[get_args(kind)[0]]}"
+        item = get_args(kind)[0]
+        return f"a list of {_choices(item) if get_origin(item) is Literal else _PLURALS[item]}"
     if get_origin(kind) is Literal:
-        return " or ".join(f'"{choice}"' for choice in get_args(kind))
+        return _choices(kind)
     return _KINDS[kind] + "".join(_bound(item) for item in field.metadata)
+
+
+def _choices(kind: object) -> str:
+    return " or ".join(f'"{choice}"' for choice in get_args(kind))
 
 
 def fault(error: ValidationError) -> tuple[Key, str]:

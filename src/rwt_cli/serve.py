@@ -17,11 +17,11 @@ from rwt_bridge.settings_sources import DEFAULT
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_cli.logs import FORMATS, log_to_stderr
+from rwt_cli.nodes import start_nodes
 from rwt_graph.memory import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
-from rwt_nodes.rosapi import Rosapi
 from rwt_transports.dial import check_dial_url
 from rwt_transports.errors import TransportError
 
@@ -136,10 +136,10 @@ async def _serve(settings: Settings) -> None:
     graph = MemoryGraph(registry=_registry(settings))
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
-            nodes.enter_context(Rosapi(graph))
+            pages = start_nodes(graph, settings.nodes, nodes)
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
-            async with serve(graph, *settings.listen, settings=settings) as server:
+            async with serve(graph, *settings.listen, settings=settings, pages=pages) as server:
                 _announce(server, demo=settings.demo)
                 await _signal_or_end(signals, server)
 

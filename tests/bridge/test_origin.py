@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 
 import anyio
@@ -18,6 +18,7 @@ from rwt_bridge import Bridge, Settings, serve
 from rwt_bridge.origins import Origins, is_loopback_listener
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import Refused
+from rwt_transports.http import HttpRequest, HttpResponse
 from tests.bridge.recording_client import Client
 
 TOKEN = "a-token-of-some-length"
@@ -272,6 +273,27 @@ async def test_the_counters_are_for_those_who_may_see_every_topic() -> None:
         assert refused.startswith("HTTP/1.1 403 ")
         assert "roles.guest.subscribe" in refused
         assert (await _get(host, f"/metrics?token={TOKEN}-2")).startswith("HTTP/1.1 200 ")
+
+
+@pytest.mark.anyio
+async def test_a_nodes_page_is_for_those_who_may_come_in_and_knows_what_they_may_hear() -> None:
+    settings = Settings.model_validate(
+        {
+            "auth": {"tokens": {"mine": {"token": TOKEN, "role": "guest"}}},
+            "roles": {"guest": {"subscribe": ["/open"]}},
+        }
+    )
+
+    async def page(request: HttpRequest, may_subscribe: Callable[[str], bool]) -> HttpResponse:
+        heard = [topic for topic in ("/open", "/shut") if may_subscribe(topic)]
+        return HttpResponse(" ".join(heard).encode())
+
+    graph = MemoryGraph()
+    pages = {"/stream": page}
+    async with graph, serve(graph, "ws://127.0.0.1:0", settings=settings, pages=pages) as server:
+        host = server.urls[0].removeprefix("ws://")
+        assert (await _get(host, "/stream")).startswith("HTTP/1.1 401 ")
+        assert (await _get(host, f"/stream?token={TOKEN}")).endswith("\r\n\r\n/open")
 
 
 async def _get(host: str, target: str) -> str:
