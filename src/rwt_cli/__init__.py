@@ -10,6 +10,9 @@ from rwt_cli.config import add_config_command
 from rwt_cli.conformance import add_conformance_command
 from rwt_cli.errors import CommandError
 from rwt_cli.hub import add_hub_command
+from rwt_cli.play import add_play_command
+from rwt_cli.record import add_record_command
+from rwt_cli.recording import add_recording_command
 from rwt_cli.serve import add_serve_command
 
 __all__ = ["main"]
@@ -23,6 +26,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     add_serve_command(commands)
     add_hub_command(commands)
+    add_record_command(commands)
+    add_play_command(commands)
+    add_recording_command(commands)
     add_conformance_command(commands)
     add_config_command(commands)
     arguments = parser.parse_args(argv)

@@ -14,6 +14,7 @@ from rwt_nodes.playback.answers import RecordedServices
 from rwt_nodes.playback.clock import PlaybackClock
 from rwt_nodes.playback.clock_topic import ClockTopic
 from rwt_nodes.playback.publications import Publications
+from rwt_nodes.playback.rates import checked_rate
 from rwt_nodes.playback.read_ahead import ReadAhead
 from rwt_nodes.playback.services import PlayerServices
 from rwt_nodes.recording.definitions import learn
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
     from rwt_nodes.recording.recording import RecordedMessage, Recording
 
 NODE: Final = "/rosbag2_player"
-
-SLOWEST: Final = 0.001
-FASTEST: Final = 1000.0
 
 _BATCH: Final = 200
 """Messages that are published in one turn of the event loop when many are due."""
@@ -85,7 +83,7 @@ class Player:
         self._clock = graph.clock
         self._recording = recording
         self._options = options = options or PlayOptions()
-        self._rate = _checked_rate(options.rate)
+        self._rate = checked_rate(options.rate)
         self._begin, self._end = _bounds(recording, options)
         self.played = 0
         self.finished = anyio.Event()
@@ -181,7 +179,7 @@ class Player:
         Raises:
             ValueError: not a number from 0.001 to 1000.
         """
-        checked = _checked_rate(rate)
+        checked = checked_rate(rate)
         self._place(self.position_ns)
         self._rate = checked
         self._arm()
@@ -319,12 +317,6 @@ class Player:
             self._publish(message)
 
 
-def _checked_rate(rate: float) -> float:
-    if not SLOWEST <= rate <= FASTEST:
-        raise ValueError(f"a rate is from {SLOWEST} to {FASTEST:g}, not {rate}")
-    return rate
-
-
 def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
     """From when to when is played."""
     length = (recording.end_ns - recording.start_ns) / NANOSECONDS
@@ -340,4 +332,4 @@ def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
     return begin, min(recording.end_ns, recording.start_ns + round(options.end * NANOSECONDS))
 
 
-__all__ = ["FASTEST", "NODE", "SLOWEST", "PlayOptions", "Player"]
+__all__ = ["NODE", "PlayOptions", "Player"]

@@ -109,4 +109,16 @@ def _duration(seconds: float | None) -> str:
 #: What is noted of a topic whose messages are kept for late joiners, where nothing more is known.
 KEPT: Final = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
 
-__all__ = ["DEFINITION", "ENCODINGS", "KEPT", "ChannelForm", "Encoding", "channel_form", "qos_text"]
+#: The same of `/tf_static`, on which every publisher's last message counts.
+KEPT_TRANSFORMS: Final = QoS(depth=100, durability=Durability.TRANSIENT_LOCAL)
+
+__all__ = [
+    "DEFINITION",
+    "ENCODINGS",
+    "KEPT",
+    "KEPT_TRANSFORMS",
+    "ChannelForm",
+    "Encoding",
+    "channel_form",
+    "qos_text",
+]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -16,7 +15,6 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph, Sample, Subscription
     from rwt_graph.clock import Timer
     from rwt_interfaces.payload import Payload
-    from rwt_nodes.recording.errors import RecordingNotWritten
     from rwt_nodes.recording.writer import RecordedChannel
 
 LOOK_SECONDS: Final = 0.2
@@ -51,7 +49,6 @@ class Recorder:
         path: the file.
         selection: which topics; everything by default.
         name: the node's absolute name.
-        on_failure: called once when nothing more can be written; from another thread.
 
     Attributes:
         writer: what was written so far.
@@ -69,7 +66,6 @@ class Recorder:
         options: RecordingOptions = RecordingOptions(),
         *,
         name: str = "/recorder",
-        on_failure: Callable[[RecordingNotWritten], None] | None = None,
     ) -> None:
         self._graph = graph
         self._selection = selection
@@ -81,8 +77,8 @@ class Recorder:
             compression=options.compression,
             split=options.split,
             overwrite=options.overwrite,
-            on_failure=on_failure,
         )
+        self._name = name
         self._participant = graph.participant(name)
         self._began_at = graph.clock.time_ns()
         self._topics: dict[str, _RecordedTopic] = {}
@@ -92,12 +88,20 @@ class Recorder:
     def _look(self) -> None:
         """Record the topics that are new."""
         for topic in self._graph.topics():
-            if topic.name not in self._topics and self._selection.takes(topic.name):
-                recorded = self._topics[topic.name] = _RecordedTopic(self, topic.name)
+            if not self._selection.takes(topic.name):
+                continue
+            recorded = self._topics.get(topic.name) or _RecordedTopic(self)
+            self._topics[topic.name] = recorded
+            alone = not topic.publishers and all(each.node == self._name for each in topic.subscribers)
+            if recorded.subscription is None:
                 # Without a type: the recorder holds none for a topic that others use.
                 recorded.subscription = self._participant.subscribe(
                     topic.name, recorded.receive, None, BEST_AVAILABLE
                 )
+            elif alone:
+                # The topic lives on if somebody comes back, and does not because of the recorder.
+                recorded.subscription.close()
+                recorded.subscription = None
         self._timer = self._graph.clock.call_later(LOOK_SECONDS, self._look)
 
     def record(self, channel: RecordedChannel, sample: Sample) -> None:
@@ -144,11 +148,10 @@ class Recorder:
 class _RecordedTopic:
     """One topic: a channel for each type that it has had."""
 
-    __slots__ = ("_channels", "_recorder", "_topic", "subscription")
+    __slots__ = ("_channels", "_recorder", "subscription")
 
-    def __init__(self, recorder: Recorder, topic: str) -> None:
+    def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
-        self._topic = topic
         self._channels: dict[str, RecordedChannel] = {}
         self.subscription: Subscription | None = None
 

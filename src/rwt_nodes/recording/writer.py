@@ -13,7 +13,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, Literal, cast
@@ -81,7 +81,6 @@ class RecordingWriter:
         distro: whose messages these are.
         encoding: of the channels, as the file's own note says it.
         overwrite: whether a file that is there may be replaced.
-        on_failure: called once from the writing thread when nothing more can be written.
 
     Attributes:
         channels: what is recorded so far.
@@ -102,13 +101,11 @@ class RecordingWriter:
         compression: Compression = "zstd",
         split: Split | None = None,
         overwrite: bool = False,
-        on_failure: Callable[[RecordingNotWritten], None] | None = None,
     ) -> None:
         require("mcap")
         self.channels: list[RecordedChannel] = []
         self.dropped = 0
         self.failure: RecordingNotWritten | None = None
-        self._on_failure = on_failure
         self._queue: deque[_Item] = deque()
         self._taken = 0
         self._closing = threading.Event()
@@ -208,8 +205,6 @@ class RecordingWriter:
             " played, and `rwt recording recover` makes a complete file of it"
         )
         logger.error("%s", self.failure)
-        if self._on_failure is not None:
-            self._on_failure(self.failure)
 
 
 class _Files:
