@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncGenerator, Iterator
 from contextlib import contextmanager
 from typing import Final, Literal
 
@@ -19,7 +19,7 @@ _KEYS: Final[dict[bytes, Key]] = {
 }  # fmt: skip
 
 
-async def keys() -> AsyncIterator[Key]:
+async def keys() -> AsyncGenerator[Key, None]:
     """Keys as they are pressed. Without a terminal, or in the background, none ever are."""
     if not sys.stdin.isatty() or not hasattr(os, "tcgetpgrp"):
         return

@@ -222,7 +222,8 @@ def _announce(urls: tuple[str, ...], recording: Recording) -> None:
     print(f"playing {count} messages of {length:.1f} s", file=sys.stderr)
     if not recording.complete:
         print(
-            "the recording was not ended properly: it is played as far as it goes (see rwt recording recover)",
+            "the recording was not ended properly: it is played as far as it goes"
+            " (see rwt recording recover)",
             file=sys.stderr,
         )
 

@@ -150,11 +150,9 @@ def parse_split(text: str) -> Split:
 def _run(arguments: argparse.Namespace) -> int:
     from rwt_client import ClientError  # the client is loaded where it is used
 
-    logging.basicConfig(
-        format="%(levelname)s %(message)s",
-        level=logging.DEBUG if arguments.verbose else logging.WARNING,
-        stream=sys.stderr,
-    )
+    logging.basicConfig(format="%(levelname)s %(message)s", level=logging.WARNING, stream=sys.stderr)
+    if arguments.verbose:
+        logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
     path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
     order = _Order(
         arguments.url,

@@ -1,8 +1,8 @@
 """Answers service calls as they were answered when the recording was made.
 
 What was asked and answered is in the topics of ROS 2's service introspection, `/NAME/_service_event`. A
-request equal to a recorded one gets the recorded response; one that was asked several times gets its responses
-in order, and then the last again. Any other request fails, saying so.
+request equal to a recorded one gets the recorded response; one that was asked several times gets its
+responses in order, and then the last again. Any other request fails, saying so.
 """
 
 from __future__ import annotations
