@@ -83,10 +83,14 @@ class Recorder:
         self._began_at = graph.clock.time_ns()
         self._topics: dict[str, _RecordedTopic] = {}
         self._timer: Timer | None = None
-        self._look()
+        self._tick()
 
-    def _look(self) -> None:
-        """Record the topics that are new."""
+    def _tick(self) -> None:
+        self.look()
+        self._timer = self._graph.clock.call_later(LOOK_SECONDS, self._tick)
+
+    def look(self) -> None:
+        """Record the topics that are new; done by itself every 0.2 s. To be called on the graph's thread."""
         for topic in self._graph.topics():
             if not self._selection.takes(topic.name):
                 continue
@@ -102,7 +106,6 @@ class Recorder:
                 # The topic lives on if somebody comes back, and does not because of the recorder.
                 recorded.subscription.close()
                 recorded.subscription = None
-        self._timer = self._graph.clock.call_later(LOOK_SECONDS, self._look)
 
     def record(self, channel: RecordedChannel, sample: Sample) -> None:
         """Write one sample."""
