@@ -309,7 +309,9 @@ class Player:
         kept = self.publications.kept()
         if not kept or time_ns <= self._recording.start_ns:
             return
-        newest = {topic: deque[RecordedMessage](maxlen=depth) for topic, depth in kept.items()}
+        newest: dict[str, deque[RecordedMessage]] = {
+            topic: deque(maxlen=depth) for topic, depth in kept.items()
+        }
         for message in self._recording.messages(kept, self._recording.start_ns, time_ns):
             newest[message.topic].append(message)
         earlier = [message for messages in newest.values() for message in messages]

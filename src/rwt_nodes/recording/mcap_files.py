@@ -37,6 +37,8 @@ from rwt_nodes.recording.writer import METADATA, RecordedChannel, RecordingWrite
 MAGIC: Final = b"\x89MCAP0\r\n"
 
 _ENCODINGS: Final[dict[str, MessageEncoding]] = {"cdr": "cdr", "ros1": "ros1", "json": "json"}
+_Found = tuple[records.Schema | None, records.Channel, records.Message]
+
 _HEAD: Final = struct.Struct("<BQ")
 _MOST_WAITING: Final = 64 * 1024 * 1024
 _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
@@ -56,11 +58,13 @@ class Salvage:
         summary: the index that the file should have had.
         damaged: chunks that could not be read.
         lost_bytes: bytes at the end that belong to no whole record.
+        is_loose: whether messages stand in the file itself rather than in chunks.
     """
 
     summary: Summary
     damaged: int
     lost_bytes: int
+    is_loose: bool
 
 
 class McapRecording(Recording):
@@ -115,7 +119,7 @@ class McapRecording(Recording):
 
     def _distro(self) -> Distro:
         """What the file's own note says, or else its profile and its channels."""
-        for record in walk(self._file, self._path):
+        for _, record in walk(self._file, self._path):
             if isinstance(record, records.Metadata) and record.name == METADATA:
                 note = record.metadata
                 return DISTROS.get(note.get("distro", "")) or _by_version(note.get("ros_version") == "1")
@@ -129,13 +133,34 @@ class McapRecording(Recording):
     ) -> Iterator[RecordedMessage]:
         """The messages of `topics` from `start_ns` to before `end_ns`, by log time."""
         with _opened(self._path) as file:
-            found = _reader(file, self.index).iter_messages(
-                None if topics is None else list(topics), starting_at=start_ns, ending_before=end_ns
-            )
-            for schema, channel, message in found:
+            for schema, channel, message in self.records(file, topics, start_ns, end_ns):
                 name = "" if schema is None else schema.name
                 published = message.publish_time or message.log_time
                 yield RecordedMessage(channel.topic, name, message.log_time, published, message.data)
+
+    def records(
+        self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
+    ) -> Iterator[_Found]:
+        """The messages as the file has them, with their channels."""
+        if self.salvage is not None and self.salvage.is_loose:
+            return iter(self._loose(file, topics, start_ns, end_ns))
+        if not self.index.chunk_indexes:
+            return iter(())
+        chosen = None if topics is None else list(topics)
+        return _reader(file, self.index).iter_messages(chosen, starting_at=start_ns, ending_before=end_ns)
+
+    def _loose(
+        self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
+    ) -> list[_Found]:
+        """The messages of a file without chunks, which nothing but memory can sort."""
+        found: list[_Found] = []
+        for _, message in walk(file, self._path):
+            if isinstance(message, records.Message) and message.channel_id in self.index.channels:
+                channel = self.index.channels[message.channel_id]
+                in_time = start_ns <= message.log_time and (end_ns is None or message.log_time < end_ns)
+                if in_time and (topics is None or channel.topic in topics):
+                    found.append((self.index.schemas.get(channel.schema_id), channel, message))
+        return sorted(found, key=lambda each: each[2].log_time)
 
     def close(self) -> None:
         """Close the file."""
@@ -188,10 +213,10 @@ def _topic(channel: records.Channel, schema: records.Schema | None, count: int) 
 # -- files without an index ----------------------------------------------------------------------------------
 
 
-def walk(file: IO[bytes], path: Path) -> Iterator[records.McapRecord]:
+def walk(file: IO[bytes], path: Path) -> Iterator[tuple[int, records.McapRecord | None]]:
     """The records of a file up to its index or to the last one that is whole, chunks unopened.
 
-    After each, the file stands at its end.
+    With each comes the place where it ends. Records of kinds that are of no use here are None.
 
     Raises:
         RecordingUnreadable: a record's content is not what its head says.
@@ -205,8 +230,11 @@ def walk(file: IO[bytes], path: Path) -> Iterator[records.McapRecord]:
         end = begin + _HEAD.size + length
         if end > size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
             return
-        if opcode in _KINDS or opcode == Opcode.MESSAGE:
-            yield _record(opcode, file.read(length), f"{path}: damaged at byte {begin}")
+        is_wanted = opcode in _KINDS or opcode == Opcode.MESSAGE
+        yield (
+            end,
+            _record(opcode, file.read(length), f"{path}: damaged at byte {begin}") if is_wanted else None,
+        )
 
 
 def _record(opcode: int, content: bytes, complaint: str) -> records.McapRecord:
@@ -224,16 +252,15 @@ def salvage(file: IO[bytes], path: Path) -> Salvage:
     """Make the index of a file by reading all of it.
 
     Raises:
-        RecordingUnreadable: what it holds was not written in chunks, or is no MCAP at all.
+        RecordingUnreadable: it is damaged before its first chunk ends.
     """
-    summary, counts = Summary(), dict[int, int]()
+    summary, counts, loose = Summary(), dict[int, int](), list[int]()
     damaged, whole = 0, len(MAGIC)
-    for record in walk(file, path):
-        whole = file.tell()
+    for whole, record in walk(file, path):
+        if record is None:
+            continue
         if isinstance(record, records.Message):
-            raise RecordingUnreadable(
-                f"{path}: its messages are not in chunks, and it has no index: the `mcap` tool can rewrite it"
-            )
+            loose.append(record.log_time)
         if not isinstance(record, records.Chunk):
             _note(summary, [record], counts)
             continue
@@ -245,8 +272,10 @@ def salvage(file: IO[bytes], path: Path) -> Salvage:
             continue
         _note(summary, inner, counts)
         summary.chunk_indexes.append(_chunk_index(record, whole))
-    summary.statistics = _statistics(summary, counts)
-    return Salvage(summary, damaged, file.seek(0, SEEK_END) - whole)
+    times = [chunk.message_start_time for chunk in summary.chunk_indexes] + loose
+    times += [chunk.message_end_time for chunk in summary.chunk_indexes]
+    summary.statistics = _statistics(summary, counts, times)
+    return Salvage(summary, damaged, file.seek(0, SEEK_END) - whole, bool(loose))
 
 
 def _note(summary: Summary, found: list[records.McapRecord], counts: dict[int, int]) -> None:
@@ -276,16 +305,15 @@ def _chunk_index(chunk: records.Chunk, end: int) -> records.ChunkIndex:
     )
 
 
-def _statistics(summary: Summary, counts: dict[int, int]) -> records.Statistics:
-    chunks = summary.chunk_indexes
+def _statistics(summary: Summary, counts: dict[int, int], times: list[int]) -> records.Statistics:
     return records.Statistics(
         attachment_count=0,
         channel_count=len(summary.channels),
         channel_message_counts=counts,
-        chunk_count=len(chunks),
+        chunk_count=len(summary.chunk_indexes),
         message_count=sum(counts.values()),
-        message_end_time=max((chunk.message_end_time for chunk in chunks), default=0),
-        message_start_time=min((chunk.message_start_time for chunk in chunks), default=0),
+        message_end_time=max(times, default=0),
+        message_start_time=min(times, default=0),
         metadata_count=0,
         schema_count=len(summary.schemas),
     )
@@ -309,7 +337,7 @@ def recover(path: Path, to: Path, *, overwrite: bool = False) -> McapRecording:
 
 def _copy(recording: McapRecording, file: IO[bytes], writer: RecordingWriter) -> None:
     channels: dict[int, RecordedChannel] = {}
-    for schema, channel, message in _reader(file, recording.index).iter_messages():
+    for schema, channel, message in recording.records(file, None, 0, None):
         recorded = channels.get(channel.id)
         if recorded is None:
             kind = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)

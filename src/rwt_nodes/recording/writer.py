@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, Literal, cast
@@ -110,7 +111,10 @@ class RecordingWriter:
         self._taken = 0
         self._closing = threading.Event()
         note = {"distro": distro.name, "ros_version": str(distro.ros_version), "encoding": encoding}
-        self._files = _Files(path, f"ros{distro.ros_version}", note, compression, split, overwrite)
+        try:
+            self._files = _Files(path, f"ros{distro.ros_version}", note, compression, split, overwrite)
+        except OSError as error:
+            raise RecordingNotWritten(f"{path}: cannot be written: {_reason(error)}") from None
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
 
@@ -199,12 +203,15 @@ class RecordingWriter:
     def _fail(self, error: OSError) -> None:
         self._files.abandon()
         self._queue.clear()
-        why = "the disk is full" if error.errno in (errno.ENOSPC, errno.EDQUOT) else str(error.strerror)
         self.failure = RecordingNotWritten(
-            f"{self._files.paths[-1]}: cannot be written any more: {why}; what was written until then can be"
+            f"{self._files.paths[-1]}: cannot be written any more: {_reason(error)}; what was written until then can be"
             " played, and `rwt recording recover` makes a complete file of it"
         )
         logger.error("%s", self.failure)
+
+
+def _reason(error: OSError) -> str:
+    return "the disk is full" if error.errno in (errno.ENOSPC, errno.EDQUOT) else str(error.strerror)
 
 
 class _Files:
@@ -259,6 +266,7 @@ class _Files:
         # The library writes any buffer.
         content = cast("bytes", data)
         self._writer.add_message(channel_id, log_time, content, publish_time, sequence)
+        self._disk.keep()  # If it ended a chunk, that is written whole now.
         self.written += len(data)
         self._dirty = True
 
@@ -344,8 +352,9 @@ class _Disk:
         self._whole = self.size
 
     def cut(self) -> None:
-        """Remove what came after the last :meth:`keep`."""
-        os.ftruncate(self._file, self._whole)
+        """Remove what came after the last :meth:`keep`; where that cannot be, readers leave it out."""
+        with suppress(OSError):
+            os.ftruncate(self._file, self._whole)
 
     def close(self) -> None:
         """Close the file."""

@@ -46,7 +46,14 @@ def rows(path: Path) -> list[Row]:
     with path.open("rb") as file:
         found = make_reader(file).iter_messages()
         return [
-            (channel.topic, schema.name if schema else "", each.log_time, each.publish_time, each.sequence, each.data)
+            (
+                channel.topic,
+                schema.name if schema else "",
+                each.log_time,
+                each.publish_time,
+                each.sequence,
+                each.data,
+            )
             for schema, channel, each in found
         ]
 
