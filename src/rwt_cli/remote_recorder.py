@@ -8,11 +8,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
-from rwt_client import ClientError, ConnectionLost, TypeUnavailable
+from rwt_client import CallFailed, ClientError, ConnectionLost, NoAnswer, TypeUnavailable
 from rwt_client.raw import RawMessage
 from rwt_interfaces import InterfaceError, Payload, PayloadError
 from rwt_nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
-from rwt_nodes.recording.selection import TopicSelection
+from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -29,6 +29,13 @@ EARLIER_NS: Final = 1_500_000_000
 the first second of every publisher, which says nothing."""
 
 _KNOWN_KEPT: Final = ("/tf_static", "/robot_description")
+_ACTION_TOPICS: Final = (
+    "feedback", "status", f"send_goal{SERVICE_EVENTS}", f"get_result{SERVICE_EVENTS}",
+)  # fmt: skip
+
+HIDDEN_LOOKS: Final = 5
+"""Topics that lists leave out are asked for with every so many looks."""
+
 _REMEMBERED: Final = 100
 
 
@@ -60,6 +67,7 @@ class RemoteRecorder:
         self._latched = latched
         self._topics: dict[str, _RemoteTopic] = {}
         self._refused: dict[str, str] = {}
+        self._looks = 0
 
     @property
     def topics(self) -> int:
@@ -78,6 +86,30 @@ class RemoteRecorder:
             for topic in await self.robot.api.topics():
                 if topic.type and self._selection.takes(topic.name):
                     await self._take(topic.name, topic.type, asked_ns)
+            if self._looks % HIDDEN_LOOKS == 0:
+                await self._look_for_hidden(asked_ns)
+            self._looks += 1
+
+    async def _look_for_hidden(self, asked_ns: int) -> None:
+        """Ask for topics that tell of calls and goals, each by its name: lists leave them out (API-02)."""
+        for name in await self._hidden_names():
+            if name not in self._topics and self._selection.takes(name):
+                with suppress(CallFailed, NoAnswer):
+                    type_name = await self.robot.api.topic_type(name)
+                    if type_name:
+                        await self._take(name, type_name, asked_ns)
+
+    async def _hidden_names(self) -> list[str]:
+        """How those topics would be called."""
+        names: list[str] = []
+        if self._selection.services:
+            services = await self.robot.api.services()
+            names += [f"{name}{SERVICE_EVENTS}" for name in services if not name.startswith("/rosapi/")]
+        if self._selection.actions and self.robot.types.ros_version == 2:
+            with suppress(CallFailed, NoAnswer):  # Servers that do not know of actions.
+                actions = await self.robot.api.action_servers()
+                names += [f"{name}{ACTION_PARTS}{part}" for name in actions for part in _ACTION_TOPICS]
+        return names
 
     async def _take(self, name: str, type_name: str, asked_ns: int) -> None:
         known = self._topics.get(name)

@@ -46,6 +46,9 @@ class RawSubscription:
     A connection that is lost and comes back is only a gap. A topic that is subscribed to in this way cannot
     be subscribed to otherwise by the same client: a server sends a topic to a client in one encoding.
 
+    Args:
+        binary: whether the transport can carry CBOR (TCP-05).
+
     Attributes:
         name: the topic.
         type: its type.
@@ -55,7 +58,14 @@ class RawSubscription:
     """
 
     def __init__(
-        self, line: Line, types: LiveTypes, name: str, message_type: MessageType, callback: RawCallback
+        self,
+        line: Line,
+        types: LiveTypes,
+        name: str,
+        message_type: MessageType,
+        callback: RawCallback,
+        *,
+        binary: bool,
     ) -> None:
         self.name = name
         self.type = message_type
@@ -65,7 +75,7 @@ class RawSubscription:
         self._line = line
         self._callback = callback
         self._id = line.next_id("subscribe", name)
-        self._compression: Literal["cbor-raw", "none"] = "cbor-raw"
+        self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if binary else "none"
         self._wire_type = types.wire_name(message_type.name)
         self._reader = types.reader(message_type)
         is_ros1 = message_type.registry.distro.ros_version == 1

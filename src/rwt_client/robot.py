@@ -173,7 +173,8 @@ class Robot:
             TypeUnavailable: the topic's type is not known.
         """
         message_type = await self.types.message(type_name or await self.types.of_topic(name))
-        subscription = RawSubscription(self._line, self.types, name, message_type, callback)
+        binary = self._hub.cbor_offered
+        subscription = RawSubscription(self._line, self.types, name, message_type, callback, binary=binary)
         subscription.start()
         return subscription
 

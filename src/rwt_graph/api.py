@@ -259,7 +259,7 @@ class CallObserver(ABC):
 
     @abstractmethod
     def on_call(self, service: ServiceInfo, request: Payload, on_reply: OnReply) -> OnReply:
-        """A service is called; what is returned is told the answer in place of `on_reply`, and passes it on."""
+        """A service is called; what is returned is told the answer for `on_reply`, and passes it on."""
 
     @abstractmethod
     def on_goal(self, action: ActionInfo, goal_id: str, goal: Payload, events: GoalEvents) -> GoalEvents:

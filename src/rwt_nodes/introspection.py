@@ -2,8 +2,8 @@
 
 A service `/add` of type `pkg/srv/X` is told of on `/add/_service_event` (`pkg/srv/X_Event`): each request as
 it is received and each response as it is sent. ROS 2 knows no failed call, so of one that fails only the
-request is told. An action `/go` is told of on `/go/_action/feedback` and `/go/_action/status`, and in the events of
-`/go/_action/send_goal` and `/go/_action/get_result`.
+request is told. An action `/go` is told of on `/go/_action/feedback` and `/go/_action/status`, and in the
+events of `/go/_action/send_goal` and `/go/_action/get_result`.
 """
 
 from __future__ import annotations

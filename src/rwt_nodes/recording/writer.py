@@ -204,8 +204,8 @@ class RecordingWriter:
         self._files.abandon()
         self._queue.clear()
         self.failure = RecordingNotWritten(
-            f"{self._files.paths[-1]}: cannot be written any more: {_reason(error)}; what was written until then can be"
-            " played, and `rwt recording recover` makes a complete file of it"
+            f"{self._files.paths[-1]}: cannot be written any more: {_reason(error)}; what was written until"
+            " then can be played, and `rwt recording recover` makes a complete file of it"
         )
         logger.error("%s", self.failure)
 
