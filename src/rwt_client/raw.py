@@ -72,6 +72,7 @@ class RawSubscription:
         self.received = 0
         self.misfits = 0
         self.error: ClientError | None = None
+        self._closed = False
         self._line = line
         self._callback = callback
         self._id = line.next_id("subscribe", name)
@@ -85,11 +86,16 @@ class RawSubscription:
         """Subscribe. Raises ConnectionLost when there will be no connection any more."""
         self._line.add(self._id, self)
         self._line.listen(self.name, self)
+        self._line.raw_topics += 1
         if self._line.connected:
             self.restore()
 
     def close(self) -> None:
-        """Unsubscribe."""
+        """Unsubscribe. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self._line.raw_topics -= 1
         self._line.remove(self._id)
         self._line.listen(self.name, None)
         self._line.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
