@@ -9,7 +9,7 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -151,6 +151,8 @@ def _run(arguments: argparse.Namespace) -> int:
     from rwt_client import ClientError  # the client is loaded where it is used
 
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.WARNING, stream=sys.stderr)
+    # What ends the command is said once, by the command.
+    logging.getLogger("rwt_nodes.recording.writer").setLevel(logging.CRITICAL)
     if arguments.verbose:
         logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
     path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
@@ -181,21 +183,11 @@ async def _record(order: _Order) -> None:
 
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
         async with connect(order.url, reconnect=Backoff() if order.reconnect else None) as robot:
-            over = anyio.Event()
-            robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
-            async with anyio.create_task_group() as tasks:
-
-                async def until_signal() -> None:
-                    async for _ in signals:
-                        over.set()
-
-                tasks.start_soon(until_signal)
-                await _record_robot(robot, order, over)
-                tasks.cancel_scope.cancel()
+            await _record_robot(robot, order, signals)
 
 
-async def _record_robot(robot: Robot, order: _Order, over: anyio.Event) -> None:
-    """Record until `over` is set, or the time is."""
+async def _record_robot(robot: Robot, order: _Order, signals: AsyncIterator[signal.Signals]) -> None:
+    """Record until there is a signal, the connection is over, or the time is."""
     from rwt_cli.remote_recorder import RemoteRecorder
 
     if not robot.types.ros_version:
@@ -215,8 +207,20 @@ async def _record_robot(robot: Robot, order: _Order, over: anyio.Event) -> None:
     try:
         await recorder.look()
         print(f"recording {order.url} to {writer.paths[0]}", file=sys.stderr, flush=True)
-        with anyio.move_on_after(order.seconds):
-            await _keep_looking(recorder, over)
+        over = anyio.Event()
+        robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
+        if not robot.connected and not order.reconnect:
+            over.set()
+        async with anyio.create_task_group() as tasks:
+
+            async def until_signal() -> None:
+                async for _ in signals:
+                    over.set()
+
+            tasks.start_soon(until_signal)
+            with anyio.move_on_after(order.seconds):
+                await _keep_looking(recorder, over)
+            tasks.cancel_scope.cancel()
     finally:
         recorder.close()
         with anyio.CancelScope(shield=True):
@@ -246,16 +250,15 @@ async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
 
 def _finish(writer: RecordingWriter, verbose: bool) -> None:
     """End the file, and say what is in it."""
-    try:
-        writer.close()
-    finally:
-        files = ", ".join(map(str, writer.paths))
-        size = writer.bytes_on_disk / 1e6
-        print(f"\r{writer.messages} messages in {files}, {size:.1f} MB", file=sys.stderr)
-        if writer.dropped:
-            print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
-        for channel in writer.channels if verbose else ():
-            print(f"  {channel.messages:8}  {channel.form.topic}", file=sys.stderr)
+    writer.close()
+    files = ", ".join(map(str, writer.paths))
+    size = writer.bytes_on_disk / 1e6
+    begin = "\r" if sys.stderr.isatty() else ""
+    print(f"{begin}{writer.messages} messages in {files}, {size:.1f} MB", file=sys.stderr)
+    if writer.dropped:
+        print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
+    for channel in writer.channels if verbose else ():
+        print(f"  {channel.messages:8}  {channel.form.topic}", file=sys.stderr)
 
 
 class Progress:

@@ -173,6 +173,35 @@ def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(tmp
     assert topics.count("/add_two_ints/_service_event") == 2
 
 
+def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
+    path, there = tmp_path / "run.mcap", tmp_path / "there.mcap"
+    there.touch()
+    with running("serve", "ws://127.0.0.1:0", "--demo", ready="listening on ") as (_, url):
+        # The shell's limit on a file's size stands for a full disk: the kernel refuses to write.
+        limited = f"ulimit -f 40; exec {sys.executable} -m rwt_cli record {url} --compression none -o {path}"
+        full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=25)
+        again = [sys.executable, "-m", "rwt_cli", "record", url, "-o", str(there)]
+        refused = subprocess.run(again, capture_output=True, text=True, timeout=25)
+    assert full.returncode == 1
+    assert (
+        "cannot be written any more: File too large; what was written until then can be played" in full.stderr
+    )
+    assert len([line for line in full.stderr.splitlines() if "cannot be written" in line]) == 1
+    with open_recording([path]) as recording:
+        assert not recording.complete
+    assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
+    assert "there.mcap is there already" in refused.stderr
+
+
+def test_a_robot_without_rosapi_cannot_be_recorded(tmp_path: Path) -> None:
+    with running("serve", "ws://127.0.0.1:0", "--set", "nodes=[]", ready="listening on ") as (_, url):
+        command = [sys.executable, "-m", "rwt_cli", "record", url, "-o", str(tmp_path / "run.mcap")]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=25)
+    assert done.returncode == 1
+    assert "does not answer rosapi's questions" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(b"")
