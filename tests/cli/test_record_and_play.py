@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import signal
 import subprocess
 import sys
@@ -19,12 +20,24 @@ from rwt_cli import main
 from rwt_cli.play import parse_remap, press
 from rwt_cli.record import parse_split
 from rwt_client.blocking import connect
-from rwt_nodes.recording import open_recording
+from rwt_interfaces import JAZZY
+from rwt_nodes.recording import RecordingWriter, open_recording
 from rwt_nodes.recording.mcap_files import McapRecording
 
 OWN = ("--exclude", "/rosout", "/parameter_events", "/client_count", "/connected_clients")
 # Every distribution with every encoding is compared without a network in tests/nodes/recording.
 FORMS = [("jazzy", "ros"), ("noetic", "json")]
+
+
+@pytest.fixture(autouse=True)
+def logging_as_before() -> Iterator[None]:
+    """Commands that run in this process set up logging for themselves."""
+    root, own = logging.getLogger(), logging.getLogger("rwt_nodes.recording.writer")
+    handlers, levels = root.handlers[:], (root.level, own.level)
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(levels[0])
+    own.setLevel(levels[1])
 
 
 @contextmanager
@@ -205,12 +218,17 @@ def test_a_robot_without_rosapi_cannot_be_recorded(tmp_path: Path) -> None:
 def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(b"")
+    good = tmp_path / "good.mcap"
+    RecordingWriter(good, JAZZY).close()
     for arguments, code, text in (
         (("play",), 2, None),
         (("play", "ws://127.0.0.1:0"), 2, "expected a recording to play"),
         (("play", str(path)), 1, "is not a recording"),
         (("play", str(tmp_path / "gone.mcap")), 1, "there is no such file"),
         (("record", "ws://127.0.0.1:1", "-o", str(tmp_path / "new.mcap")), 1, "rwt: "),
+        (("play", str(good), "ws://127.0.0.1:0", "--start", "9"), 2, "cannot be played from 9.0 s"),
+        (("play", str(good), "ws://127.0.0.1:0", "--speed", "0"), 2, "at a rate from 0.001 to 1000"),
+        (("play", str(good), "tcp://256.0.0.1:1"), 1, "rwt: "),
         (("recording", "info", str(path)), 1, "is not a recording"),
         (("serve", "ws://127.0.0.1:0", "--record", str(path)), 1, "run.mcap is there already"),
         (("serve", "ws://127.0.0.1:0", "--introspection", "--distro", "noetic"), 2, "is of ROS 2"),
