@@ -38,7 +38,7 @@ class PlayOptions:
     Attributes:
         rate: recorded seconds in a second.
         start, end: seconds from the recording's beginning; `end` None is its end.
-        loop: whether it begins again at its end.
+        loop: whether it begins again at its end; one that is over at once does not.
         paused: whether it waits to be resumed.
         selection: which topics.
         remap: names to publish under, by recorded name.
@@ -273,9 +273,12 @@ class Player:
         """Publish the next message; gives whether there is another."""
         message = self._next
         assert message is not None and self._ahead is not None  # Looked at by who calls this.
-        following = self._next = self._ahead.next()
+        self._next = self._ahead.next()
         self._publish(message)
-        return following is not None
+        return self._has_next()
+
+    def _has_next(self) -> bool:
+        return self._next is not None
 
     def _publish(self, message: RecordedMessage) -> None:
         clock = self._clock
@@ -289,7 +292,7 @@ class Player:
             self.played += self.publications.publish(message)
 
     def _end_reached(self) -> None:
-        if self._options.loop:
+        if self._options.loop and self._begin < self._end:
             self._jump(self._begin)
             return
         self._place(self._end)

@@ -152,6 +152,23 @@ def test_loop(path: Path) -> None:
         assert not heard.player.finished.is_set()
 
 
+def test_a_moment_does_not_loop(path: Path) -> None:
+    with playing(path, PlayOptions(loop=True, start=1.0, end=1.0)) as heard:
+        heard.clock.advance(1.0)
+        assert heard.counts() == [1]
+        assert heard.player.finished.is_set()
+
+
+def test_a_subscriber_may_control_the_player(path: Path) -> None:
+    with playing(path, PlayOptions(paused=True)) as heard:
+        back = [START]
+        heard.node.subscribe(
+            "/count", lambda message: message.data == 4 and back and heard.player.seek(back.pop())
+        )
+        assert heard.player.burst(0) == 14
+        assert heard.counts() == [0, 1, 2, 3, 4, 0, 1, 2, 3, 4]
+
+
 def test_selection_and_remap(path: Path) -> None:
     options = PlayOptions(selection=TopicSelection(("/co*",)), remap={"count": "renamed"})
     with playing(path, options) as heard:
