@@ -5,12 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import re
-import subprocess
-import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,8 +18,10 @@ from conformance.rules import load_rules
 from conformance.runner import Run, select
 from conformance.target import find_target
 from tests.conformance.fault_list import FAULTS
+from tests.conformance.loopback import Transport, served
 from tests.conformance.memory_server import memory_server
 from tests.conformance.mutants import hunt_all, table
+from tests.conformance.transports import PIPES, server
 
 
 @pytest.fixture(autouse=True)
@@ -47,25 +45,27 @@ def test_every_case_in_memory(distro: str) -> None:
     assert not run.stale
 
 
+async def _over(transport: Transport, distro: str, folder: Path) -> Run:
+    target = find_target(f"rwt-{distro}")
+    async with memory_server(distro) as server, served(server.accept, transport, folder) as (url, dial):
+        return await server.play(select(load_cases(), target), target, url, dial)
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("transport", ["ws", "tcp", "unix", "stdio"])
+@pytest.mark.parametrize("distro", ["jazzy", "noetic"])
+def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_path: Path) -> None:
+    run = asyncio.run(_over(transport, distro, tmp_path))
+    assert len(run.results) > 500
+    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
+    assert not run.stale
+
+
 def test_the_suite_finds_every_fault() -> None:
     names = [fault.name for fault in FAULTS]
     assert len(set(names)) == len(names) >= 60
     hunts = asyncio.run(hunt_all())
     assert not [one.fault.name for one in hunts if not one.found], table(hunts)
-
-
-@contextmanager
-def _server(*arguments: str, scheme: str = "ws") -> Iterator[str]:
-    command = [sys.executable, "-m", "rwt_cli", "serve", f"{scheme}://127.0.0.1:0", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    try:
-        assert process.stdout is not None
-        match = re.search(r"\w+://\S+", process.stdout.readline())
-        assert match is not None
-        yield match[0]
-    finally:
-        process.kill()
-        process.communicate()
 
 
 @pytest.mark.parametrize("distro", ["jazzy", "noetic"])
@@ -76,7 +76,7 @@ def test_over_websockets_with_every_report(
     options = [part for kind, path in files.items() for part in (f"--{kind}", str(path))]
     long = ["throttle/*", "unadvertise/gone*", "advertise/*", "malformed/object-over*"]
     skips = [part for glob in long for part in ("--skip", glob)]
-    with _server("--distro", distro) as url:
+    with server("ws://127.0.0.1:0", "--distro", distro) as url:
         code = main([url, "--target", f"rwt-{distro}", *options, *skips])
     said = capsys.readouterr()
     assert code == 0, said.err
@@ -99,16 +99,14 @@ def _globs(*names: str) -> list[str]:
 
 
 def test_over_tcp(capsys: pytest.CaptureFixture[str]) -> None:
-    with _server(scheme="tcp") as url:
+    with server("tcp://127.0.0.1:0") as url:
         code = main([url, "--target", "rwt-jazzy", *_globs("tcp/*", "fragments/*", "services/*", "json/*")])
     assert code == 0, capsys.readouterr().err
 
 
 def test_over_the_pipes_of_a_program(capsys: pytest.CaptureFixture[str]) -> None:
-    url = f"stdio:{sys.executable} -m rwt_cli serve stdio:"
-    code = main(
-        [url, "--target", "rwt-jazzy", *_globs("publish/subset", "services/unknown", "envelope/*-op")]
-    )
+    globs = _globs("publish/subset", "services/unknown", "providers/request", "providers/result-*")
+    code = main([PIPES, "--target", "rwt-jazzy", "--jobs", "2", *globs])
     assert code == 0, capsys.readouterr().err
 
 
@@ -117,7 +115,7 @@ def test_with_rosauth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     secret.write_text("abcdefghijklmnop\n")
     secret.chmod(0o600)
     settings = (f"auth.rosauth_secret_file={secret}", "auth.rosauth_role=admin")
-    with _server(*(part for setting in settings for part in ("--set", setting))) as url:
+    with server("ws://127.0.0.1:0", *(part for setting in settings for part in ("--set", setting))) as url:
         code = main([url, "--target", "rwt-auth", *_globs("auth/*", "services/*")])
     assert code == 0, capsys.readouterr().err
 
@@ -127,7 +125,7 @@ def test_with_globs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     guarded = ("publish", "subscribe", "call", "provide", "goals")
     rules = "\n".join(f'{name} = ["/c*"]' for name in guarded)
     config.write_text(f'[auth]\ndefault_role = "c"\n[roles.c]\n{rules}\n')
-    with _server("--config", str(config)) as url:
+    with server("ws://127.0.0.1:0", "--config", str(config)) as url:
         code = main([url, "--target", "rwt-globs", *_globs("globs/*", "publish/*")])
     assert code == 0, capsys.readouterr().err
 
