@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import signal
 import subprocess
 import sys
@@ -254,7 +255,7 @@ def test_split_and_remap_are_read() -> None:
             parse_remap(text)
 
 
-def test_keys_control_a_player_in_a_terminal(tmp_path: Path) -> None:
+def test_keys_control_a_player() -> None:
     class Player:
         rate = 1.0
         done = ""
@@ -273,3 +274,37 @@ def test_keys_control_a_player_in_a_terminal(tmp_path: Path) -> None:
     for key in ("space", "right", "up", "down", "down"):
         press(player, key)
     assert (player.done, round(player.rate, 3)) == ("pause next ", 0.909)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a terminal of Unix")
+def test_space_in_a_terminal_goes_on_until_the_end(tmp_path: Path) -> None:
+    import pty
+
+    path = tmp_path / "run.mcap"
+    RecordingWriter(path, JAZZY).close()
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "rwt_cli", "play", str(path), "ws://127.0.0.1:0", "--paused"]
+    # A session of its own, with the terminal in its foreground, as a shell would start it.
+    program = (
+        "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0);"
+        "os.execv(sys.argv[1], sys.argv[1:])"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *command],
+        stdin=theirs,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith(b"listening on ")
+        assert process.stdout.readline().startswith(b"playing 0 messages")
+        # Until it reads keys it takes lines, and keeps what was typed.
+        os.write(ours, b" ")
+        process.wait(timeout=20)
+        assert process.returncode == 0
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(ours)
+        os.close(theirs)
