@@ -44,7 +44,7 @@ def _without_lines(descriptor: int) -> Iterator[None]:
     import tty
 
     before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor)
+    tty.setcbreak(descriptor, termios.TCSADRAIN)  # Keys that were pressed already count.
     try:
         yield
     finally:
