@@ -55,7 +55,6 @@ def add_play_command(commands: argparse._SubParsersAction[argparse.ArgumentParse
     """Add `play` to the command line."""
     parser = commands.add_parser(
         "play",
-        help="serve a recording as a robot",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 import re
 import signal
 import sys
@@ -19,6 +18,14 @@ import anyio
 import anyio.to_thread
 
 from rwt_cli.errors import CommandError
+from rwt_cli.verbs import (
+    DEFAULT_URL,
+    TOKEN_VARIABLE,
+    URL_VARIABLE,
+    command_error,
+    request_headers,
+    url_of,
+)
 from rwt_nodes.recording import (
     COMPRESSIONS,
     ENCODINGS,
@@ -55,6 +62,7 @@ class _Order:
     """What is to be recorded."""
 
     url: str
+    headers: dict[str, str]
     path: Path
     selection: TopicSelection
     encoding: Encoding
@@ -71,7 +79,6 @@ def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
     """Add `record` to the command line."""
     parser = commands.add_parser(
         "record",
-        help="write what a robot publishes to an MCAP file",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -79,10 +86,10 @@ def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
     parser.add_argument(
         "url",
         nargs="?",
-        default=os.environ.get("RWT_URL", "ws://127.0.0.1:9090"),
         metavar="URL",
-        help="the robot's server (default $RWT_URL, or ws://127.0.0.1:9090)",
+        help=f"the robot's server (default ${URL_VARIABLE}, or {DEFAULT_URL})",
     )
+    parser.add_argument("--token", metavar="TOKEN", help=f"bearer token to show (default ${TOKEN_VARIABLE})")
     parser.add_argument(
         "--output", "-o", type=Path, metavar="FILE", help="the file (default rwt_DATE-TIME.mcap)"
     )
@@ -157,7 +164,8 @@ def _run(arguments: argparse.Namespace) -> int:
         logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
     path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
     order = _Order(
-        arguments.url,
+        url_of(arguments),
+        request_headers(arguments),
         path,
         TopicSelection(
             tuple(arguments.topics), tuple(arguments.exclude), arguments.services, arguments.actions
@@ -173,7 +181,9 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     try:
         anyio.run(_record, order)
-    except (ClientError, RecordingError) as error:
+    except ClientError as error:
+        raise command_error(error) from error
+    except RecordingError as error:
         raise CommandError(str(error)) from error
     return 0
 
@@ -182,7 +192,8 @@ async def _record(order: _Order) -> None:
     from rwt_client import Backoff, connect
 
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
-        async with connect(order.url, reconnect=Backoff() if order.reconnect else None) as robot:
+        reconnect = Backoff() if order.reconnect else None
+        async with connect(order.url, reconnect=reconnect, headers=order.headers) as robot:
             await _record_robot(robot, order, signals)
 
 

@@ -27,7 +27,6 @@ def add_recording_command(commands: argparse._SubParsersAction[argparse.Argument
     """Add `recording` to the command line."""
     parser = commands.add_parser(
         "recording",
-        help="look at recordings, and repair them",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

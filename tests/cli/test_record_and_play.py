@@ -226,7 +226,7 @@ def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFi
         (("play", "ws://127.0.0.1:0"), 2, "expected a recording to play"),
         (("play", str(path)), 1, "is not a recording"),
         (("play", str(tmp_path / "gone.mcap")), 1, "there is no such file"),
-        (("record", "ws://127.0.0.1:1", "-o", str(tmp_path / "new.mcap")), 1, "rwt: "),
+        (("record", "ws://127.0.0.1:1", "-o", str(tmp_path / "new.mcap")), 3, "rwt: "),
         (("play", str(good), "ws://127.0.0.1:0", "--start", "9"), 2, "cannot be played from 9.0 s"),
         (("play", str(good), "ws://127.0.0.1:0", "--speed", "0"), 2, "at a rate from 0.001 to 1000"),
         (("play", str(good), "tcp://256.0.0.1:1"), 1, "rwt: "),
