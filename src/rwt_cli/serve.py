@@ -82,6 +82,12 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
     )
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE", help="write all topics, calls and goals to an MCAP file"
+    )
+    parser.add_argument(
+        "--introspection", action="store_true", help="publish calls and goals on topics, as ROS 2 can"
+    )
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
     parser.add_argument(
@@ -97,7 +103,7 @@ def _run(arguments: argparse.Namespace) -> int:
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
     try:
         settings = _settings(arguments)
-        anyio.run(_serve, settings, arguments.script)
+        anyio.run(_serve, settings, arguments)
     except TransportError as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
@@ -138,13 +144,18 @@ def _registry(settings: Settings) -> Registry:
     return registry
 
 
-async def _serve(settings: Settings, script: Path | None) -> None:
-    graph, start_script = stage(script, _registry(settings), settings)
+async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
+    graph, start_script = stage(arguments.script, _registry(settings), settings)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
             pages = start_nodes(graph, settings.nodes, nodes)
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
+            if arguments.record is not None or arguments.introspection:
+                from rwt_cli.recorded_serving import record_graph  # Read only where something is recorded.
+
+                told = arguments.introspection
+                record_graph(graph, arguments.record, introspection=told, stack=nodes)
             around = start_script(nodes)
             served = serve(graph, *settings.listen, settings=settings, pages=pages, around=around)
             async with served as server:
