@@ -1,4 +1,4 @@
-"""`rwt serve`: a rosbridge server in front of a robot graph, in memory or over Zenoh."""
+"""`rwt serve`: a rosbridge server in front of an in-memory robot graph."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ import anyio
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import SettingsError
 from rwt_bridge.settings_sources import DEFAULT
-from rwt_cli.backends import add_backend_options, backend_options, make_graph
+from rwt_cli.backends import add_backend_options, backend_options
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_cli.logs import FORMATS, log_to_stderr
 from rwt_cli.nodes import start_nodes
+from rwt_cli.script import stage
 from rwt_graph.errors import GraphError
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
@@ -43,6 +44,7 @@ examples:
   rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
+  rwt serve --script robot.toml            a robot for tests, which answers what the file says
   rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
                                            joined with other servers, or with a ROS 2 graph
 """
@@ -52,7 +54,6 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     """Add `serve` to the command line."""
     parser = commands.add_parser(
         "serve",
-        help="serve a robot to rosbridge clients",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -71,6 +72,12 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         " several times; without a URL to listen on, nothing else is served",
     )
     parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
+    parser.add_argument(
+        "--script",
+        type=Path,
+        metavar="FILE",
+        help="add a robot that does what a .toml or .py file says, for tests of apps",
+    )
     parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
     parser.add_argument(
         "--interfaces",
@@ -78,6 +85,12 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         type=Path,
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE", help="write all topics, calls and goals to an MCAP file"
+    )
+    parser.add_argument(
+        "--introspection", action="store_true", help="publish calls and goals on topics, as ROS 2 can"
     )
     add_backend_options(parser)
     add_settings_options(parser)
@@ -95,7 +108,7 @@ def _run(arguments: argparse.Namespace) -> int:
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
     try:
         settings = _settings(arguments)
-        anyio.run(_serve, settings)
+        anyio.run(_serve, settings, arguments)
     except (TransportError, GraphError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
@@ -137,14 +150,21 @@ def _registry(settings: Settings) -> Registry:
     return registry
 
 
-async def _serve(settings: Settings) -> None:
-    graph = make_graph(settings, _registry(settings))
+async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
+    graph, start_script = stage(arguments.script, _registry(settings), settings)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
             pages = start_nodes(graph, settings.nodes, nodes)
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
-            async with serve(graph, *settings.listen, settings=settings, pages=pages) as server:
+            if arguments.record is not None or arguments.introspection:
+                from rwt_cli.recorded_serving import record_graph  # Read only where something is recorded.
+
+                told = arguments.introspection
+                record_graph(graph, arguments.record, introspection=told, stack=nodes)
+            around = start_script(nodes)
+            served = serve(graph, *settings.listen, settings=settings, pages=pages, around=around)
+            async with served as server:
                 _announce(server, demo=settings.demo)
                 await _signal_or_end(signals, server)
 

@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-from rwt_graph.api import OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
+from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
 from rwt_graph.deadlines import Deadlines, Expiring
 from rwt_graph.elsewhere import ServicesElsewhere
 from rwt_graph.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
@@ -139,6 +139,7 @@ class Services:
         self.deadlines = deadlines
         self.elsewhere: ServicesElsewhere | None = None
         self._providers: dict[str, MemoryProvider] = {}
+        self.observer: CallObserver | None = None
 
     def advertise(self, name: str, interface: ServiceType, owner: Owner, on_call: OnCall) -> MemoryProvider:
         """Offer a service; a provider of the same name is replaced (SVP-07)."""
@@ -166,6 +167,8 @@ class Services:
         provider = self._providers.get(name)
         if provider is None:
             return self._call_elsewhere(name, request, on_reply, timeout, caller)
+        if self.observer is not None:
+            on_reply = self._observed(self.observer, provider.info, request, on_reply)
         call = MemoryCall(name, request, on_reply)
         try:
             provider.on_call(call)
@@ -189,6 +192,16 @@ class Services:
         call = MemoryCall(name, request, on_reply)
         call.end_with(ProviderNotFound(f"Service {name} does not exist"))
         return call
+
+    @staticmethod
+    def _observed(
+        observer: CallObserver, service: ServiceInfo, request: Payload, on_reply: OnReply
+    ) -> OnReply:
+        try:
+            return observer.on_call(service, request, on_reply)
+        except Exception:
+            logger.exception("a call of %s could not be observed", service.name)
+            return on_reply
 
     def info(self, name: str) -> ServiceInfo | None:
         """A snapshot of one service."""

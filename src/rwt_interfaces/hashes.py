@@ -6,6 +6,7 @@ import hashlib
 import json
 from typing import Protocol
 
+from rwt_interfaces.actionlib import EVENT
 from rwt_interfaces.definitions import Field, FieldType, MessageDefinition, ServiceDefinition
 from rwt_interfaces.names import three_part
 from rwt_interfaces.parser import format_type
@@ -95,23 +96,14 @@ def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Lookup
     Raises:
         UnknownType: a nested message is not known.
     """
+    parts = {
+        "request": definition.request.name,
+        "response": definition.response.name,
+        "event": f"{definition.name}{EVENT}",
+    }
+    fields = tuple(Field(f"{part}_message", FieldType(name)) for part, name in parts.items())
     nested: dict[str, dict[str, object]] = {}
-    parts = {"request": definition.request, "response": definition.response}
-    full = {part: _nested(message.name, lookup, nested) for part, message in parts.items()}
-    info = _nested("service_msgs/ServiceEventInfo", lookup, nested)
-    event = f"{full_name}_Event"
-    bounded = {part: _reference(name, _NESTED + _BOUNDED_SEQUENCE, 1) for part, name in full.items()}
-    nested[event] = _description(event, {"info": _reference(info), **bounded})
-    whole = {f"{part}_message": _reference(name) for part, name in {**full, "event": event}.items()}
-    return _hashed(_description(full_name, whole), nested)
-
-
-def _reference(name: str, number: int = _NESTED, capacity: int = 0) -> dict[str, object]:
-    return {"type_id": number, "capacity": capacity, "string_capacity": 0, "nested_type_name": name}
-
-
-def _description(name: str, fields: dict[str, dict[str, object]]) -> dict[str, object]:
-    return {"type_name": name, "fields": [{"name": key, "type": value} for key, value in fields.items()]}
+    return _hashed(_described(full_name, fields, lookup, nested), nested)
 
 
 def _hashed(described: dict[str, object], nested: dict[str, dict[str, object]]) -> str:
@@ -127,9 +119,13 @@ def _hashed(described: dict[str, object], nested: dict[str, dict[str, object]]) 
 def _described(
     name: str, fields: tuple[Field, ...], lookup: Lookup, nested: dict[str, dict[str, object]]
 ) -> dict[str, object]:
-    return _description(
-        name, {field.name: _field_type(field.type, lookup, nested) for field in fields or (_FILLER,)}
-    )
+    return {
+        "type_name": name,
+        "fields": [
+            {"name": field.name, "type": _field_type(field.type, lookup, nested)}
+            for field in fields or (_FILLER,)
+        ],
+    }
 
 
 def _field_type(

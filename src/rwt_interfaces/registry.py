@@ -13,7 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TypeVar
 
-from rwt_interfaces import action_wire, actionlib, folders, parser, standard
+from rwt_interfaces import actionlib, folders, parser, standard
 from rwt_interfaces.definitions import ActionDefinition, MessageDefinition, ServiceDefinition
 from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName, UnknownType
@@ -37,9 +37,7 @@ class Registry:
     themselves :meth:`message` knows the parts of every service and action (``SetBool_Request`` and
     ``SetBoolRequest``, ``Fibonacci_Goal`` and ``FibonacciGoal``) and the messages with which ROS 1 carries an
     action over topics (``FibonacciAction``, ``FibonacciActionGoal``, …), all made by rule, on either
-    distribution. On ROS 2 those with which it carries an action are known too (``Fibonacci_SendGoal``,
-    ``Fibonacci_GetResult``, ``Fibonacci_FeedbackMessage``). A part is one type whichever way it is spelled;
-    it reports the spelling of the distribution.
+    distribution. A part is one type whichever way it is spelled; it reports the spelling of the distribution.
 
     A user definition of a name that the standard set has wins over it, in this registry only. Types handed
     out before do not change: add definitions first.
@@ -217,7 +215,7 @@ class Registry:
             self._service_part(package, name)
             or self._action_part(package, name)
             or self._wrapper(package, name)
-            or self._action_feedback(package, name)
+            or self._introspected(package, name)
         )
 
     def _service_definition(self, package: str, name: str) -> ServiceDefinition | None:
@@ -225,15 +223,24 @@ class Registry:
         return found if isinstance(found, ServiceDefinition) else self._action_service(package, name)
 
     def _action_service(self, package: str, name: str) -> ServiceDefinition | None:
-        split = action_wire.split_service(name) if self.distro.ros_version == 2 else None
-        action = self._action_definition(package, split[0]) if split else None
-        return None if split is None or action is None else action_wire.service(action, split[1])
+        """`X_SendGoal` or `X_GetResult`, which only ROS 2 has."""
+        for which in actionlib.ACTION_SERVICES if self.distro.ros_version == 2 else ():
+            if name.endswith(which):
+                action = self._action_definition(package, name.removesuffix(which))
+                return None if action is None else actionlib.action_service(action, which)
+        return None
 
-    def _action_feedback(self, package: str, name: str) -> MessageDefinition | None:
-        if self.distro.ros_version == 1 or not name.endswith(action_wire.FEEDBACK):
+    def _introspected(self, package: str, name: str) -> MessageDefinition | None:
+        """`X_Event` of a service or `X_FeedbackMessage` of an action, which only ROS 2 has."""
+        if self.distro.ros_version != 2:
             return None
-        action = self._action_definition(package, name.removesuffix(action_wire.FEEDBACK))
-        return None if action is None else action_wire.feedback(action)
+        if name.endswith(actionlib.FEEDBACK_MESSAGE):
+            action = self._action_definition(package, name.removesuffix(actionlib.FEEDBACK_MESSAGE))
+            return None if action is None else actionlib.feedback_message(action)
+        if name.endswith(actionlib.EVENT):
+            service = self._service_definition(package, name.removesuffix(actionlib.EVENT))
+            return None if service is None else actionlib.service_event(service)
+        return None
 
     def _action_definition(self, package: str, name: str) -> ActionDefinition | None:
         found = self._read("action", package, name)
@@ -337,25 +344,29 @@ class Registry:
         """
         definition = self.definition(name)
         package, short = definition.name.split("/")
-        kind: Kind = "msg"
-        if self._read("msg", package, short) is None:
-            split = actionlib.split_part(short, actionlib.SERVICE_PARTS)
-            if split is not None and self._service_definition(package, split[0]) is not None:
-                kind = self._service_kind(package, split[0])
-            elif self._action_part(package, short) or self._action_feedback(package, short):
-                kind = "action"
-        return three_part(definition.name, kind)
+        return three_part(definition.name, self._kind_of(package, short))
 
-    def _service_kind(self, package: str, name: str) -> Kind:
-        """Where a service is defined: in a file of its own, or with the action that it carries."""
-        return "srv" if self._read("srv", package, name) is not None else "action"
+    def _kind_of(self, package: str, short: str) -> Kind:
+        """In which folder of its package the definition of a message is."""
+        if self._read("msg", package, short) is not None:
+            return "msg"
+        service = actionlib.split_part(short.removesuffix(actionlib.EVENT), actionlib.SERVICE_PARTS)
+        asked = service[0] if service else short.removesuffix(actionlib.EVENT)
+        if self._action_service(package, asked) is not None:
+            return "action"
+        if self._service_definition(package, asked) is not None:
+            return "srv"
+        made_by_rule = short.endswith(actionlib.FEEDBACK_MESSAGE)
+        return "action" if made_by_rule or self._action_part(package, short) is not None else "msg"
 
     def type_name(self, interface: MessageType | ServiceType | ActionType) -> str:
         """What this distribution calls a type: ``std_msgs/msg/String`` (ROS 2), ``std_msgs/String`` (1)."""
         if self.distro.ros_version == 1:
             return interface.name
         if isinstance(interface, ServiceType):
-            return three_part(interface.name, self._service_kind(*interface.name.split("/")))
+            package, short = interface.name.split("/")
+            made_by_rule = self._read("srv", package, short) is None
+            return three_part(interface.name, "action" if made_by_rule else "srv")
         if isinstance(interface, ActionType):
             return three_part(interface.name, "action")
         return self.full_name(interface.name)
