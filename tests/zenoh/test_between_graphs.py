@@ -24,6 +24,7 @@ from rwt_graph.qos import DEFAULT_QOS, History
 from rwt_graph.zenoh import ZenohGraph
 from rwt_graph.zenoh import inlet as inlets
 from rwt_interfaces.payload import Payload
+from rwt_nodes.introspection import Introspection
 from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
 
 pytestmark = pytest.mark.anyio
@@ -247,6 +248,25 @@ async def test_an_action_across_processes(pair: Pair) -> None:
     assert (status, list(result.sequence), waiting.reason) == (GoalStatus.CANCELED, [7], "as you wish")
     await until(lambda: [5] in states)
     assert [4] in states
+
+
+async def test_introspection_does_not_say_twice_what_an_action_says_of_itself(pair: Pair) -> None:
+    a, b = pair
+
+    async def execute(goal: ActionGoal) -> None:
+        goal.publish_feedback({"sequence": [goal.request.order]})
+
+    a.node("server").advertise_action("/fib", "example_interfaces/Fibonacci", execute)
+    introspection = Introspection(a)
+    await until(lambda: b.action("/fib") is not None)
+    heard: list[int] = []
+    ear = b.node("ear")
+    ear.subscribe("/fib/_action/feedback", lambda message: heard.extend(message.feedback.sequence))
+    for order in (1, 2):
+        await (await ear.send_goal("/fib", {"order": order}, lambda _: None)).result()
+    await until(lambda: heard[-1:] == [2])
+    assert heard == [1, 2]
+    introspection.close()
 
 
 async def test_parameters_of_a_node_in_another_process(pair: Pair) -> None:

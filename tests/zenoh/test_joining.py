@@ -110,9 +110,12 @@ async def test_what_is_there_before_the_graph_is_entered_is_known_to_others_then
 
 
 @pytest.mark.anyio
-async def test_who_connects_before_there_is_anybody_finds_him_later() -> None:
+async def test_who_connects_before_there_is_anybody_finds_him_later(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     endpoint = free_endpoint()
     async with ZenohGraph(connect=[endpoint], config=QUICK) as early:
+        assert f"nobody is at {endpoint} yet; it is tried again" in caplog.text
         async with ZenohGraph(listen=[endpoint], config=QUICK) as late:
             late.node("late")
             await until(lambda: [node.name for node in early.nodes()] == ["/late"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Self
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_graph.ownership import Owner
     from rwt_interfaces.registry import Registry
+
+
+logger = logging.getLogger(__name__)
 
 
 class ZenohGraph(MemoryGraph):
@@ -132,12 +136,20 @@ class ZenohGraph(MemoryGraph):
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
         link = Link(session, self.options.domain, self._numbers, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.look_around, link)
+        self._say_who_is_there(link)
         self._discovery.open(link, alive)
         self._link = link
         for participant in self._participants:
             self._present[participant.owner] = link.declare_node(participant.owner)
         self._zenoh_topics.open(link)
         self._zenoh_services.open(link)
+
+    def _say_who_is_there(self, link: Link) -> None:
+        met, asked = link.count_others(), ", ".join(self.options.connect)
+        if asked and not met:
+            logger.warning("nobody is at %s yet; it is tried again until somebody is", asked)
+        else:
+            logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
 
     async def __aexit__(self, *exc: object) -> None:
         """Stop handlers and timers, close every participant, and leave the others."""

@@ -72,6 +72,11 @@ class Link:
         self._numbers = numbers
         self._liveliness = session.liveliness()
 
+    def count_others(self) -> int:
+        """How many peers and routers this process is connected to."""
+        info = self.session.info
+        return len(info.peers_zid()) + len(info.routers_zid())
+
     def declare_node(self, owner: Owner) -> Presence:
         """Make a node known."""
         number = self._numbers.node(owner)
