@@ -244,6 +244,48 @@ async def test_a_call_is_a_query_to_all(graph: ZenohGraph, peer: zenoh.Session) 
     del queryable
 
 
+async def test_a_request_waits_for_a_provider_that_is_known_but_not_there_yet(
+    graph: ZenohGraph, peer: zenoh.Session
+) -> None:
+    trigger = graph.registry.service("std_srvs/Trigger")
+    alive = declare(peer, "SS", "/go", "std_srvs::srv::dds_::Trigger_", trigger.rihs01)
+    await until(lambda: graph.service("/go") is not None)
+    answers: list[object] = []
+    node, request = graph.participant("/caller"), Payload.from_value(trigger.request, {})
+    cancelled = node.call_service("/go", request, answers.append)
+    node.call_service("/go", request, answers.append)
+    cancelled.cancel()
+    asked: list[int] = []
+    key = f"0/go/std_srvs::srv::dds_::Trigger_/{trigger.rihs01}"
+
+    def serve(query: zenoh.Query) -> None:
+        assert query.attachment is not None
+        asked.append(struct.unpack("<q", query.attachment.to_bytes()[:8])[0])
+        query.reply(key, bytes.fromhex("00010000010000000100000000"))
+        query.drop()
+
+    queryable = peer.declare_queryable(key, serve, complete=True)
+    await until(lambda: bool(answers))
+    (answer,) = answers
+    assert isinstance(answer, Payload)
+    assert asked == [1]
+    alive.undeclare()
+    del queryable
+
+
+async def test_a_request_to_a_provider_that_never_comes_ends_with_it(
+    graph: ZenohGraph, peer: zenoh.Session
+) -> None:
+    trigger = graph.registry.service("std_srvs/Trigger")
+    alive = declare(peer, "SS", "/go", "std_srvs::srv::dds_::Trigger_", trigger.rihs01)
+    await until(lambda: graph.service("/go") is not None)
+    answers: list[object] = []
+    request = Payload.from_value(trigger.request, {})
+    graph.participant("/caller").call_service("/go", request, answers.append)
+    alive.undeclare()
+    await until(lambda: [str(answer) for answer in answers] == ["Service /go was unadvertised"])
+
+
 async def test_an_action_is_three_services_and_two_topics(graph: ZenohGraph, peer: zenoh.Session) -> None:
     """With the type hashes that ROS 2's own packages carry."""
     fibonacci = graph.registry.action("example_interfaces/Fibonacci")

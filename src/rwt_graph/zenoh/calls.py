@@ -57,7 +57,7 @@ class RemoteCall(MemoryCall):
         self._response = response
         self._failure: ProviderGone | None = None
         #: Called when the call ends without an answer: timed out, cancelled, or its caller is gone.
-        self.abandon: Callable[[], None] | None = None
+        self.abandon: Callable[[], object] | None = None
 
     def _end(self) -> OnReply | None:
         abandon, self.abandon = self.abandon, None
@@ -89,13 +89,19 @@ class RemoteCall(MemoryCall):
 
 
 class Client:
-    """One node's client of one service."""
+    """One node's client of one service.
+
+    Programs make a service known before they take requests, and the two may travel apart. A request that
+    comes between waits for the provider; sent at once, it would have no answer.
+    """
 
     def __init__(self, link: Link, end: Endpoint, presence: Presence, time_ns: Callable[[], int]) -> None:
         self._link = link
         self._presence = presence
         self._time_ns = time_ns
         self._number = 0
+        self._unsent: dict[RemoteCall, set[str]] = {}
+        self._listener: zenoh.MatchingListener[None] | None = None
         self._querier = link.session.declare_querier(
             data_key(link.domain, end.name, end.dds_type, end.type_hash),
             target=zenoh.QueryTarget.ALL_COMPLETE,
@@ -112,17 +118,46 @@ class Client:
         Args:
             sessions: those that may answer, and are told when nobody waits any more.
         """
-        self._number = number = self._number + 1
         call = RemoteCall(service, request, on_reply, response)
+        if self._somebody_answers():
+            self._send(call, sessions)
+        else:
+            self._unsent[call] = sessions
+            call.abandon = partial(self._unsent.pop, call, None)
+            self._await_somebody()
+        return call
+
+    def _somebody_answers(self) -> bool:
+        found: bool = self._querier.matching_status.matching  # type: ignore[attr-defined] # The stub says bool.
+        return found
+
+    def _await_somebody(self) -> None:
+        if self._listener is None:
+            handler = zenoh.handlers.Callback(self._matched, indirect=False)
+            self._listener = self._querier.declare_matching_listener(handler)
+        # It may have come between the look and the listening.
+        self._send_waiting()
+
+    def _matched(self, _status: zenoh.MatchingStatus) -> None:
+        """On a thread of Zenoh's."""
+        self._link.run_on_graph(self._send_waiting)
+
+    def _send_waiting(self) -> None:
+        if self._unsent and self._somebody_answers():
+            unsent, self._unsent = self._unsent, {}
+            for call, sessions in unsent.items():
+                self._send(call, sessions)
+
+    def _send(self, call: RemoteCall, sessions: set[str]) -> None:
+        self._number = number = self._number + 1
         token = zenoh.CancellationToken()
         call.abandon = partial(self._abandon, number, token, sessions)
         self._querier.get(
             zenoh.handlers.Callback(partial(self._replied, call), partial(self._over, call), indirect=False),
-            payload=request.cdr(),
+            payload=call.request.cdr(),
             attachment=Attachment(number, self._time_ns(), self._presence.gid).encode(),
             cancellation_token=token,
         )
-        return call
 
     def _replied(self, call: RemoteCall, reply: zenoh.Reply) -> None:
         """On a thread of Zenoh's."""
@@ -149,6 +184,8 @@ class Client:
     def close(self) -> None:
         """Ask nothing more."""
         self._presence.end()
+        if self._listener is not None:
+            self._listener.undeclare()
         self._querier.undeclare()
 
 
