@@ -1,0 +1,1 @@
+"""Pictures of topics as a browser shows them."""
