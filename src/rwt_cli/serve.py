@@ -136,10 +136,17 @@ async def _serve(settings: Settings) -> None:
     graph = MemoryGraph(registry=_registry(settings))
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
-            pages = start_nodes(graph, settings.nodes, nodes)
+            shown = start_nodes(graph, settings, nodes)
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
-            async with serve(graph, *settings.listen, settings=settings, pages=pages) as server:
+            async with serve(
+                graph,
+                *settings.listen,
+                settings=settings,
+                pages=shown.pages,
+                sections=shown.sections,
+                figures=shown.figures,
+            ) as server:
                 _announce(server, demo=settings.demo)
                 await _signal_or_end(signals, server)
 
