@@ -17,7 +17,7 @@ _VIEWER = """<!doctype html>
 
 _FILM = """<video src="{source}" autoplay muted playsinline preload="none"></video>
 <script>
-// A browser gathers some seconds before it begins, and would stay behind by them: play faster until caught up.
+// A browser gathers some seconds before it begins, and would stay behind: play faster until caught up.
 const film = document.querySelector("video");
 film.onprogress = film.ontimeupdate = () => {{
   const parts = film.buffered;
