@@ -49,6 +49,9 @@ COMMANDS: Final = (
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),
+    Command("record", "write what a robot publishes to an MCAP file"),
+    Command("play", "serve a recording as a robot"),
+    Command("recording", "recordings: info, recover"),
     Command("doctor", "find out what is wrong with a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
     Command("config", "look at the settings"),
