@@ -24,7 +24,7 @@ MS = 1_000_000
 @st.composite
 def trees(draw: st.DrawFn) -> list[StampedTransform]:
     """A tree of up to eight frames, each with a few transforms in any order; all cover 1000 to 4000 ms."""
-    stamped = []
+    stamped: list[StampedTransform] = []
     for number in range(1, draw(st.integers(2, 8))):
         parent = f"f{draw(st.integers(0, number - 1))}"
         stamped.extend(
