@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 
-.PHONY: demo test lint types unit bench paper load soak fuzz mutants clean
+.PHONY: demo test lint types unit bench paper load soak fuzz mutants conformance clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -67,6 +67,10 @@ fuzz: $(STAMP)-dev
 # Small faults put into our server one by one; the conformance suite has to find every one.
 mutants: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.mutants $(ARGS)
+
+# Every case of the suite against our server over every transport; six minutes, most of them for the pipes.
+conformance: $(STAMP)-dev
+	$(BIN)/python -m tests.conformance.transports
 
 clean:
 	rm -rf $(VENV) $(CLIENTS)/node_modules

@@ -244,7 +244,7 @@ def _missed(watching: Sequence[Viewer], plain: float) -> list[str]:
 def _plot(watching: Sequence[Viewer], file: Path) -> None:
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(figsize=(8, 4.5), layout="constrained")
+    figure, axes = pyplot.subplots(figsize=(9, 4.5), layout="constrained")
     for viewer in watching:
         kilobytes = [
             (now - before) / 1000 for before, now in zip([0, *viewer.sent], viewer.sent, strict=False)
@@ -255,6 +255,6 @@ def _plot(watching: Sequence[Viewer], file: Path) -> None:
         right = axes.get_yaxis_transform()
         axes.text(0.99, value, name, transform=right, ha="right", va="bottom", color="grey")
     axes.set(xlabel="s", ylabel="KB/s", title="Transforms, a minute of teleoperation", ylim=(0, None))
-    axes.legend()
+    figure.legend(loc="outside right upper")
     figure.savefig(file, dpi=120)
     pyplot.close(figure)
