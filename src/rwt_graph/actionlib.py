@@ -190,6 +190,8 @@ class ActionlibServer:
         over = [t.id for t in self._goals.values() if t.ended is not None and t.forget_at <= now]
         for goal_id in over:
             del self._goals[goal_id]
+        if not self._status.subscriber_count:
+            return
         self._status.publish(
             {
                 "header": {"stamp": self._stamp(self._clock.time_ns())},
