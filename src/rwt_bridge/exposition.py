@@ -57,6 +57,38 @@ class Exposition:
         return "".join(f"{line}\n" for line in self._lines).encode()
 
 
+def merged(pages: Mapping[str, bytes], label: str) -> bytes:
+    """The pages of several processes as one, each sample with a label that tells whose it is.
+
+    Args:
+        pages: texts of :class:`Exposition`, by the label's value.
+        label: its name, which no sample has.
+    """
+    families: dict[str, list[str]] = {}
+    for value, page in pages.items():
+        own = f'{label}="{_escaped(value)}"'
+        samples: list[str] = []
+        for line in page.decode().splitlines():
+            if line.startswith("# HELP "):
+                samples = families.setdefault(line, [])
+            elif line.startswith("# TYPE "):
+                # Each family has it once, before its first sample.
+                samples += [] if samples else [line]
+            else:
+                samples.append(_labelled(line, own))
+    lines = (line for head, samples in families.items() for line in (head, *samples))
+    return "".join(f"{line}\n" for line in lines).encode()
+
+
+def _labelled(line: str, label: str) -> str:
+    """A sample with one more label; names of metrics have neither braces nor spaces."""
+    name, brace, rest = line.partition("{")
+    if brace and " " not in name:
+        return f"{name}{{{label},{rest}"
+    name, _, value = line.partition(" ")
+    return f"{name}{{{label}}} {value}"
+
+
 def _head(name: str, kind: Kind, help: str) -> list[str]:
     escaped = help.replace("\\", "\\\\").replace("\n", "\\n")
     return [f"# HELP {name} {escaped}", f"# TYPE {name} {kind}"]

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from rwt_bridge.exposition import CONTENT_TYPE, Exposition, Kind, Labels
+from rwt_bridge.exposition import Exposition, Kind, Labels
 from rwt_bridge.logs import LostLines
 from rwt_bridge.loop_lag import BUCKETS
 from rwt_bridge.process_figures import write_process
-from rwt_transports.http import HttpResponse
 
 if TYPE_CHECKING:
     from rwt_bridge.bridge import Bridge
@@ -26,7 +25,7 @@ Family = tuple[str, Kind, str, Iterable[tuple[Labels, float]]]
 """One metric of a node: its name, kind and help, and the labels and value of each sample."""
 
 
-def metrics(bridge: Bridge, of_nodes: Iterable[Family] = ()) -> HttpResponse:
+def metrics(bridge: Bridge, of_nodes: Iterable[Family] = ()) -> bytes:
     """The page, with the metrics of nodes after those of the bridge."""
     page = Exposition()
     for fanout in bridge.fanouts.values():
@@ -38,7 +37,7 @@ def metrics(bridge: Bridge, of_nodes: Iterable[Family] = ()) -> HttpResponse:
     for family in of_nodes:
         page.family(*family)
     write_process(page)
-    return HttpResponse(page.text(), content_type=CONTENT_TYPE)
+    return page.text()
 
 
 def _write_totals(page: Exposition, bridge: Bridge, clients: list[tuple[Peer, Traffic]]) -> None:

@@ -10,6 +10,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from rwt_bridge.exposition import CONTENT_TYPE
 from rwt_bridge.metrics import Family, metrics
 from rwt_protocol.frames import PeerInfo
 from rwt_transports.errors import Refused
@@ -54,6 +55,9 @@ Section = Callable[[HttpRequest, MaySubscribe], str]
 Figures = Callable[[], Iterable[Family]]
 """What a node counts, for `/metrics`."""
 
+Gather = Callable[[bytes], Awaitable[bytes]]
+"""Makes of the metrics of this process those of all that serve its port."""
+
 
 def routes(
     bridge: Bridge,
@@ -62,6 +66,7 @@ def routes(
     figures: Sequence[Figures] = (),
     *,
     loopback: bool = True,
+    gather: Gather | None = None,
 ) -> Routes:
     """The routes that every bridge has, and those of nodes.
 
@@ -71,6 +76,7 @@ def routes(
         sections: of the index page.
         figures: further metrics.
         loopback: whether the listener is only reached from this machine.
+        gather: joins the metrics with those of other processes on the same port.
     """
     routes = Routes()
 
@@ -81,7 +87,7 @@ def routes(
         add(path, partial(_of_node, page))
     add("/", lambda request, role: _index(bridge, sections, request, role))
     routes.get("/healthz", lambda request: _health(bridge))
-    add("/metrics", lambda request, role: _metrics(bridge, figures, role))
+    add("/metrics", lambda request, role: _metrics(bridge, figures, role, gather))
     return routes
 
 
@@ -162,12 +168,25 @@ def _index(bridge: Bridge, sections: Iterable[Section], request: HttpRequest, ro
     return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
 
 
-def _metrics(bridge: Bridge, figures: Iterable[Figures], role: Role) -> HttpResponse:
+def _metrics(
+    bridge: Bridge, figures: Iterable[Figures], role: Role, gather: Gather | None
+) -> HttpResponse | Awaitable[HttpResponse]:
     """The counters, which name every topic: only for a role that may subscribe to them all."""
     if not role.sees_every_topic:
         why = f"role {role.name!r} may not see every topic (roles.{role.name}.subscribe)\n"
         return HttpResponse(why.encode(), 403)
+    own = HttpResponse(metrics_page(bridge, figures), content_type=CONTENT_TYPE)
+    return own if gather is None else _with_others(own, gather)
+
+
+def metrics_page(bridge: Bridge, figures: Iterable[Figures]) -> bytes:
+    """What this process counts, as Prometheus reads it."""
     return metrics(bridge, (family for count in figures for family in count()))
+
+
+async def _with_others(own: HttpResponse, gather: Gather) -> HttpResponse:
+    assert isinstance(own.body, bytes)  # Metrics are no stream.
+    return replace(own, body=await gather(own.body))
 
 
 def _rows(pairs: Iterable[tuple[str, str]]) -> str:

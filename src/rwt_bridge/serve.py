@@ -22,7 +22,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
 if TYPE_CHECKING:
-    from rwt_bridge.pages import Figures, Page, Section
+    from rwt_bridge.pages import Figures, Gather, Page, Section
     from rwt_graph.api import Graph
     from rwt_protocol.frames import Accept
     from rwt_transports.api import Listener
@@ -67,6 +67,7 @@ async def serve(
     sections: Sequence[Section] = (),
     figures: Sequence[Figures] = (),
     around: Callable[[Accept], Accept] | None = None,
+    together: Gather | None = None,
 ) -> AsyncIterator[Server]:
     """Serve `graph` on every URL until the block is left; then each client is closed with code 1001.
 
@@ -82,6 +83,8 @@ async def serve(
         figures: further metrics.
         around: puts something between the transports and the bridge, for example to inject faults: it is
             given the accept function of each listener and returns the one to use.
+        together: where other processes serve the same TCP ports (see
+            :func:`rwt_transports.shared_port.hold_port`), what joins the metrics of all.
 
     Raises:
         TransportError: a URL that cannot be used, or a port that is taken.
@@ -100,10 +103,18 @@ async def serve(
                 listen(
                     url,
                     _accept_at(url, bridge, around),
-                    routes=routes(bridge, pages, sections, figures, loopback=is_loopback_listener(url)),
+                    routes=routes(
+                        bridge,
+                        pages,
+                        sections,
+                        figures,
+                        loopback=is_loopback_listener(url),
+                        gather=together,
+                    ),
                     limits=limits,
                     tls=tls,
                     bson=settings.bson_only_mode,
+                    shared=together is not None,
                 )
             )
             for url in urls or settings.listen

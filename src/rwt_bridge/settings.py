@@ -326,6 +326,13 @@ class Settings(Table):
         Field(description="`zenoh` joins the graph with those of other processes; needs the extra `zenoh`"),
     ] = "memory"
     zenoh: ZenohSettings = ZenohSettings()
+    workers: Annotated[
+        Count,
+        Field(
+            description="processes that serve the same ports, with one graph over Zenoh; more than one needs"
+            " Linux and the extra `zenoh`"
+        ),
+    ] = 1
 
     @model_validator(mode="after")
     def _reachable(self) -> Settings:

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from rwt_cli.errors import INTERRUPTED, PIPE_CLOSED, CommandError
-from rwt_cli.output import OutputClosed, printable
+from rwt_cli.errors import INTERRUPTED, PIPE_CLOSED, CommandError, failure_line
+from rwt_cli.output import OutputClosed
 from rwt_cli.parser import Parser
 
 __all__ = ["COMMANDS", "Command", "main", "parser_for"]
@@ -94,8 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = parser_for(words[0] if words else None).parse_args(words)
         return int(arguments.run(arguments))
     except CommandError as error:
-        # One line, whatever a robot's answer has in it.
-        print(f"rwt: {printable(' '.join(str(error).splitlines()))}", file=sys.stderr)
+        print(failure_line(error), file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED

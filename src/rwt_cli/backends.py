@@ -10,6 +10,7 @@ from rwt_graph.memory import MemoryGraph
 
 if TYPE_CHECKING:
     from rwt_bridge.settings import Settings
+    from rwt_cli.workers import Seat
     from rwt_interfaces.registry import Registry
 
 
@@ -49,8 +50,13 @@ def backend_options(arguments: argparse.Namespace) -> dict[str, object]:
     }
 
 
-def make_graph(settings: Settings, registry: Registry) -> MemoryGraph:
+def make_graph(settings: Settings, registry: Registry, seat: Seat | None = None) -> MemoryGraph:
     """The graph that the settings ask for, not entered.
+
+    Args:
+        settings: of the server.
+        registry: the interfaces.
+        seat: of which worker it is, joined with the graphs of the others.
 
     Raises:
         CommandError: the extra for it is not installed, or it is told to join others and to be alone.
@@ -61,19 +67,26 @@ def make_graph(settings: Settings, registry: Registry) -> MemoryGraph:
             raise CommandError("to join other processes over Zenoh, give --graph zenoh too", exit_code=2)
         return MemoryGraph(registry=registry)
     try:
-        from rwt_graph.zenoh import ZenohGraph  # Only who asks for it must have it.
+        from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # Only who asks for it must have it.
     except ImportError as error:
         raise CommandError(
             "the graph over Zenoh needs more packages: pip install 'robot-web-tools[zenoh]'", exit_code=2
         ) from error
+    options = ZenohOptions(
+        zenoh.listen, zenoh.connect, zenoh.mode, zenoh.multicast, zenoh.config, zenoh.domain
+    )
+    if seat is not None:
+        from rwt_graph.zenoh.siblings import sibling
+
+        options = sibling(options, seat.folder, seat.number)
     return ZenohGraph(
         registry=registry,
-        listen=zenoh.listen,
-        connect=zenoh.connect,
-        mode=zenoh.mode,
-        multicast=zenoh.multicast,
-        config=zenoh.config,
-        domain=zenoh.domain,
+        listen=options.listen,
+        connect=options.connect,
+        mode=options.mode,
+        multicast=options.multicast,
+        config=options.config,
+        domain=options.domain,
     )
 
 

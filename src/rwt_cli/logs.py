@@ -13,12 +13,12 @@ Format = Literal["text", "json"]
 FORMATS: Final[tuple[Format, ...]] = ("text", "json")
 
 _TEXT: Final = "%(asctime)s %(levelname)s %(name)s %(message)s"
-_FIELDS: Final = ("client", "op_id")
+_FIELDS: Final = ("worker", "client", "op_id")
 
 
 class JsonFormatter(logging.Formatter):
     """One JSON object a line: `time` (UTC, RFC 3339), `level`, `logger`, `message`; and where there are any,
-    `client` (its number), `op_id` and `error` (the traceback)."""
+    `worker` (with `--workers`), `client` (its number), `op_id` and `error` (the traceback)."""
 
     def format(self, record: logging.LogRecord) -> str:
         """The object of one record."""
@@ -35,6 +35,22 @@ class JsonFormatter(logging.Formatter):
         if record.exc_info:
             line["error"] = self.formatException(record.exc_info)
         return json.dumps(line, default=str, ensure_ascii=False)
+
+
+class WorkerFormatter(logging.Formatter):
+    """Lines that begin with which worker it is."""
+
+    def __init__(self, inner: logging.Formatter, number: int) -> None:
+        super().__init__()
+        self._inner = inner
+        self._number = number
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line, or the object with one more field."""
+        if isinstance(self._inner, JsonFormatter):
+            record.worker = self._number
+            return self._inner.format(record)
+        return f"[{self._number}] {self._inner.format(record)}"
 
 
 class SteadyHandler(logging.StreamHandler[TextIO]):
@@ -75,3 +91,11 @@ def log_to_stderr(style: Format, *, verbose: bool) -> None:
     root = logging.getLogger()
     root.addHandler(handler)
     root.setLevel(logging.DEBUG if verbose else logging.INFO)
+
+
+def name_worker(number: int) -> None:
+    """Let every line of this process, which is one of several, tell which it is."""
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, SteadyHandler):
+            inner = handler.formatter or logging.Formatter(_TEXT)
+            handler.setFormatter(WorkerFormatter(inner, number))

@@ -62,6 +62,9 @@ NODES: Final[Mapping[NodeName, Callable[[Graph, Settings], ReadyNode]]] = Mappin
 )
 """Every node that the setting `nodes` may name. A row that needs heavy libraries imports them when called."""
 
+ON_EVERY_WORKER: Final[frozenset[NodeName]] = frozenset({"web_video_server"})
+"""Those that `rwt serve --workers` starts in each process: the ones with pages, since any may be asked."""
+
 
 def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> Shown:
     """Start the nodes that the settings name and `stack` closes; returns what they show."""

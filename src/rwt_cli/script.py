@@ -13,6 +13,7 @@ from rwt_graph.memory import MemoryGraph
 
 if TYPE_CHECKING:
     from rwt_bridge.settings import Settings
+    from rwt_cli.workers import Seat
     from rwt_interfaces.registry import Registry
     from rwt_protocol.frames import Accept
 
@@ -20,7 +21,7 @@ Around = Callable[["Accept"], "Accept"]
 
 
 def stage(
-    script: Path | None, registry: Registry, settings: Settings
+    script: Path | None, registry: Registry, settings: Settings, seat: Seat | None = None
 ) -> tuple[MemoryGraph, Callable[[ExitStack], Around | None]]:
     """The graph of a server, and what starts its script once that graph runs.
 
@@ -31,7 +32,7 @@ def stage(
         between the transports and the bridge. It raises :exc:`CommandError` for a script that is wrong.
     """
     if script is None:
-        return make_graph(settings, registry), lambda nodes: None
+        return make_graph(settings, registry, seat), lambda nodes: None
     if settings.graph != "memory":
         raise CommandError("--script needs a graph in memory, not --graph zenoh", exit_code=2)
     from rwt_testing.errors import ScriptError

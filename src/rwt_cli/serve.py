@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from contextlib import ExitStack, closing
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import anyio
 
+from rwt_bridge.pages import metrics_page
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import SettingsError
 from rwt_bridge.settings_sources import DEFAULT
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
 
     from rwt_bridge.serve import Server
     from rwt_bridge.settings import Settings
+    from rwt_cli.workers import Seat
     from rwt_graph.api import Graph
     from rwt_nodes.demo import DemoRobot
 
@@ -45,6 +49,7 @@ examples:
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
   rwt serve --script robot.toml            a robot for tests, which answers what the file says
+  rwt serve ws://0.0.0.0:9090 --workers 4  on four cores, as one server
   rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
                                            joined with other servers, or with a ROS 2 graph
 """
@@ -92,6 +97,12 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     parser.add_argument(
         "--introspection", action="store_true", help="publish calls and goals on topics, as ROS 2 can"
     )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="serve the same ports with N processes, for more clients than one core can serve (default 1)",
+    )
     add_backend_options(parser)
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
@@ -106,14 +117,31 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
 
 def _run(arguments: argparse.Namespace) -> int:
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
-    try:
+    with _told_in_one_line():
         settings = _settings(arguments)
+        if settings.workers > 1:
+            from rwt_cli.workers import serve_by_workers  # Read only where there are several.
+
+            return serve_by_workers(settings, arguments, partial(_serve_at, arguments))
         anyio.run(_serve, settings, arguments)
+    return 0
+
+
+@contextmanager
+def _told_in_one_line() -> Iterator[None]:
+    """Turn what can go wrong into a :exc:`CommandError`."""
+    try:
+        yield
     except (TransportError, GraphError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
         raise CommandError(str(error), exit_code=2) from error
-    return 0
+
+
+def _serve_at(arguments: argparse.Namespace, settings: Settings, seat: Seat) -> None:
+    """Serve as one of several workers."""
+    with _told_in_one_line():
+        anyio.run(_serve, settings, arguments, seat)
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
@@ -121,6 +149,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
     given: dict[str, object] = {
         "listen": tuple(arguments.url) or None,
         "demo": arguments.demo,
+        "workers": arguments.workers,
         "distro": arguments.distro,
         "interfaces": tuple(arguments.interfaces or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
@@ -150,8 +179,8 @@ def _registry(settings: Settings) -> Registry:
     return registry
 
 
-async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
-    graph, start_script = stage(arguments.script, _registry(settings), settings)
+async def _serve(settings: Settings, arguments: argparse.Namespace, seat: Seat | None = None) -> None:
+    graph, start_script = stage(arguments.script, _registry(settings), settings, seat)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
             shown = start_nodes(graph, settings, nodes)
@@ -170,18 +199,37 @@ async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
                 sections=shown.sections,
                 figures=shown.figures,
                 around=start_script(nodes),
+                together=None if seat is None else seat.figures.together,
             )
             async with served as server:
-                _announce(server, demo=settings.demo)
-                await _signal_or_end(signals, server)
+                said = _announcement(server, demo=settings.demo)
+                if seat is None:
+                    # Standard output belongs to the protocol where it is served.
+                    over_stdio = "stdio:" in server.urls
+                    print(said, flush=True, file=sys.stderr if over_stdio else sys.stdout)
+                    await _signal_or_end(signals, server.ended)
+                else:
+                    async with seat.figures.offered(partial(metrics_page, server.bridge, shown.figures)):
+                        seat.say(said)
+                        await _signal_or_end(signals, _parent_ended)
 
 
-async def _signal_or_end(signals: AsyncIterator[signal.Signals], server: Server) -> None:
-    """Wait for a signal, or until whoever started this as a child process has closed its standard input."""
+async def _parent_ended() -> None:
+    """Wait until the parent of this worker has died without a word."""
+    from rwt_cli.supervision import parent_sentinel
+
+    await anyio.wait_readable(parent_sentinel())
+
+
+async def _signal_or_end(
+    signals: AsyncIterator[signal.Signals], ended: Callable[[], Awaitable[None]]
+) -> None:
+    """Wait for a signal, or until there is nobody any more to serve for: who started this as a child has
+    closed its standard input, or is gone."""
     async with anyio.create_task_group() as tasks:
 
         async def watch() -> None:
-            await server.ended()
+            await ended()
             tasks.cancel_scope.cancel()
 
         tasks.start_soon(watch)
@@ -190,15 +238,14 @@ async def _signal_or_end(signals: AsyncIterator[signal.Signals], server: Server)
         tasks.cancel_scope.cancel()
 
 
-def _announce(server: Server, *, demo: bool) -> None:
-    """Say that the server is ready: on stdout, or on stderr where stdout belongs to the protocol."""
+def _announcement(server: Server, *, demo: bool) -> str:
+    """What says that the server is ready."""
     said = [f"listening on {url}" for url in server.urls]
     said += [f"dialing {dialed.url}" for dialed in server.dials]
     web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
     if demo and web is not None:
         said.append(_next_steps(web))
-    over_stdio = "stdio:" in server.urls
-    print("\n".join(said), flush=True, file=sys.stderr if over_stdio else sys.stdout)
+    return "\n".join(said)
 
 
 def _demo_robot(graph: Graph) -> closing[DemoRobot]:

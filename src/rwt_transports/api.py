@@ -173,12 +173,14 @@ class Place:
         port: 0 to let the system choose.
         path: of a Unix socket; the host is then empty.
         tls: encrypts the connections.
+        shared: whether other processes of this user listen on the same TCP port.
     """
 
     host: str = ""
     port: int = 0
     path: str = ""
     tls: SSLContext | None = None
+    shared: bool = False
 
     def __str__(self) -> str:
         return self.path or f"port {self.port} on {self.host}"

@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from ssl import SSLContext
 
 import anyio
@@ -57,6 +58,7 @@ async def listen(
     driver: Driver | None = None,
     tls: SSLContext | None = None,
     bson: bool = False,
+    shared: bool = False,
 ) -> AsyncIterator[OpenListener]:
     """Accept peers on `url` within the block, for example ``ws://127.0.0.1:9090``; port 0 picks a free one.
 
@@ -69,6 +71,8 @@ async def listen(
         limits: bounds per listener and per connection.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
         bson: whether every message is a BSON document; on a stream it says itself where it ends (BSN-03).
+        shared: whether other processes listen on the same TCP port, see
+            :func:`rwt_transports.shared_port.hold_port`.
         driver: what moves the bytes; by default the fastest one for the scheme and the running event loop.
 
     Raises:
@@ -95,7 +99,7 @@ async def listen(
     mover = driver or (scheme.make_driver or fastest_driver)()
     failure: Exception | None = None
     async with (
-        mover.serve(target.place, reception.attach) as port,
+        mover.serve(replace(target.place, shared=shared), reception.attach) as port,
         anyio.create_task_group() as tasks,
     ):
         reception.tasks = TaskStarter()

@@ -124,7 +124,11 @@ class AnyioDriver:
 
     @asynccontextmanager
     async def _serve(self, place: Place, attach: Attach) -> AsyncIterator[int]:
-        sockets = [bind_unix(place.path)] if place.path else await bind_tcp(place.host, place.port)
+        sockets = (
+            [bind_unix(place.path)]
+            if place.path
+            else await bind_tcp(place.host, place.port, shared=place.shared)
+        )
         port = 0 if place.path else int(sockets[0].getsockname()[1])
         listener: Listener[ByteStream] = MultiListener([await _listener(each) for each in sockets])
         if place.tls is not None:

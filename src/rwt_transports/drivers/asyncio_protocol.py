@@ -186,7 +186,11 @@ class AsyncioDriver:
     @asynccontextmanager
     async def _serve(self, place: Place, attach: Attach) -> AsyncIterator[int]:
         loop = asyncio.get_running_loop()
-        sockets = [bind_unix(place.path)] if place.path else await bind_tcp(place.host, place.port)
+        sockets = (
+            [bind_unix(place.path)]
+            if place.path
+            else await bind_tcp(place.host, place.port, shared=place.shared)
+        )
         make_link = partial(_Link, attach, _Turn(loop), bytearray(READ_BYTES))
         # Asked before the server wraps the sockets.
         port = 0 if place.path else int(sockets[0].getsockname()[1])

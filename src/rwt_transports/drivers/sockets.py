@@ -19,8 +19,13 @@ KEEPALIVE_SECONDS = 60
 """Silence after which the system asks whether the peer's machine is still there."""
 
 
-async def bind_tcp(host: str, port: int) -> list[socket.socket]:
+async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket.socket]:
     """Sockets bound to every address of `host`, all on one port; port 0 picks a free one.
+
+    Args:
+        host: a name or an address.
+        port: 0 to 65535.
+        shared: join those who listen on the port and share it, too; the system spreads connections over them.
 
     Raises:
         ListenError: the name is unknown, or the address cannot be had.
@@ -33,7 +38,7 @@ async def bind_tcp(host: str, port: int) -> list[socket.socket]:
     try:
         for family, address in dict.fromkeys((entry[0], entry[4][:2]) for entry in found):
             chosen = sockets[0].getsockname()[1] if sockets else port
-            sockets.append(_bind(family, (str(address[0]), int(chosen))))
+            sockets.append(_bind(family, (str(address[0]), int(chosen)), shared=shared))
     except OSError as error:
         for each in sockets:
             each.close()
@@ -41,13 +46,15 @@ async def bind_tcp(host: str, port: int) -> list[socket.socket]:
     return sockets
 
 
-def _bind(family: int, address: tuple[str, int]) -> socket.socket:
+def _bind(family: int, address: tuple[str, int], *, shared: bool) -> socket.socket:
     # asyncio sets TCP_NODELAY on what is accepted only where the protocol is named.
     bound = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         bound.setblocking(False)
         if os.name == "posix":
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if shared:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         if hasattr(socket, "TCP_NOTSENT_LOWAT"):
             # Every accepted connection inherits it.
             bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)

@@ -1,0 +1,55 @@
+"""One TCP port for several processes: held by one of them, listened on by the others (SO_REUSEPORT)."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import dataclass
+from ssl import SSLContext
+
+from .drivers.sockets import bind_tcp
+from .urls import parse_listen_url
+
+
+def can_share(url: str, tls: SSLContext | None = None) -> bool:
+    """Whether several processes can listen at a URL: those of TCP.
+
+    Raises:
+        BadUrl: it is not one to listen on.
+    """
+    target = parse_listen_url(url, tls)
+    return bool(target.place.host) and target.scheme.make_driver is None
+
+
+@dataclass(frozen=True, slots=True)
+class HeldPort:
+    """A port that no other program can take, though nobody may listen on it for now.
+
+    Attributes:
+        url: where processes of this user listen with ``shared=True``, with the port that there is.
+    """
+
+    url: str
+    _sockets: tuple[socket.socket, ...]
+
+    def close(self) -> None:
+        """Give it back."""
+        for each in self._sockets:
+            each.close()
+
+
+async def hold_port(url: str, tls: SSLContext | None = None) -> HeldPort:
+    """Hold the port of a URL, without listening; a free one where port 0 is asked for.
+
+    Raises:
+        BadUrl: it is not one to listen on.
+        ListenError: the address cannot be had.
+    """
+    target = parse_listen_url(url, tls)
+    sockets = await bind_tcp(target.place.host, target.place.port)
+    for each in sockets:
+        # Not before it is bound: so a port that other programs share counts as in use.
+        each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+    return HeldPort(target.with_port(int(sockets[0].getsockname()[1])), tuple(sockets))
+
+
+__all__ = ["HeldPort", "can_share", "hold_port"]
