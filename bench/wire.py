@@ -14,7 +14,7 @@ import socket
 import struct
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 FIN = 0x80
 TEXT, CLOSE, PING, PONG = 0x1, 0x8, 0x9, 0xA
@@ -209,6 +209,13 @@ class Connection:
         if self.on_data is not None:
             self.on_data()
 
+    def read_pending(self, buffer: bytearray) -> None:
+        """Read what there is, if there is something."""
+        try:
+            self._counter.feed(buffer, self._socket.recv_into(buffer))
+        except BlockingIOError:
+            return
+
     def _on_control(self, opcode: int, payload: bytes) -> None:
         if opcode == CLOSE:
             code, reason = int.from_bytes(payload[:2], "big"), payload[2:].decode()
@@ -291,6 +298,11 @@ class Loop:
             if events & selectors.EVENT_WRITE:
                 key.data.write_ready()
         return bool(ready)
+
+    def sweep(self, connections: Iterable[Connection]) -> None:
+        """Read what has come for connections that `stop_reading`, one after the other and without polling."""
+        for connection in connections:
+            connection.read_pending(self._buffer)
 
     def until(self, satisfied: Callable[[], bool], seconds: float) -> bool:
         """Turn until `satisfied()` or for that long; whether it was satisfied."""

@@ -78,7 +78,7 @@ def make_graph(settings: Settings, registry: Registry, seat: Seat | None = None)
     if seat is not None:
         from rwt_graph.zenoh.siblings import sibling
 
-        options = sibling(options, seat.folder, seat.number)
+        options = sibling(options, seat.folder, seat.number, settings.workers)
     return ZenohGraph(
         registry=registry,
         listen=options.listen,

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 _PORT = re.compile(r":\d+(?=$|[?#])")
 
 
-def sibling(options: ZenohOptions, folder: Path, number: int) -> ZenohOptions:
+def sibling(options: ZenohOptions, folder: Path, number: int, count: int) -> ZenohOptions:
     """The options of one of several processes that were given the same ones.
 
-    Peers are a mesh over Unix sockets in `folder`, each connected to those that were started before it. To
+    Peers are a mesh over Unix sockets in `folder`, each connected to those that are there before it. To
     the outside each is a peer of its own, because peers pass nothing on: the first is found where `options`
     say, the others at ports of their own, of which Zenoh's gossip tells. With a router in them, the first is
     that and the others its clients; clients of a router elsewhere need nothing of each other.
@@ -29,6 +29,7 @@ def sibling(options: ZenohOptions, folder: Path, number: int) -> ZenohOptions:
         options: what the server was given.
         folder: which nobody else may enter.
         number: from 1, in the order of starting.
+        count: how many there are.
 
     Raises:
         ZenohError: the configuration file cannot be used.
@@ -37,18 +38,24 @@ def sibling(options: ZenohOptions, folder: Path, number: int) -> ZenohOptions:
     mode = options.mode or json.loads(config.get_json("mode")) or "peer"
     if mode == "client":
         return options
-    own, before = (_socket(folder, number), [_socket(folder, each) for each in range(1, number)])
     if mode == "router" and number > 1:
-        return replace(options, mode="client", listen=(), connect=(before[0],))
+        return replace(options, mode="client", listen=(), connect=(_endpoint(folder, 1),))
+    # One that is started again finds the others there, and need not wait until they try again.
+    there = [each for each in range(1, count + 1) if each < number or _socket(folder, each).exists()]
+    siblings = [_endpoint(folder, each) for each in there if each != number and mode == "peer"]
     listen = _endpoints(config.get_json("listen/endpoints"), mode)
     connect = _endpoints(config.get_json("connect/endpoints"), mode)
     if number > 1:
         listen = [_PORT.sub(":0", each) for each in listen if _PORT.search(each)]
-    return replace(options, listen=(own, *listen), connect=(*before, *connect))
+    return replace(options, listen=(_endpoint(folder, number), *listen), connect=(*siblings, *connect))
 
 
-def _socket(folder: Path, number: int) -> str:
-    return f"unixsock-stream/{folder}/zenoh-{number}"
+def _socket(folder: Path, number: int) -> Path:
+    return folder / f"zenoh-{number}"
+
+
+def _endpoint(folder: Path, number: int) -> str:
+    return f"unixsock-stream/{_socket(folder, number)}"
 
 
 def _endpoints(text: str, mode: str) -> list[str]:
