@@ -132,11 +132,14 @@ class MemoryServer:
 
 @asynccontextmanager
 async def memory_server(
-    distro: str, settings: Settings | None = None, spoil: Spoil | None = None
+    distro: str,
+    settings: Settings | None = None,
+    spoil: Spoil | None = None,
+    make_graph: Callable[[Registry, SimulatedClock], MemoryGraph] = MemoryGraph,
 ) -> AsyncIterator[MemoryServer]:
     """Run a server until the block is left."""
     clock = SimulatedClock(start_ns=time.time_ns())
-    graph = MemoryGraph(registry=Registry(DISTROS[distro]), clock=clock)
+    graph = make_graph(Registry(DISTROS[distro]), clock)
     async with graph:
         with Rosapi(graph):
             bridge = Bridge(graph, settings or Settings())

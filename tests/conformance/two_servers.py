@@ -1,0 +1,63 @@
+"""Two of our servers in this process, joined over Zenoh: a case's first client is at one, the rest at the other."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, field
+from functools import partial
+
+from conformance.case import Case
+from conformance.pace import RealPace
+from conformance.runner import Conditions, Run, run_cases
+from conformance.target import Target
+from conformance.wires import Wire
+from rwt_bridge.bridge import Bridge
+from rwt_bridge.settings import Settings
+from rwt_graph.zenoh import ZenohGraph
+from rwt_interfaces.distro import JAZZY
+from rwt_interfaces.registry import Registry
+from rwt_nodes.rosapi import Rosapi
+from rwt_protocol.frames import Accept
+from tests.conformance.memory_server import MemoryWire
+from tests.zenoh_links import QUICK, free_endpoint
+
+
+@dataclass(slots=True)
+class TwoServers:
+    """Where clients can go."""
+
+    first: Accept
+    second: Accept
+    _begun: set[str] = field(default_factory=set)
+
+    async def dial(self, tag: str) -> Wire:
+        """The first client of a case, of which each has a tag of its own, or another one of it."""
+        accept = self.second if tag in self._begun else self.first
+        self._begun.add(tag)
+        return MemoryWire(accept)
+
+    async def play(self, cases: tuple[Case, ...], target: Target, jobs: int) -> Run:
+        """Play cases, so many at a time, in real time: the threads of Zenoh know no other."""
+        conditions = Conditions(jobs=jobs, framing="messages")
+        return await run_cases(cases, target, self.dial, "two servers", conditions, RealPace())
+
+
+@asynccontextmanager
+async def two_servers() -> AsyncIterator[TwoServers]:
+    """Run them until the block is left; each has a rosapi of its own."""
+    endpoint = free_endpoint()
+    async with AsyncExitStack() as stack:
+        graphs = [
+            await stack.enter_async_context(
+                ZenohGraph(Registry(JAZZY), listen=listen, connect=connect, config=QUICK)
+            )
+            for listen, connect in (([endpoint], []), ([], [endpoint]))
+        ]
+        accepts: list[Accept] = []
+        for graph in graphs:
+            stack.callback(Rosapi(graph).close)
+            bridge = Bridge(graph, Settings())
+            stack.callback(bridge.close)
+            accepts.append(partial(bridge.accept, loopback=True))
+        yield TwoServers(*accepts)
