@@ -157,6 +157,10 @@ class Peer:
         """A `status` about something that no op caused; None if this client does not want to hear it."""
         return self.session.answer(Status(level="warning", msg=text))
 
+    def warn(self, text: str, id_: str | int | None) -> None:
+        """Tell the client of something that was done, though not quite as it may expect (STA-04)."""
+        self._answer(Status(level="warning", msg=text, id=id_))
+
     def take_role(self, role: Role) -> None:
         """Act as another role from now on; what is open stays open, and publishing is asked anew."""
         self.role = role

@@ -6,10 +6,14 @@ import logging
 from typing import TYPE_CHECKING
 
 from rwt_bridge.deadline import DeadlineWatch
+from rwt_bridge.early import SECONDS as EARLY_SECONDS
+from rwt_bridge.early import EarlySamples
 from rwt_bridge.logs import write
 from rwt_bridge.losses import LOG_SECONDS
 from rwt_bridge.qos import disagreement
+from rwt_graph.api import Sample
 from rwt_graph.errors import TypeConflict
+from rwt_graph.qos import Durability
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
@@ -35,8 +39,12 @@ class Publication:
 
     __slots__ = (
         "_clock",
+        "_early",
+        "_early_timer",
         "_ledger",
         "_logged",
+        "_node",
+        "_publish",
         "counts",
         "deadline",
         "linger",
@@ -47,9 +55,8 @@ class Publication:
         "users",
     )
 
-    def __init__(self, publisher: Publisher, clock: Clock, ledger: Ledger) -> None:
+    def __init__(self, publisher: Publisher, node: str, clock: Clock, ledger: Ledger) -> None:
         self.publisher = publisher
-        self.publish: Callable[[Payload], None] = publisher.publish
         self.topic = publisher.topic
         self.type = publisher.type
         self.users: set[Hashable] = set()
@@ -60,8 +67,31 @@ class Publication:
         self.counts = ledger.use_topic(publisher.topic)
         seconds = publisher.qos.deadline
         self.deadline = DeadlineWatch(clock, seconds, self._late) if seconds else None
-        if self.deadline is not None:
-            self.publish = self._publish_in_time
+        self._publish = publisher.publish if self.deadline is None else self._publish_in_time
+        self.publish: Callable[[Payload], None] = self._publish
+        self._node = node
+        self._early: EarlySamples | None = None
+        self._early_timer: Timer | None = None
+        if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
+            self._early = EarlySamples()
+            self.publish = self._publish_early
+            self._early_timer = clock.call_later(EARLY_SECONDS, self._end_early)
+
+    @property
+    def early(self) -> tuple[Sample, ...]:
+        """What late readers still get of the first second, oldest first (ADV-08); nothing of latched topics,
+        whose samples the graph keeps."""
+        return () if self._early is None else self._early.samples()
+
+    def _publish_early(self, payload: Payload) -> None:
+        self._publish(payload)
+        if self._early is not None:
+            sample = Sample(self.topic, payload, self._clock.time_ns(), self._node)
+            self._early.add(sample, len(payload.json()))
+
+    def _end_early(self) -> None:
+        self._early = None
+        self.publish = self._publish
 
     def _publish_in_time(self, payload: Payload) -> None:
         if self.deadline is not None:
@@ -84,6 +114,9 @@ class Publication:
             self.linger.cancel()
         if self.deadline is not None:
             self.deadline.close()
+        if self._early_timer is not None:
+            self._early_timer.cancel()
+        self._end_early()
         self._ledger.release_topic(self.counts)
         self.publisher.close()
 
@@ -104,6 +137,11 @@ class Publications:
 
     def __contains__(self, topic: str) -> bool:
         return topic in self._by_topic
+
+    def early(self, topic: str) -> tuple[Sample, ...]:
+        """What clients published on `topic` in the first second of their publisher, while that lasts."""
+        publication = self._by_topic.get(topic)
+        return () if publication is None else publication.early
 
     def acquire(
         self,
@@ -132,7 +170,9 @@ class Publications:
                 if qos is None
                 else self._participant.advertise(topic, type, qos)
             )
-            publication = self._by_topic[topic] = Publication(publisher, self._clock, self._ledger)
+            publication = self._by_topic[topic] = Publication(
+                publisher, self._participant.name, self._clock, self._ledger
+            )
         elif publication.type.name != type.name:
             raise TypeConflict(
                 f"tried to register topic {topic} with type {type.name} "

@@ -62,19 +62,21 @@ class ClientSubscription:
         """Add a subscription, or change the one of the same id (SUB-09).
 
         A new one is given the kept samples of latched topics, so that a widget which joins late in a client
-        that already listens sees them too (SUB-13).
+        that already listens sees them too (SUB-13). The first is given what came too early for it (ADV-08).
         """
-        is_new = op.id not in self._wishes
+        is_first, is_new = not self._wishes, op.id not in self._wishes
         self._wishes[op.id] = (op, encoding)
         channel = self._apply()
         if is_new:
-            self._replay(channel, kept_wanted(op))
+            self._replay(channel, kept_wanted(op), early=is_first)
 
-    def _replay(self, channel: Channel, most: int | None) -> None:
+    def _replay(self, channel: Channel, most: int | None, *, early: bool) -> None:
         """Give what is kept, at most that many of the newest; None is all."""
         if most == 0:
             return
         kept = self._fanout.subscription.history()
+        if early:
+            kept += self._bridge.publications.early(self._fanout.topic)
         for sample in kept if most is None else kept[-most:]:
             channel.replay(sample, self._gate)
 

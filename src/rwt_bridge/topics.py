@@ -10,6 +10,8 @@ from rwt_bridge.subscriptions import ClientSubscription
 from rwt_bridge.typecheck import payload_of
 from rwt_graph.names import resolve
 from rwt_graph.qos import LATCHED
+from rwt_interfaces.partial import missing_fields
+from rwt_protocol.decoded import plain_value
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
@@ -60,6 +62,16 @@ def on_publish(peer: Peer, op: ops.Publish) -> None:
     counts.received += 1
     counts.received_bytes += raw.size
     publication.publish(payload)
+    if peer.session.wants_status("warning"):
+        _warn_of_defaults(peer, op, publication.type)
+
+
+def _warn_of_defaults(peer: Peer, op: ops.Publish, type: MessageType) -> None:
+    """Tell a client that wants to hear it which fields it has left to their defaults (PUB-04)."""
+    missing = missing_fields(type, plain_value(op.msg))
+    if missing:
+        text = f"publish.msg: defaults were taken for what is missing: {', '.join(missing)}"
+        peer.warn(text, op.id)
 
 
 def _publication(peer: Peer, op: ops.Publish) -> Publication:

@@ -8,7 +8,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final
 
-from rwt_protocol.ops import OPS
+from rwt_protocol.ops import OPS, Direction
 
 
 class StatusRule(Enum):
@@ -30,12 +30,22 @@ class Profile:
         ops: the ops that exist in it.
         without: members that do not exist in it, by op. Like every unknown member they are ignored (ENV-01).
         status: when a client hears `status`.
+        both_ways: ops that servers take too, although servers alone send them in the other versions.
     """
 
     name: str
     ops: frozenset[str]
     status: StatusRule
     without: Mapping[str, frozenset[str]] = field(default_factory=lambda: MappingProxyType({}))
+    both_ways: frozenset[str] = frozenset()
+
+    def direction(self, op: str) -> Direction:
+        """Who sends `op` in this version."""
+        return Direction.BOTH if op in self.both_ways else OPS[op].direction
+
+    def arriving(self, direction: Direction) -> frozenset[str]:
+        """The names of the ops that arrive where messages of `direction` do."""
+        return frozenset(op for op in self.ops if self.direction(op) in (direction, Direction.BOTH))
 
     def __hash__(self) -> int:
         return hash(self.name)
@@ -52,12 +62,16 @@ def _without(**members: str) -> Mapping[str, frozenset[str]]:
 COMPAT: Final = Profile("compat", _ALL, StatusRule.AFTER_SET_LEVEL)
 """The default: everything that a shipping client sends."""
 
+_EITHER_WAY: Final = frozenset({"png"})
+"""The older texts have `png` as one of the ways to send any message; no shipping server takes it (PNG-09)."""
+
 # `latch` and `queue_size` are in neither text and in both servers and every client of the time (ADV-06, X10).
 ROS1: Final = Profile(
     "ros1",
     _ALL - _ACTION_OPS,
     StatusRule.FROM_THE_START,
     _without(advertise="qos", publish="type", subscribe="qos", call_service="type timeout"),
+    _EITHER_WAY,
 )
 """The text of the branch ros1."""
 
@@ -66,6 +80,7 @@ ROS2_2024: Final = Profile(
     _ALL - {"auth"},
     StatusRule.FROM_THE_START,
     _without(advertise="qos", publish="type", subscribe="qos", call_service="type timeout"),
+    _EITHER_WAY,
 )
 """The text of the branch ros2 in 2024."""
 

@@ -66,9 +66,8 @@ def readers(profile: Profile, direction: Direction) -> Mapping[object, Reader]:
     """The readers of the ops that arrive in one direction, by name."""
     return MappingProxyType(
         {
-            name: Reader(spec, profile.without.get(name, frozenset()))
-            for name, spec in OPS.items()
-            if name in profile.ops and spec.direction in (direction, Direction.BOTH)
+            name: Reader(OPS[name], profile.without.get(name, frozenset()))
+            for name in profile.arriving(direction)
         }
     )
 

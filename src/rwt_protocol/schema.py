@@ -68,9 +68,7 @@ def protocol_asyncapi(profile: Profile = COMPAT, version: str = "2.0.0") -> dict
 
 def _operation(action: str, profile: Profile, direction: Direction) -> dict[str, JsonValue]:
     messages: list[JsonValue] = [
-        {"$ref": f"#/channels/connection/messages/{op}"}
-        for op in sorted(profile.ops)
-        if OPS[op].direction in (direction, Direction.BOTH)
+        {"$ref": f"#/channels/connection/messages/{op}"} for op in sorted(profile.arriving(direction))
     ]
     return {"action": action, "channel": {"$ref": "#/channels/connection"}, "messages": messages}
 
@@ -92,21 +90,21 @@ def _definitions(profile: Profile, where: str) -> tuple[dict[str, JsonValue], di
     for spec in specs:
         definition = definitions[spec.model.__name__]
         if isinstance(definition, dict):
-            _finish(definition, spec, profile.without.get(spec.name, frozenset()))
+            _finish(definition, spec, profile)
     own = {spec.model.__name__ for spec in specs}
     text = repr([definitions[name] for name in own])
     used = {name: it for name, it in definitions.items() if name in own or f"{where}{name}'" in text}
     return used, {spec.name: where + spec.model.__name__ for spec in specs}
 
 
-def _finish(definition: dict[str, JsonValue], spec: OpSpec, without: frozenset[str]) -> None:
+def _finish(definition: dict[str, JsonValue], spec: OpSpec, profile: Profile) -> None:
     """What the model's own schema does not say: who sends it, that `op` is needed, what the profile lacks."""
-    definition["x-direction"] = spec.direction.value
+    definition["x-direction"] = profile.direction(spec.name).value
     members = definition["properties"]
     required = definition.setdefault("required", [])
     if isinstance(members, dict) and isinstance(required, list):
         names: list[JsonValue] = [spec.name, *spec.aliases]
         members["op"] = {"enum": names} if spec.aliases else {"const": spec.name}
         required.insert(0, "op")
-        for name in without:
+        for name in profile.without.get(spec.name, ()):
             members.pop(name, None)

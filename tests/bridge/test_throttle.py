@@ -81,9 +81,11 @@ def test_a_throttle_set_on_a_quiet_topic_lets_the_first_sample_pass(
 
 
 def test_a_sample_from_before_a_client_joined_does_not_count_as_sent_to_it(
-    client: Client, other: Client
+    clock: SimulatedClock, client: Client, other: Client
 ) -> None:
     other.say("subscribe", topic="/n", type="std_msgs/Int32")
+    client.say("publish", topic="/n", msg={"data": -1})
+    clock.advance(1.0)
     client.say("publish", topic="/n", msg={"data": 0})
     client.say("subscribe", id="x", topic="/n")
     client.say("subscribe", id="x", topic="/n", throttle_rate=1000)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import pytest
 
@@ -153,11 +153,75 @@ def test_a_latched_message_reaches_who_comes_late(client: Client, connect: Calla
     assert late.heard_of("/map_name") == [{"data": "newest"}]
 
 
-def test_an_unlatched_message_is_not_kept(client: Client, other: Client) -> None:
+def test_an_unlatched_message_is_not_kept(clock: SimulatedClock, client: Client, other: Client) -> None:
     client.say("advertise", topic="/t", type="std_msgs/String")
+    clock.advance(1.0)
     client.say("publish", topic="/t", msg={"data": "x"})
     other.say("subscribe", topic="/t")
     assert other.heard() == []
+
+
+def test_the_first_second_of_a_publisher_is_kept_for_who_comes_within_it(
+    clock: SimulatedClock, client: Client, other: Client
+) -> None:
+    client.say("advertise", topic="/t", type="std_msgs/String")
+    for text in ("a", "b"):
+        client.say("publish", topic="/t", msg={"data": text})
+    clock.advance(0.9)
+    other.say("subscribe", topic="/t")
+    assert other.heard_of("/t") == [{"data": "a"}, {"data": "b"}]
+    other.say("subscribe", topic="/t", id="again")
+    assert other.heard_of("/t") == [], "a client is given them once"
+    clock.advance(0.2)
+    client.say("subscribe", topic="/t")
+    assert client.heard_of("/t") == []
+
+
+def test_of_many_or_large_early_messages_the_newest_are_kept(client: Client, other: Client) -> None:
+    client.say("advertise", topic="/many", type="std_msgs/Int32")
+    for number in range(150):
+        client.say("publish", topic="/many", msg={"data": number})
+    other.say("subscribe", topic="/many")
+    assert other.heard_of("/many") == [{"data": number} for number in range(50, 150)]
+    client.say("advertise", topic="/large", type="std_msgs/String")
+    for letter in "abc":
+        client.say("publish", topic="/large", msg={"data": letter * 500_000})
+    other.say("subscribe", topic="/large")
+    assert [message["data"][0] for message in other.heard_of("/large")] == ["b", "c"]
+
+
+def test_a_subscriber_that_wants_nothing_old_is_given_nothing_early(client: Client, other: Client) -> None:
+    client.say("advertise", topic="/t", type="std_msgs/String")
+    client.say("publish", topic="/t", msg={"data": "x"})
+    other.say("subscribe", topic="/t", qos={"durability": "volatile"})
+    assert other.heard() == []
+
+
+@pytest.mark.parametrize(
+    ("msg", "missing"),
+    [
+        ({"pose": {"position": {"x": 1, "y": 2}}}, "pose.position.z, pose.orientation"),
+        ({}, "pose"),
+        ({"header": {}, "pose": {}}, "pose.position, pose.orientation"),
+    ],
+)
+def test_who_hears_warnings_hears_which_fields_took_their_defaults(
+    client: Client, other: Client, msg: Mapping[str, object], missing: str
+) -> None:
+    other.say("subscribe", topic="/p", type="geometry_msgs/PoseStamped")
+    client.say("set_level", level="warning")
+    client.say("advertise", topic="/p", type="geometry_msgs/PoseStamped")
+    client.say("publish", topic="/p", msg=msg, id="p1")
+    text = f"publish.msg: defaults were taken for what is missing: {missing}"
+    assert client.heard() == [{"op": "status", "level": "warning", "msg": text, "id": "p1"}]
+    assert len(other.heard_of("/p")) == 1
+
+
+def test_a_whole_message_is_nothing_to_be_warned_of(client: Client) -> None:
+    client.say("set_level", level="warning")
+    client.say("advertise", topic="/p", type="geometry_msgs/PointStamped")
+    client.say("publish", topic="/p", msg={"point": {"x": 1, "y": 2, "z": 3}})
+    assert client.heard() == []
 
 
 def test_a_topic_outlives_its_last_publisher_by_ten_seconds(

@@ -19,8 +19,9 @@ from rwt_protocol.codecs import png
 from rwt_protocol.errors import Refused
 from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Direction, Publish
+from rwt_protocol.profiles import ROS1, ROS2_2024, Profile
 from rwt_protocol.rawjson import RawJson
-from rwt_protocol.session import Refusal, Session
+from rwt_protocol.session import Refusal, Session, WireLimits
 from tests.protocol.wire_examples import EXAMPLES, Picture, text_of
 
 LIMIT = 10_000_000
@@ -154,6 +155,18 @@ def test_every_way_to_compress_keeps_the_text(name: str, fast: bool, monkeypatch
     with Image.open(io.BytesIO(base64.b64decode(data))) as image:
         assert image.tobytes().rstrip(b"\n") == _TEXTS[name]
     assert png.decode(data, 10_000_000).rstrip(b"\n") == _TEXTS[name]
+
+
+@pytest.mark.parametrize("profile", [ROS1, ROS2_2024], ids=lambda profile: profile.name)
+def test_a_server_takes_pictures_where_the_text_lets_clients_send_them(profile: Profile) -> None:
+    op = Publish(topic="/chatter", msg=RawJson(b'{"data":"hello"}'))
+    frame = png.encode(Session().encode(op))
+    assert list(Session(profile).decode(frame.data, False, 0.0)) == [op]
+    large = png.encode(Frame(b'{"op":"publish","topic":"/a","msg":{"data":"', b"a" * 100_000, b'"}}'))
+    assert len(large.data) < 2000
+    (refusal,) = Session(profile, limits=WireLimits(max_message_size=50_000)).decode(large.data, False, 0.0)
+    assert isinstance(refusal, Refusal)
+    assert "the limit is 50000" in refusal.reason
 
 
 def test_what_repeats_becomes_small() -> None:
