@@ -86,6 +86,10 @@ class Admission:
         """
         return self._by_token(info) or self.default_role
 
+    def origin_may_connect(self, origin: str, host: str, *, loopback: bool) -> bool:
+        """Whether web pages of `origin` may connect (see :meth:`Origins.allows`)."""
+        return self._origins.allows(origin, host, loopback=loopback)
+
     def _check_origin(self, info: PeerInfo, *, loopback: bool) -> None:
         origin = info.headers.get("origin")
         if origin is None:

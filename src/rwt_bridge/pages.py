@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Awaitable, Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING
@@ -47,11 +48,16 @@ Page = Callable[[HttpRequest, MaySubscribe], HttpResponse | Awaitable[HttpRespon
 """What a node serves over HTTP: it is asked only for those who may come in."""
 
 
-def routes(bridge: Bridge, pages: Mapping[str, Page]) -> Routes:
-    """The routes that every bridge has, and the pages of nodes by their paths (see :class:`Routes`)."""
+def routes(bridge: Bridge, pages: Mapping[str, Page], *, loopback: bool) -> Routes:
+    """The routes that every bridge has, and the pages of nodes by their paths (see :class:`Routes`).
+
+    Args:
+        loopback: whether they are only reached from this machine, which decides whose web pages may read
+            them.
+    """
     routes = Routes()
     for path, page in pages.items():
-        routes.get(path, readable(bridge, partial(_of_node, page)))
+        routes.get(path, _for_origins(bridge, loopback, readable(bridge, partial(_of_node, page))))
     routes.get("/", readable(bridge, lambda request, role: _index(bridge, request, role)))
     routes.get("/healthz", lambda request: _health(bridge))
     routes.get("/metrics", readable(bridge, lambda request, role: _metrics(bridge, role)))
@@ -74,6 +80,36 @@ def readable(
         return page(request, role)
 
     return handler
+
+
+def _for_origins(bridge: Bridge, loopback: bool, handler: Handler) -> Handler:
+    """Lets web pages of other origins read the answer, if they may connect (`origins.allow`).
+
+    A browser shows any page an image, but hands its bytes only to pages that the answer names (the Fetch
+    standard, section 3.3): a viewer needs them for meshes and for video as a texture.
+    """
+
+    def answer(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+        response = handler(request)
+        origin = request.headers.get("origin")
+        if origin is None or not bridge.admission.origin_may_connect(
+            origin, request.headers.get("host", ""), loopback=loopback
+        ):
+            return response
+        named = {"Access-Control-Allow-Origin": origin, "Vary": "Origin"}
+        if isinstance(response, HttpResponse):
+            return _with_headers(response, named)
+        return _later_with_headers(response, named)
+
+    return answer
+
+
+def _with_headers(response: HttpResponse, headers: Mapping[str, str]) -> HttpResponse:
+    return replace(response, headers={**response.headers, **headers})
+
+
+async def _later_with_headers(response: Awaitable[HttpResponse], headers: Mapping[str, str]) -> HttpResponse:
+    return _with_headers(await response, headers)
 
 
 def _of_node(page: Page, request: HttpRequest, role: Role) -> HttpResponse | Awaitable[HttpResponse]:

@@ -93,7 +93,7 @@ async def serve(
                 listen(
                     url,
                     _accept_at(url, bridge),
-                    routes=routes(bridge, pages),
+                    routes=routes(bridge, pages, loopback=is_loopback_listener(url)),
                     limits=limits,
                     tls=tls,
                     bson=settings.bson_only_mode,
