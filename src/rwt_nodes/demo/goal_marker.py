@@ -20,7 +20,8 @@ from rwt_nodes.interactive_markers import (
 
 NAMESPACE = "/goal_marker"
 _NAME = "goal"
-_ORANGE = Colour(1.0, 0.55, 0.0)
+#: Not quite opaque: ros3djs draws such colours as they are, and others in the light of a lamp.
+_ORANGE = Colour(1.0, 0.55, 0.0, 0.9)
 #: Metres.
 _SIZE = 0.8
 
@@ -79,7 +80,7 @@ class GoalMarker:
 
 
 def _marker(start: Pose) -> messages.Message:
-    disc = cylinder(0.4, 0.05, _ORANGE._replace(a=0.9), (0.0, 0.0, 0.03))
+    disc = cylinder(0.4, 0.05, _ORANGE, (0.0, 0.0, 0.03))
     heading = arrow((0.0, 0.0, 0.08), (0.45, 0.0, 0.08), 0.06, _ORANGE)
     controls = [
         move_plane("z", disc, heading, name="move"),
