@@ -8,14 +8,13 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import IO, Any
 
 import anyio.to_thread
 import numpy as np
-import pytest
 from PIL import Image
 
 HERE = Path(__file__).parent
@@ -61,12 +60,12 @@ class Browser:
         try:
             line = self._lines.get(timeout=seconds)
         except queue.Empty:
-            pytest.fail(f"the browser says nothing for {seconds:g} s:\n{self._errors()}")
+            raise AssertionError(f"the browser says nothing for {seconds:g} s:\n{self._errors()}") from None
         if line is None:
-            pytest.fail(f"the browser ended:\n{self._errors()}")
+            raise AssertionError(f"the browser ended:\n{self._errors()}")
         answer = json.loads(line)
         if "failed" in answer:
-            pytest.fail(f"the browser: {answer['failed']}")
+            raise AssertionError(f"the browser: {answer['failed']}")
         return answer["answer"]
 
     def _errors(self) -> str:
@@ -99,7 +98,7 @@ class Browser:
         complaints = await page.complaints()
         await self.ask("close", page=name)
         if complaints:
-            pytest.fail("the page complains:\n" + "\n".join(complaints))
+            raise AssertionError("the page complains:\n" + "\n".join(complaints))
 
     def close(self) -> None:
         """End the browser."""
@@ -162,11 +161,12 @@ class Page:
         await self._ask("click", selector=selector)
 
     async def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
-        """Press the mouse at one place and let it go at another."""
+        """Press the mouse at one place, let it go at another and leave: ros3d lights up what is under it."""
         await self.mouse("move", *start)
         await self.mouse("down")
         await self.mouse("move", *end, {"steps": 8})
         await self.mouse("up")
+        await self.mouse("move", 2, 2)
 
     async def picture_when(self, name: str, is_right: Any) -> Picture:
         """A picture once `is_right(picture)` holds; what the page shows comes over the network."""
@@ -176,7 +176,7 @@ class Page:
                 if is_right(picture):
                     return picture
                 await anyio.sleep(0.05)
-        pytest.fail(f"the page does not come to look as it should: see {SCREENSHOTS / name}.png")
+        raise AssertionError(f"the page does not come to look as it should: see {SCREENSHOTS / name}.png")
 
 
 class Picture:
@@ -214,6 +214,17 @@ class Picture:
         rows, columns = np.nonzero(self.mask(colour, tolerance))
         assert len(rows), f"{self.path}: nothing is {colour}"
         return float(columns.mean()), float(rows.mean())
+
+
+async def until(is_so: Callable[[], bool]) -> None:
+    """Wait for what a page sends over the network.
+
+    Raises:
+        TimeoutError: it does not come.
+    """
+    with anyio.fail_after(PATIENCE):
+        while not is_so():  # noqa: ASYNC110 - whatever the condition looks at tells nobody of its change
+            await anyio.sleep(0.02)
 
 
 def near(colour: tuple[int, int, int], expected: tuple[int, int, int], tolerance: int = 40) -> bool:

@@ -36,7 +36,7 @@ def transform(parent: str, child: str, x: float, y: float, z: float = 0.0) -> Ma
 
 
 def is_tinted(seen: tuple[int, int, int], colour: tuple[int, int, int]) -> bool:
-    """Whether points of `colour` were drawn there: ros3d draws points over one another, which bleaches them."""
+    """Whether points of `colour` were drawn there: ros3d draws points twice, which bleaches them."""
     bright = [value for value, full in zip(seen, colour, strict=True) if full]
     pale = [value for value, full in zip(seen, colour, strict=True) if not full]
     return min(bright) > 200 and max(pale) < min(bright) - 20

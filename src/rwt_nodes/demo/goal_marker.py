@@ -22,8 +22,9 @@ NAMESPACE = "/goal_marker"
 _NAME = "goal"
 #: Not quite opaque: ros3djs draws such colours as they are, and others in the light of a lamp.
 _ORANGE = Colour(1.0, 0.55, 0.0, 0.9)
-#: Metres.
+#: Metres: as wide as the robot with some room around, and above the floor, which hides what lies in it.
 _SIZE = 0.8
+_HEIGHT = 0.02
 
 
 class GoalMarker:
@@ -76,15 +77,22 @@ class GoalMarker:
             await self._goal.cancel()
 
     def _fetch(self, feedback: Feedback) -> None:
-        self._markers.set_pose(_NAME, messages.pose(self._start))
+        self._markers.set_pose(_NAME, _pose(self._start))
 
 
 def _marker(start: Pose) -> messages.Message:
-    disc = cylinder(0.4, 0.05, _ORANGE, (0.0, 0.0, 0.03))
-    heading = arrow((0.0, 0.0, 0.08), (0.45, 0.0, 0.08), 0.06, _ORANGE)
+    disc = cylinder(0.56, 0.02, _ORANGE)
+    heading = arrow((0.0, 0.0, 0.05), (0.6, 0.0, 0.05), 0.06, _ORANGE)
     controls = [
         move_plane("z", disc, heading, name="move"),
         rotate_axis("z", name="turn", scale=_SIZE),
     ]
     marker = interactive_marker(_NAME, frame=messages.MAP_FRAME, scale=_SIZE, controls=controls)
-    return {**marker, "pose": messages.pose(start)}
+    return {**marker, "pose": _pose(start)}
+
+
+def _pose(place: Pose) -> messages.Message:
+    return {
+        "position": messages.vector(place.x, place.y, _HEIGHT),
+        "orientation": messages.turn_about_z(place.heading),
+    }

@@ -58,10 +58,11 @@ _TURNS: Final[Mapping[Axis, Quaternion]] = {
     Axis.Y: (0.0, 0.0, _HALF, _HALF),
     Axis.Z: (0.0, -_HALF, 0.0, _HALF),
 }
+#: Not quite opaque: ros3djs draws such colours as they are, and others in the light of a lamp at one side.
 _COLOURS: Final[Mapping[Axis, Colour]] = {
-    Axis.X: Colour(0.9, 0.15, 0.15),
-    Axis.Y: Colour(0.15, 0.8, 0.15),
-    Axis.Z: Colour(0.2, 0.35, 1.0),
+    Axis.X: Colour(0.9, 0.15, 0.15, 0.9),
+    Axis.Y: Colour(0.15, 0.8, 0.15, 0.9),
+    Axis.Z: Colour(0.2, 0.35, 1.0, 0.9),
 }
 _WHITE = Colour(1.0, 1.0, 1.0)
 #: Corners of the circle that a ring is.
@@ -194,7 +195,7 @@ def _ring(axis: Axis, scale: float) -> Shape:
         a, b = _at(here, inner), _at(here, outer)
         c, d = _at(there, outer), _at(there, inner)
         corners += [a, b, c, a, c, d]
-    return triangles(corners, _COLOURS[axis]._replace(a=0.8), _TURNS[axis])
+    return triangles(corners, _COLOURS[axis], _TURNS[axis])
 
 
 def _direction(segment: int) -> tuple[float, float]:
