@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 BROWSER := tests/browser/node
 
-.PHONY: demo test lint types unit bench load soak fuzz mutants clean
+.PHONY: demo test lint types unit bench load soak fuzz mutants conformance clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -65,6 +65,10 @@ fuzz: $(STAMP)-dev
 # Small faults put into our server one by one; the conformance suite has to find every one.
 mutants: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.mutants $(ARGS)
+
+# Every case of the suite against our server over every transport; six minutes, most of them for the pipes.
+conformance: $(STAMP)-dev
+	$(BIN)/python -m tests.conformance.transports
 
 clean:
 	rm -rf $(VENV) $(CLIENTS)/node_modules $(BROWSER)/node_modules tests/browser/screenshots

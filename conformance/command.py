@@ -11,19 +11,22 @@ from pathlib import Path
 
 from conformance import SUITE_VERSION
 from conformance.case import PROFILES, Case
+from conformance.dialing import dialer
 from conformance.loading import CASES, CaseError, load_cases
+from conformance.pipes import takes_several_clients
 from conformance.reports import badge, html, json_file, junit, summary, terminal
 from conformance.reports.compare import compare_files
 from conformance.reports.json_file import ReportError
 from conformance.rules import load_rules
 from conformance.runner import Conditions, Run, run_cases, select
 from conformance.target import SHIPPED, Target, TargetError, find_target, shipped
-from conformance.wires import WireError, dialer, framing_of
+from conformance.wires import WireError, framing_of
 
 _EXAMPLES = """\
 examples:
   python -m conformance ws://localhost:9090                      any server, CORE only
   python -m conformance ws://localhost:9090 --target my.toml     what it declares
+  python -m conformance 'stdio:rwt serve stdio: unix://{socket}'  a program on its pipes
   python -m conformance ws://localhost:9090 --run 'publish/*' --run FRG-01
   python -m conformance diff before.json after.json
 
@@ -126,10 +129,15 @@ def _run(argv: Sequence[str]) -> int:
 async def _play(cases: Sequence[Case], target: Target, arguments: argparse.Namespace) -> Run:
     url = arguments.url
     dial = dialer(url)
-    several = not url.startswith("stdio:")
-    wire = await dial()  # A wrong address is said once, not by every case.
+    wire = await dial("first")  # A wrong address is said once, not by every case.
     await wire.close()
-    conditions = Conditions(max(1, arguments.jobs), arguments.strict, framing_of(url), several)
+    conditions = Conditions(
+        max(1, arguments.jobs),
+        arguments.strict,
+        framing_of(url),
+        several_clients=takes_several_clients(url),
+        outlives=not url.startswith("stdio:"),
+    )
     progress = terminal.Progress(sys.stderr, len(cases), load_rules())
     run = await run_cases(cases, target, dial, url, conditions, told=progress)
     progress.end()

@@ -372,7 +372,7 @@ class _Player:
     async def _open(self, name: str) -> _Client:
         if name in self._clients:
             return self._clients[name]
-        client = _Client(name, await self._dial())
+        client = _Client(name, await self._dial(self._tag))
         self._note(name, "!", "connects")
         client.reader = asyncio.create_task(self._read(client))
         self._clients[name] = client

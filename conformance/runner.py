@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from conformance.case import Case
+from conformance.case import Case, Close
 from conformance.matching import Difference
 from conformance.pace import Pace, RealPace
 from conformance.player import Fault, Line, Played, play
@@ -96,12 +96,24 @@ class Conditions:
         strict: whether non-strict is a failure.
         framing: what the wire keeps of messages.
         several_clients: whether more than one connection reaches the same server.
+        outlives: whether the server goes on when the first connection has ended.
     """
 
     jobs: int = 8
     strict: bool = False
     framing: Framing = "messages"
     several_clients: bool = True
+    outlives: bool = True
+
+    def missing(self, case: Case) -> tuple[str, ...]:
+        """What the case needs of the wire and this one has not, in words."""
+        several = len(case.clients) > 1
+        first_leaves = any(isinstance(step, Close) and step.client == case.clients[0] for step in case.steps)
+        lacks = (
+            ("several-clients", several and not self.several_clients),
+            ("a server that outlives its first client", several and first_leaves and not self.outlives),
+        )
+        return tuple(name for name, missing in lacks if missing)
 
     @property
     def features(self) -> frozenset[str]:
@@ -168,8 +180,7 @@ class _Judge:
 
     async def result(self, case: Case) -> Result:
         missing = self._target.missing(case, self._conditions.features)
-        if len(case.clients) > 1 and not self._conditions.several_clients:
-            missing = (*missing, "several-clients")
+        missing = (*missing, *self._conditions.missing(case))
         if missing:
             return Result(case, "unimplemented", missing=missing)
         tag = f"c{os.getpid():x}_{next(self._numbers)}"

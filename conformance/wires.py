@@ -1,10 +1,9 @@
-"""Connections to a server: WebSocket, TCP, Unix sockets and the pipes of a program."""
+"""Connections to a server: WebSocket, TCP and Unix sockets."""
 
 from __future__ import annotations
 
 import asyncio
 import codecs
-import shlex
 from collections.abc import Awaitable, Callable
 from typing import Literal, Protocol, TypeAlias
 from urllib.parse import urlsplit
@@ -45,8 +44,9 @@ class Wire(Protocol):
         """End the connection, with or without a goodbye."""
 
 
-Dial: TypeAlias = Callable[[], Awaitable[Wire]]
-"""Opens one more connection to the server under test."""
+Dial: TypeAlias = Callable[[str], Awaitable[Wire]]
+"""Opens one more connection to the server under test. It is given the tag of the case: a server that is a
+program is started for each case, and further connections of the case are to the same one."""
 
 Framing: TypeAlias = Literal["messages", "lines", "stream"]
 
@@ -57,29 +57,6 @@ def framing_of(url: str) -> Framing:
     if scheme in ("ws", "wss"):
         return "messages"
     return "lines" if scheme == "stdio" else "stream"
-
-
-def dialer(url: str) -> Dial:
-    """What connects to a server.
-
-    Raises:
-        WireError: the URL has another scheme than ws, wss, tcp, unix or stdio.
-    """
-    parts = urlsplit(url)
-    match parts.scheme:
-        case "ws" | "wss":
-            return lambda: _WebSocket.open(url)
-        case "tcp":
-            if parts.hostname is None or parts.port is None:
-                raise WireError(f"{url}: expected tcp://HOST:PORT")
-            host, port = parts.hostname, parts.port
-            return lambda: _Stream.open(url, lambda: asyncio.open_connection(host, port))
-        case "unix":
-            return lambda: _Stream.open(url, lambda: asyncio.open_unix_connection(parts.path))
-        case "stdio":
-            command = shlex.split(url.partition(":")[2])
-            return lambda: _Program.start(command)
-    raise WireError(f"{url}: expected ws://, wss://, tcp://, unix:// or stdio:COMMAND")
 
 
 class _WebSocket:
@@ -159,7 +136,9 @@ class JsonCutter:
         return False
 
 
-class _Stream:
+class StreamWire:
+    """JSON objects one after another on a stream of bytes."""
+
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
         self._writer = writer
@@ -171,6 +150,7 @@ class _Stream:
     async def open(
         cls, url: str, how: Callable[[], Awaitable[tuple[asyncio.StreamReader, asyncio.StreamWriter]]]
     ) -> Wire:
+        """Connect to a server. Raises WireError."""
         try:
             async with asyncio.timeout(_OPEN_SECONDS):
                 return cls(*await how())
@@ -178,6 +158,7 @@ class _Stream:
             raise WireError(f"{url}: cannot connect: {error}") from error
 
     async def send(self, data: str | bytes) -> None:
+        """Send one message as its bytes. Raises WireClosed."""
         try:
             self._writer.write(data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data)
             await self._writer.drain()
@@ -185,6 +166,7 @@ class _Stream:
             raise WireClosed(0) from error
 
     async def receive(self) -> str | bytes:
+        """The next object; raises WireClosed when there will be none."""
         while not self._ready:
             try:
                 data = await self._reader.read(_READ_SIZE)
@@ -196,6 +178,7 @@ class _Stream:
         return self._ready.pop(0)
 
     async def close(self, *, abruptly: bool = False) -> None:
+        """End the connection, with or without a goodbye."""
         if abruptly:
             self._writer.transport.abort()
         self._writer.close()
@@ -203,38 +186,3 @@ class _Stream:
             await self._writer.wait_closed()
         except OSError:
             return  # The peer was faster, which is as closed as can be.
-
-
-class _Program(_Stream):
-    def __init__(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, process: asyncio.subprocess.Process
-    ) -> None:
-        super().__init__(reader, writer)
-        self._process = process
-
-    @classmethod
-    async def start(cls, command: list[str]) -> Wire:
-        try:
-            process = await asyncio.create_subprocess_exec(
-                *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
-            )
-        except OSError as error:
-            raise WireError(f"{shlex.join(command)}: cannot start: {error}") from error
-        if process.stdin is None or process.stdout is None:
-            raise WireError(f"{shlex.join(command)}: has no pipes")
-        return cls(process.stdout, process.stdin, process)
-
-    async def send(self, data: str | bytes) -> None:
-        """Send one message and a line break, which ends it where messages are lines."""
-        await super().send(data + "\n" if isinstance(data, str) else data)
-
-    async def close(self, *, abruptly: bool = False) -> None:
-        if abruptly:
-            self._process.kill()
-        await super().close()
-        try:
-            async with asyncio.timeout(5):
-                await self._process.wait()
-        except TimeoutError:
-            self._process.kill()
-            await self._process.wait()

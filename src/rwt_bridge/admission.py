@@ -7,6 +7,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from rwt_bridge.auth import NotAuthenticated, Tokens, presented_token, rosauth_of
+from rwt_bridge.log_rate import LogRate
 from rwt_bridge.logs import write
 from rwt_bridge.origins import Origins, is_local
 from rwt_bridge.policy import roles
@@ -37,13 +38,16 @@ class Admission:
     Args:
         settings: everything that is configured.
         now: seconds since 1970.
+        monotonic: seconds on a clock that never goes back.
 
     Raises:
         SettingsError: the secret of rosauth cannot be had.
     """
 
-    def __init__(self, settings: Settings, now: Callable[[], float]) -> None:
+    def __init__(self, settings: Settings, now: Callable[[], float], monotonic: Callable[[], float]) -> None:
         auth = settings.auth
+        self._monotonic = monotonic
+        self._log_rate = LogRate(per_second=10, burst=100)
         self.roles: Mapping[str, Role] = roles(settings)
         self.rosauth: Rosauth | None = rosauth_of(auth, self.roles, bool(settings.roles), now)
         self._tokens = Tokens(auth.tokens, self.roles)
@@ -125,7 +129,15 @@ class Admission:
             raise self._refused(info, 429, text)
         self._addresses[info.address] += 1
 
+    def log_refusal(self, info: PeerInfo, reason: str) -> None:
+        """Note that a connection was turned away; the rate is that of all connections together."""
+        line = self._log_rate.admit(
+            f"turned {info.address or info.transport} away: {reason}", self._monotonic()
+        )
+        if line is not None:
+            write(logging.WARNING, "%s", line)
+
     def _refused(self, info: PeerInfo, status: int, reason: str) -> Refused:
-        write(logging.WARNING, "turned %s away: %s", info.address or info.transport, reason)
+        self.log_refusal(info, reason)
         headers = {"WWW-Authenticate": 'Bearer realm="rosbridge"'} if status == 401 else {}
         return Refused(status, reason, headers)

@@ -91,7 +91,7 @@ class Bridge:
         self.now = graph.clock.time_ns
         self._settings = settings
         self.limits = settings.limits
-        self.admission = Admission(settings, time.time)
+        self.admission = Admission(settings, time.time, graph.clock.monotonic)
         self._codec = _one_codec(settings)
         self._fanouts: dict[str, Fanout] = {}
         self._peers: set[Peer] = set()

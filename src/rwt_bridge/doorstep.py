@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 from typing import TYPE_CHECKING, Final
 
 from rwt_bridge.auth import NotAuthenticated
-from rwt_bridge.logs import write
 from rwt_protocol.ops import Auth
 from rwt_transports.close_codes import POLICY
 
@@ -88,7 +86,7 @@ class Doorstep:
     def _turn_away(self, reason: str) -> None:
         self._shut = True
         self._stop_timer()
-        write(logging.WARNING, "turned %s away: %s", self._info.address or self._info.transport, reason)
+        self._bridge.admission.log_refusal(self._info, reason)
         self._sink.close(POLICY, reason)
 
     def _too_late(self) -> None:

@@ -29,7 +29,7 @@ def write(
 
     A log that cannot be written, because its disk is full, costs the line and never the server.
     """
-    if not logger.isEnabledFor(level):
+    if not is_written(level):
         return
     try:
         logger.log(
@@ -37,6 +37,11 @@ def write(
         )
     except OSError:
         LostLines.count += 1
+
+
+def is_written(level: int) -> bool:
+    """Whether lines of this level go anywhere."""
+    return logger.isEnabledFor(level)
 
 
 def one_line(text: str) -> str:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from rwt_bridge.encodings import plain_message
 from rwt_bridge.ledger import UNKNOWN
-from rwt_bridge.logs import one_line, write
+from rwt_bridge.log_rate import LogRate
+from rwt_bridge.logs import is_written, one_line, write
 from rwt_bridge.quotas import message_rate, too_large
 from rwt_bridge.topics import release_publishers
 from rwt_protocol.decoded import Decoded, RawPayload
@@ -56,6 +57,7 @@ class Peer:
         self._monotonic = bridge.graph.clock.monotonic
         self._dispatch = bridge.dispatcher.dispatch
         self._rate = message_rate(bridge.limits)
+        self._log_rate = LogRate(per_second=1, burst=50)
         self.advertised: dict[str, set[str | int | None]] = {}
         self.implicit: set[str] = set()
         self.publishers: dict[str, Publication] = {}
@@ -119,6 +121,8 @@ class Peer:
             if call.pending is not None:
                 call.pending.cancel()
         self.bridge.left(self)
+        if self._log_rate.left_out:
+            reason += f" ({self._log_rate.left_out} lines about it were left out)"
         write(logging.INFO, "client %d left: %d %s", self.number, code, reason, client=self.number)
 
     def send(self, op: Op) -> None:
@@ -172,8 +176,12 @@ class Peer:
 
     def log(self, level: int, text: str, id_: object = None) -> None:
         """One line in the log, with the client's number and the op's id."""
-        note = "" if id_ is None else f" [id: {one_line(str(id_))}]"
-        write(level, "[client %d]%s %s", self.number, note, one_line(text), client=self.number, op_id=id_)
+        if not is_written(level):
+            return
+        note = "" if id_ is None else f"[id: {one_line(str(id_))}] "
+        line = self._log_rate.admit(note + one_line(text), self._monotonic())
+        if line is not None:
+            write(level, "[client %d] %s", self.number, line, client=self.number, op_id=id_)
 
     def _answer(self, op: Op) -> None:
         """Send what answers a refused op; a `status` only if this client wants to hear it."""

@@ -10,6 +10,7 @@ import pytest
 
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.logs import LostLines
+from rwt_graph.clock import SimulatedClock
 from tests.bridge.recording_client import Client
 
 
@@ -57,3 +58,22 @@ def test_a_full_disk_takes_nothing_down(bridge: Bridge) -> None:
     assert [message["op"] for message in client.heard()] == ["status", "service_response"]
     client.leave()
     assert bridge.client_count == 0 and LostLines.count - before == 5
+
+
+def test_a_client_cannot_fill_the_log(
+    clock: SimulatedClock, bridge: Bridge, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, "rwt.bridge")
+    client = Client(bridge)
+    caplog.clear()
+    for _ in range(200):
+        client.say("nonsense")
+    assert len(caplog.records) == 50
+    clock.advance(1.0)
+    client.say("unadvertise", topic="/x")
+    client.say("nonsense")
+    assert len(caplog.records) == 51
+    assert caplog.messages[-1].endswith("(150 lines like it were left out)")
+    assert "/x" in caplog.messages[-1]
+    client.leave()
+    assert caplog.messages[-1].endswith("(1 lines about it were left out)")

@@ -118,7 +118,7 @@ class MemoryServer:
     clock: SimulatedClock
     accept: Accept
 
-    async def dial(self) -> Wire:
+    async def dial(self, tag: str) -> Wire:
         return MemoryWire(self.accept)
 
     async def play(self, cases: tuple[Case, ...], target: Target) -> Run:

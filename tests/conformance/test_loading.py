@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conformance.loading import CaseError, load_case, load_cases, read_case
+from conformance.runner import select
 from conformance.target import TargetError, find_target, shipped
 from conformance.values import Json
 
+_WIRE = frozenset({"messages", "several-clients"})
 _GOOD: dict[str, Json] = {
     "title": "A thing works",
     "rules": ["PUB-01"],
@@ -103,6 +106,14 @@ def test_any_value_is_a_case_or_refused(value: Json, key: str) -> None:
 def test_shipped_targets_can_be_read() -> None:
     assert {"rwt-jazzy", "rwt-noetic", "rosbridge-suite-ros1"} <= set(shipped())
     assert [find_target(name).ros for name in ("rwt-jazzy", "rwt-noetic")] == [2, 1]
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_each_expected_failure_is_of_a_case_that_the_target_is_asked(name: str) -> None:
+    target = find_target(name)
+    asked = [case.id for case in select(load_cases(), target) if not target.missing(case, _WIRE)]
+    for glob in target.expected:
+        assert fnmatch.filter(asked, glob), glob
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
-import re
-import subprocess
-import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -24,6 +20,7 @@ from conformance.target import find_target
 from tests.conformance.fault_list import FAULTS
 from tests.conformance.memory_server import memory_server
 from tests.conformance.mutants import hunt_all, table
+from tests.conformance.transports import PIPES, server
 
 
 @pytest.fixture(autouse=True)
@@ -54,20 +51,6 @@ def test_the_suite_finds_every_fault() -> None:
     assert not [one.fault.name for one in hunts if not one.found], table(hunts)
 
 
-@contextmanager
-def _server(*arguments: str, scheme: str = "ws") -> Iterator[str]:
-    command = [sys.executable, "-m", "rwt_cli", "serve", f"{scheme}://127.0.0.1:0", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    try:
-        assert process.stdout is not None
-        match = re.search(r"\w+://\S+", process.stdout.readline())
-        assert match is not None
-        yield match[0]
-    finally:
-        process.kill()
-        process.communicate()
-
-
 @pytest.mark.parametrize("distro", ["jazzy", "noetic"])
 def test_over_websockets_with_every_report(
     distro: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -76,7 +59,7 @@ def test_over_websockets_with_every_report(
     options = [part for kind, path in files.items() for part in (f"--{kind}", str(path))]
     long = ["throttle/*", "unadvertise/gone*", "advertise/*", "malformed/object-over*"]
     skips = [part for glob in long for part in ("--skip", glob)]
-    with _server("--distro", distro) as url:
+    with server("ws://127.0.0.1:0", "--distro", distro) as url:
         code = main([url, "--target", f"rwt-{distro}", *options, *skips])
     said = capsys.readouterr()
     assert code == 0, said.err
@@ -99,16 +82,14 @@ def _globs(*names: str) -> list[str]:
 
 
 def test_over_tcp(capsys: pytest.CaptureFixture[str]) -> None:
-    with _server(scheme="tcp") as url:
+    with server("tcp://127.0.0.1:0") as url:
         code = main([url, "--target", "rwt-jazzy", *_globs("tcp/*", "fragments/*", "services/*", "json/*")])
     assert code == 0, capsys.readouterr().err
 
 
 def test_over_the_pipes_of_a_program(capsys: pytest.CaptureFixture[str]) -> None:
-    url = f"stdio:{sys.executable} -m rwt_cli serve stdio:"
-    code = main(
-        [url, "--target", "rwt-jazzy", *_globs("publish/subset", "services/unknown", "envelope/*-op")]
-    )
+    globs = _globs("publish/subset", "services/unknown", "providers/request", "providers/result-*")
+    code = main([PIPES, "--target", "rwt-jazzy", "--jobs", "2", *globs])
     assert code == 0, capsys.readouterr().err
 
 
@@ -117,7 +98,7 @@ def test_with_rosauth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     secret.write_text("abcdefghijklmnop\n")
     secret.chmod(0o600)
     settings = (f"auth.rosauth_secret_file={secret}", "auth.rosauth_role=admin")
-    with _server(*(part for setting in settings for part in ("--set", setting))) as url:
+    with server("ws://127.0.0.1:0", *(part for setting in settings for part in ("--set", setting))) as url:
         code = main([url, "--target", "rwt-auth", *_globs("auth/*", "services/*")])
     assert code == 0, capsys.readouterr().err
 
@@ -127,7 +108,7 @@ def test_with_globs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     guarded = ("publish", "subscribe", "call", "provide", "goals")
     rules = "\n".join(f'{name} = ["/c*"]' for name in guarded)
     config.write_text(f'[auth]\ndefault_role = "c"\n[roles.c]\n{rules}\n')
-    with _server("--config", str(config)) as url:
+    with server("ws://127.0.0.1:0", "--config", str(config)) as url:
         code = main([url, "--target", "rwt-globs", *_globs("globs/*", "publish/*")])
     assert code == 0, capsys.readouterr().err
 

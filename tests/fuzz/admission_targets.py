@@ -39,7 +39,7 @@ def admission(data: bytes) -> None:
     if not data:
         return
     logging.getLogger("rwt.bridge").setLevel(logging.CRITICAL)
-    door = Admission(_GUARDED if data[0] & 1 else _OPEN, lambda: NOW)
+    door = Admission(_GUARDED if data[0] & 1 else _OPEN, lambda: NOW, lambda: NOW)
     path, *lines = data[1:].decode("latin-1").split("\n")
     pairs = (line.partition(":") for line in lines)
     headers = {name.lower(): value.strip() for name, _, value in pairs}
