@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt_nodes.rosapi import Rosapi
+from rwt_nodes.tf import Tf2WebRepublisher
 
 if TYPE_CHECKING:
     from rwt_bridge.pages import Page
@@ -25,7 +26,9 @@ class ReadyNode(Protocol):
         """Leave the graph."""
 
 
-NODES: Final[Mapping[NodeName, Callable[[Graph], ReadyNode]]] = MappingProxyType({"rosapi": Rosapi})
+NODES: Final[Mapping[NodeName, Callable[[Graph], ReadyNode]]] = MappingProxyType(
+    {"rosapi": Rosapi, "tf2_web_republisher": Tf2WebRepublisher}
+)
 """Every node that the setting `nodes` may name. A row that needs heavy libraries imports them when called."""
 
 
