@@ -13,11 +13,10 @@ from rwt_bridge import serve
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
-from rwt_nodes import Rosapi
+from rwt_nodes import Rosapi, Tf2WebRepublisher
 from rwt_nodes.demo import DemoRobot
 from rwt_transports.http import HttpRequest, HttpResponse
 from tests.browser.driver import HERE, NODE
-from tests.browser.stand_in import offer
 
 if TYPE_CHECKING:
     from rwt_bridge.pages import MaySubscribe, Page
@@ -67,7 +66,7 @@ async def stand(
         serve(graph, "ws://127.0.0.1:0", pages=served) as server,
     ):
         Rosapi(graph)
-        offer(Node(graph, "tf2_web_republisher"))
+        Tf2WebRepublisher(graph)
         if robot:
             DemoRobot(graph)
         yield Stand(server.urls[0].replace("ws", "http", 1) + "/", graph, Node(graph, "test"))

@@ -43,13 +43,15 @@ def is_tinted(seen: tuple[int, int, int], colour: tuple[int, int, int]) -> bool:
 
 
 class Frames:
-    """Publishes transforms of a test."""
+    """Publishes where frames are in the map; all of them each time, as only the last message is kept."""
 
     def __init__(self, node: Node) -> None:
         self._tf = node.advertise("/tf", "tf2_msgs/TFMessage", latch=True)
+        self._frames: dict[str, Mapping[str, object]] = {}
 
     def put(self, child: str, x: float, y: float, z: float = 0.0) -> None:
-        self._tf.publish({"transforms": [transform("map", child, x, y, z)]})
+        self._frames[child] = transform("map", child, x, y, z)
+        self._tf.publish({"transforms": list(self._frames.values())})
 
 
 async def test_the_map_lies_on_the_floor(browser: Browser) -> None:
@@ -249,6 +251,7 @@ async def test_markers_come_move_and_go(browser: Browser, distro: str) -> None:
         stand(distro, browser.built, robot=False) as robot,
         browser.page(scene(robot, "marker,markers")) as page,
     ):
+        Frames(robot.node).put("base", 0.0, 0.0)
         one = robot.node.advertise("/marker", "visualization_msgs/Marker", latch=True)
         several = robot.node.advertise("/markers", "visualization_msgs/MarkerArray", latch=True)
         one.publish(marker(1, -2, 1, (1, 0, 0)))
