@@ -130,7 +130,7 @@ def test_every_block_says_what_to_do_with_it() -> None:
 
 
 def test_only_known_ways_to_run() -> None:
-    known = {"program", "inside", "client", "server", "wire", "page", "pytest", ""}
+    known = {"program", "inside", "client", "server", "wire", "page", "browser", "pytest", ""}
     assert {block.value("run") for block in ALL_BLOCKS} <= known
 
 
