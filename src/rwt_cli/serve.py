@@ -51,7 +51,6 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     """Add `serve` to the command line."""
     parser = commands.add_parser(
         "serve",
-        help="serve a robot to rosbridge clients",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

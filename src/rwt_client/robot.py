@@ -43,7 +43,7 @@ from rwt_protocol.ops import (
 from rwt_protocol.rawjson import RawJson
 
 if TYPE_CHECKING:
-    from anyio.abc import TaskGroup
+    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
@@ -89,7 +89,7 @@ class Robot:
         self,
         url: str,
         line: Line,
-        tasks: TaskGroup,
+        tasks: TaskStarter,
         drained: Callable[[], Awaitable[None]],
         *,
         timeout: float | None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import inspect
 import tomllib
 
@@ -64,3 +65,12 @@ def test_every_service_of_rosapi_is_listed() -> None:
     assert len(own) > 20
     page = _page("protocol.md")
     assert [name for name in own if f"`{name}`" not in page] == []
+
+
+def test_the_page_of_the_verbs_is_what_the_parsers_say() -> None:
+    path = ROOT / "tools" / "generate_commands.py"
+    spec = importlib.util.spec_from_file_location("generate_commands", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert _page("commands.md") == module.page(), "run python tools/generate_commands.py"
