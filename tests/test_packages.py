@@ -9,13 +9,17 @@ import pytest
 
 PACKAGES = {
     "rwt_interfaces": {"rwt_protocol", "rwt_graph", "rwt_transports", "anyio", "asyncio", "numpy", "cbor2"},
+    "rwt_tf2": {"rwt_interfaces", "rwt_protocol", "rwt_graph", "anyio", "asyncio", "numpy", "msgspec"},
     "rwt_protocol": {"rwt_interfaces", "rwt_graph", "anyio", "numpy", "PIL", "cbor2", "websockets", "h11"},
     "rwt_graph": {"rwt_protocol", "rwt_transports", "rwt_bridge", "numpy", "websockets"},
     "rwt_transports": {"rwt_interfaces", "rwt_graph", "rwt_bridge", "numpy"},
     "rwt_bridge": {"rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_nodes": {"rwt_bridge", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_client": {"rwt_bridge", "rwt_graph", "rwt_nodes", "rwt_cli"},
-    "rwt_cli": set(),
+    "rwt_testing": {"rwt_client", "rwt_nodes", "rwt_cli", "pytest", "numpy", "PIL"},
+    "rwt_cli": {"rwt_testing", "rwt_pytest"},
+    # pytest imports it in every run, of everybody's tests.
+    "rwt_pytest": {"rwt_testing", "rwt_cli", "rwt_graph", "rwt_interfaces", "anyio", "numpy", "pydantic"},
 }
 
 

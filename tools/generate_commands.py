@@ -16,14 +16,15 @@ from rwt_cli import COMMANDS, parser_for
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"
 
-_ELSEWHERE = ("serve", "hub", "conformance", "config")
+_ELSEWHERE = ("serve", "hub", "record", "play", "recording", "conformance", "config")
 _ROBOT_OPTIONS = ("--url", "--token", "--timeout", "--json", "--help")
 
 _HEAD = """\
 # Verbs of the command line
 
 This page is made from the program by `tools/generate_commands.py`. [The tour](../how-to/command-line.md) shows the verbs
-at work; `rwt serve`, `rwt hub`, `rwt conformance` and `rwt config` have [a page of their own](command-line.md).
+at work; `rwt serve`, `rwt hub`, `rwt record`, `rwt play`, `rwt recording`, `rwt conformance` and `rwt config` have
+[a page of their own](command-line.md).
 
 Names, options and output are those of the `ros2` tool where it has them. A name may lack its first slash, a type may be
 `std_msgs/String` or `std_msgs/msg/String`, and messages and values are YAML or JSON.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -64,6 +64,7 @@ async def serve(
     *urls: str,
     settings: Settings | None = None,
     pages: Mapping[str, Page] = MappingProxyType({}),
+    around: Callable[[Accept], Accept] | None = None,
 ) -> AsyncIterator[Server]:
     """Serve `graph` on every URL until the block is left; then each client is closed with code 1001.
 
@@ -75,6 +76,8 @@ async def serve(
         settings: everything else.
         pages: further pages on the WebSocket's port, by path; nodes that serve HTTP have an attribute of this
             name.
+        around: puts something between the transports and the bridge, for example to inject faults: it is
+            given the accept function of each listener and returns the one to use.
 
     Raises:
         TransportError: a URL that cannot be used, or a port that is taken.
@@ -92,7 +95,7 @@ async def serve(
             await stack.enter_async_context(
                 listen(
                     url,
-                    _accept_at(url, bridge),
+                    _accept_at(url, bridge, around),
                     routes=routes(bridge, pages, loopback=is_loopback_listener(url)),
                     limits=limits,
                     tls=tls,
@@ -102,15 +105,18 @@ async def serve(
             for url in urls or settings.listen
         ]
         for url in settings.dial.urls:
-            dialing = dial(url, _accept_at(url, bridge), token=dial_token, limits=limits, tls=dial_tls)
+            dialing = dial(
+                url, _accept_at(url, bridge, around), token=dial_token, limits=limits, tls=dial_tls
+            )
             bridge.dials.append(await stack.enter_async_context(dialing))
         urls_in_use = tuple(listener.url for listener in listeners)
         yield Server(urls_in_use, bridge, tuple(bridge.dials), tuple(listeners))
 
 
-def _accept_at(url: str, bridge: Bridge) -> Accept:
+def _accept_at(url: str, bridge: Bridge, around: Callable[[Accept], Accept] | None) -> Accept:
     """How clients of one listener are taken in."""
-    return partial(bridge.accept, loopback=is_loopback_listener(url))
+    accept = partial(bridge.accept, loopback=is_loopback_listener(url))
+    return accept if around is None else around(accept)
 
 
 def _transport_limits(settings: Settings) -> Limits:

@@ -46,9 +46,13 @@ COMMANDS: Final = (
     Command("action", "actions: list, info, type, send_goal"),
     Command("param", "parameters: list, get, set, delete, dump, load"),
     Command("node", "nodes: list, info"),
+    Command("tf", "frames: echo, tree"),
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),
+    Command("record", "write what a robot publishes to an MCAP file"),
+    Command("play", "serve a recording as a robot"),
+    Command("recording", "recordings: info, recover"),
     Command("doctor", "find out what is wrong with a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
     Command("config", "look at the settings"),

@@ -251,6 +251,11 @@ class Buffer:
         track = self._tracks.get(bare(frame))
         return track is not None and track.is_static
 
+    def rate(self, frame: str) -> float:
+        """How many transforms a second of the frame there are; 0 for a root, and for what is static."""
+        track = self._tracks.get(bare(frame))
+        return 0.0 if track is None else track.rate()
+
     def all_frames_as_yaml(self) -> str:
         """Every frame with its parent, rate and times, as tf2's `/tf2_frames` answers."""
         return listing.as_yaml(self._tracks, self.cache_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
@@ -34,9 +35,8 @@ def _entry(child: str, track: History | Fixed, cache_ns: int) -> str:
 
 
 def _quoted(name: str) -> str:
-    """A frame's name may be any text: in double quotes, which YAML and Graphviz read alike."""
-    escaped = name.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-    return f'"{escaped}"'
+    """A frame's name may be any text: in JSON, which YAML and Graphviz read alike."""
+    return json.dumps(name, ensure_ascii=False)
 
 
 def as_dot(tracks: Tracks) -> str:

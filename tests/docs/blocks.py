@@ -13,6 +13,7 @@ A comment stands right before its block and is a list of `key: value`, one a lin
 `run: page`         an HTML page, whose script runs against a server as `run: client` does
 `run: browser`      an HTML page, which `tests/browser` opens against the demo robot
 `run: pytest`       a test module
+`run: vitest`       a test module of vitest, with the page's files beside it
 `file: NAME`        is written to the page's folder under that name, for the blocks that need it
 `prints: TEXT`      must be printed, in order; a program that runs for ever is then ended
 `call: S A -> V`    a call of service S with arguments A succeeds with at least the values V

@@ -415,3 +415,4 @@ def test_questions_about_one_frame() -> None:
     assert buffer.parent("odom") == "map"
     assert buffer.latest("odom") == given("map", "odom", 1.5)
     assert buffer.latest("map") is None
+    assert [buffer.rate(frame) for frame in ("odom", "base", "map")] == [2.0, 0.0, 0.0]
