@@ -1,4 +1,4 @@
-"""`python -m bench.paper [fig3 …]`: the paper's figures beside ours, and plots of them."""
+"""`python -m bench.paper [fig3 table1 …]`: the paper's figures beside ours, and plots of them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from bench.paper.report import Report
 
 PARTS: Mapping[str, str] = {
     "fig3": "bench.paper.fig3",
+    "table1": "bench.paper.table1",
 }
 """Each part of the paper and the module that has its `measure()`."""
 

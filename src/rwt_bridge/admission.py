@@ -90,9 +90,9 @@ class Admission:
         """
         return self._by_token(info) or self.default_role
 
-    def origin_may_connect(self, origin: str, host: str, *, loopback: bool) -> bool:
-        """Whether web pages of `origin` may connect (see :meth:`Origins.allows`)."""
-        return self._origins.allows(origin, host, loopback=loopback)
+    def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
+        """Whether the web page that a request's ``Origin`` names may read what is here."""
+        return self._origins.allows(headers.get("origin", ""), headers.get("host", ""), loopback=loopback)
 
     def _check_origin(self, info: PeerInfo, *, loopback: bool) -> None:
         origin = info.headers.get("origin")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mimetypes
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_nodes import Rosapi, Tf2WebRepublisher
 from rwt_nodes.demo import DemoRobot
+from rwt_nodes.video import WebVideoServer
 from rwt_transports.http import HttpRequest, HttpResponse
 from tests.browser.driver import HERE, NODE
 
@@ -61,10 +62,9 @@ async def stand(
         "/test/*": files(HERE / "pages", "/test/"),
         **(pages or {}),
     }
-    async with (
-        MemoryGraph(registry=REGISTRIES[distro]) as graph,
-        serve(graph, "ws://127.0.0.1:0", pages=served) as server,
-    ):
+    async with MemoryGraph(registry=REGISTRIES[distro]) as graph, AsyncExitStack() as stack:
+        served.update(stack.enter_context(closing(WebVideoServer(graph))).pages)
+        server = await stack.enter_async_context(serve(graph, "ws://127.0.0.1:0", pages=served))
         Rosapi(graph)
         Tf2WebRepublisher(graph)
         if robot:
