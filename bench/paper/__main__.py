@@ -1,4 +1,4 @@
-"""`python -m bench.paper [fig3 table1 …]`: the paper's figures beside ours, and plots of them."""
+"""`python -m bench.paper [fig3 …]`: the paper's figures beside ours, and plots of them."""
 
 from __future__ import annotations
 
