@@ -406,7 +406,8 @@ def test_node_list_and_info(rwt: Rwt) -> None:
     assert "/demo_robot" in rwt("node", "list", "--json").json
     said = rwt("node", "info", "demo_robot").out
     assert said.startswith(
-        f"/demo_robot\n  Subscribers:\n    /cmd_vel: {_TWIST}\n    /goal_marker/feedback: {_MARKER}\n\n  Publishers:\n"
+        f"/demo_robot\n  Subscribers:\n    /cmd_vel: {_TWIST}\n"
+        f"    /goal_marker/feedback: {_MARKER}\n\n  Publishers:\n"
     )
     assert f"  Service Servers:\n    /add_two_ints: {_ADD}\n" in said
     assert "  Action Servers:\n    /fibonacci: example_interfaces/action/Fibonacci\n" in said
