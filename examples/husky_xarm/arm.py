@@ -22,8 +22,8 @@ from rwt_tf2 import stamp_ns
 
 ACTION: Final = "/xarm6_traj_controller/follow_joint_trajectory"
 _FEEDBACK_EVERY = 0.1
-#: How near the end counts as there, and for how long after the end it may still come near, unless the goal says
-#: otherwise. Radians, seconds.
+#: How near the end counts as there, and for how long after the end it may still come near, unless the goal
+#: says otherwise. Radians, seconds.
 _GOAL_TOLERANCE = 0.02
 _GOAL_TIME_TOLERANCE = 1.0
 

@@ -1,7 +1,7 @@
 """What the camera sees, drawn by Bullet's renderer for CPUs, in a process of its own.
 
-A picture takes some 40 to 130 ms, and Bullet keeps Python's lock for all of it: in a thread of the robot's own
-process it would stop the physics and every client that long.
+A picture takes some 40 to 130 ms, and Bullet keeps Python's lock for all of it: in a thread of the robot's
+own process it would stop the physics and every client that long.
 """
 
 from __future__ import annotations
@@ -91,6 +91,12 @@ class Renderer:
         self._process = context.Process(target=_draw_on_demand, args=(theirs, lens), daemon=True)
         self._process.start()
         theirs.close()
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        assert self._process.pid is not None, "it was started"
+        return self._process.pid
 
     def draw(self, snapshot: Snapshot) -> Picture:
         """Draw the world as it was. Blocks; one call at a time.

@@ -70,6 +70,8 @@ class CameraPublisher:
         """Runs in a worker thread; a timer's coroutine is never run twice at a time, so neither is this."""
         if self._renderer is None:
             self._renderer = Renderer(self._lens)
+            if self._closed:  # while it was started
+                self._renderer.close()
         return self._renderer.draw(snapshot)
 
     def _publish(self, header: messages.Message, picture: Picture) -> None:

@@ -107,8 +107,8 @@ def describe() -> Description:
 def _part(file: Path, package: str, without: tuple[str, ...] = ()) -> Iterator[ET.Element]:
     """The links and joints of a file, with what stands in them alone.
 
-    Both files name their materials Red, Blue and so on and mean different colours, so the colours go where they
-    are used, under names of their own.
+    Both files name their materials Red, Blue and so on and mean different colours, so the colours go where
+    they are used, under names of their own.
     """
     part = ET.parse(file).getroot()
     colours = {material.get("name"): material.find("color") for material in part.iterfind("material")}

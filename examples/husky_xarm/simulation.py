@@ -23,8 +23,8 @@ MAX_TURN_RATE: Final = 1.5
 
 _WHEEL_RADIUS = 0.1778
 _TRACK = 0.5708
-#: Wheels that do not steer must slip sideways when the robot turns: the less they grip across, the more the turn
-#: is the one that was asked for. Along, across, upwards.
+#: Wheels that do not steer must slip sideways when the robot turns: the less they grip across, the more the
+#: turn is the one that was asked for. Along, across, upwards.
 _GRIP = (1.0, 0.05, 1.0)
 #: What they still lose, measured.
 _SLIP = 1.05

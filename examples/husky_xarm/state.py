@@ -15,7 +15,7 @@ _ODOM = "odom"
 
 
 class StatePublisher:
-    """Publishes them, to those who listen. Odometry is where the robot truly is: the world's origin is its own."""
+    """Publishes them, to those who listen. Odometry is where the robot truly is, from the world's origin."""
 
     def __init__(self, node: Node, simulation: Simulation, description: Description) -> None:
         self._node = node

@@ -40,7 +40,7 @@ def commands_folder(folder: Path) -> Path:
 class Running:
     """A process whose standard output is read by the line; ended with everything it started when left."""
 
-    def __init__(self, command: list[str], folder: Path, commands: Path) -> None:
+    def __init__(self, command: list[str], folder: Path, commands: Path, limit: float = LIMIT) -> None:
         self._errors = folder / "stderr.log"
         environment = {
             **os.environ,
@@ -61,7 +61,7 @@ class Running:
                 text=True,
                 start_new_session=True,
             )
-        self._deadline = time.monotonic() + LIMIT
+        self._deadline = time.monotonic() + limit
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._seen: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -89,6 +89,10 @@ class Running:
 
     def _left(self) -> float:
         return max(0.01, self._deadline - time.monotonic())
+
+    def interrupt(self) -> None:
+        """What Ctrl-C in a terminal does: to the program and to all that it started."""
+        os.killpg(self._process.pid, signal.SIGINT)
 
     def report(self) -> str:
         """What it printed and complained about so far."""
