@@ -11,6 +11,7 @@ from rwt_nodes.demo.cameras import CameraPublisher
 from rwt_nodes.demo.diagnostics import Diagnostics
 from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
 from rwt_nodes.demo.fibonacci import Fibonacci
+from rwt_nodes.demo.frames import MAP, frame
 from rwt_nodes.demo.goal_marker import GoalMarker
 from rwt_nodes.demo.lidar import Lidar
 from rwt_nodes.demo.navigation import Navigation
@@ -52,11 +53,13 @@ class DemoRobot:
         graph: where it lives; all its timing is the graph's clock.
         world: what it drives in; by default a house of 10 m by 8 m.
         seed: of the laser's noise, so that two runs measure the same.
+        namespace: of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
+            frames of one in `/anna` are `anna/odom` and so on.
     """
 
-    def __init__(self, graph: Graph, world: World | None = None, seed: int = 1) -> None:
+    def __init__(self, graph: Graph, world: World | None = None, seed: int = 1, namespace: str = "/") -> None:
         self._world = world or house()
-        self._node = Node(graph, "demo_robot")
+        self._node = Node(graph, "demo_robot", namespace)
         chassis = Chassis()
         self._drive = DifferentialDrive(self._world, chassis, Limits())
         self._lidar = Lidar(self._world, seed=seed)
@@ -76,7 +79,7 @@ class DemoRobot:
         self._declare_parameters()
         self._publish_map()
         self._describe(urdf(chassis))
-        self._chatter = self._node.advertise("/chatter", "std_msgs/String")
+        self._chatter = self._node.advertise("chatter", "std_msgs/String")
         self._said = 0
         self._stepped = self._node.clock.monotonic()
         self._start()
@@ -120,9 +123,9 @@ class DemoRobot:
     def _serve(self) -> None:
         ros1 = self._node.distro.ros_version == 1
         add_type = "rospy_tutorials/AddTwoInts" if ros1 else "example_interfaces/AddTwoInts"
-        self._node.advertise_service("/add_two_ints", add_type, _add_two_ints)
-        self._node.advertise_service("/reset", "std_srvs/Empty", self._reset)
-        self._node.advertise_service("/enable_motors", "std_srvs/SetBool", self._enable_motors)
+        self._node.advertise_service("add_two_ints", add_type, _add_two_ints)
+        self._node.advertise_service("reset", "std_srvs/Empty", self._reset)
+        self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
     def _reset(self, request: object) -> messages.Message:
         """Back to the start with a fresh battery; the motors stay as they are."""
@@ -159,9 +162,9 @@ class DemoRobot:
     def _publish_map(self) -> None:
         grid = draw_map(self._world)
         stamp = self._node.clock.time_ns()
-        self._node.advertise("/map", "nav_msgs/OccupancyGrid", latch=True).publish(
+        self._node.advertise("map", "nav_msgs/OccupancyGrid", latch=True).publish(
             {
-                "header": messages.header(stamp, messages.MAP_FRAME),
+                "header": messages.header(stamp, frame(self._node, MAP)),
                 "info": {
                     "map_load_time": messages.time(stamp),
                     "resolution": grid.resolution,
@@ -179,13 +182,13 @@ class DemoRobot:
     def _describe(self, description: str) -> None:
         """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global parameter."""
         node = self._node
-        node.advertise("/robot_description", "std_msgs/String", latch=True).publish({"data": description})
+        node.advertise("robot_description", "std_msgs/String", latch=True).publish({"data": description})
         if node.distro.ros_version == 2:
             node.parameters.declare(
                 "robot_description", description, description="The robot as URDF.", read_only=True
             )
         graph = node.graph
-        graph.run_on_graph(lambda: graph.parameters.set("/robot_description", description))
+        graph.run_on_graph(lambda: graph.parameters.set(node.resolve("robot_description"), description))
 
 
 def _add_two_ints(request: _Addends) -> messages.Message:

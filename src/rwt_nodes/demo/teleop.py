@@ -30,7 +30,7 @@ class Teleop:
         self._node = node
         self._last: Velocity | None = None
         self._since = 0.0
-        node.subscribe("/cmd_vel", self._on_twist, "geometry_msgs/Twist")
+        node.subscribe("cmd_vel", self._on_twist, "geometry_msgs/Twist")
 
     @property
     def velocity(self) -> Velocity | None:
