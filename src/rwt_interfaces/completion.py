@@ -127,8 +127,9 @@ def compile_shape(shape: Shape) -> Completer:
 def _bool(value: object, now: Now, /) -> bool:
     if isinstance(value, bool):
         return value
-    numpy = sys.modules.get("numpy")
-    if numpy is not None and isinstance(value, numpy.bool_):
+    # While another thread imports numpy it is among the modules and has not all of its names yet.
+    kind = getattr(sys.modules.get("numpy"), "bool_", None)
+    if kind is not None and isinstance(value, kind):
         return bool(value)
     raise PayloadError("", f"expected bool, got {describe(value)}")
 

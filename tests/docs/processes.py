@@ -131,11 +131,11 @@ class Running:
         errors = self._errors.read_text(errors="replace")
         assert "Traceback" not in errors and "ERROR" not in errors, self.report()
 
-    def expect_end(self) -> None:
-        """Wait for its end, which must be a good one."""
+    def expect_end(self, expected: int = 0) -> None:
+        """Wait for its end, which must be a good one: with this exit code and without a failure."""
         try:
             code = self._process.wait(timeout=self._left())
         except subprocess.TimeoutExpired:
             raise AssertionError(f"it does not end:\n{self.report()}") from None
-        assert code == 0, f"exit code {code}:\n{self.report()}"
+        assert code == expected, f"exit code {code}:\n{self.report()}"
         self.expect_no_complaint()

@@ -9,6 +9,7 @@ import sys
 from array import array
 from dataclasses import dataclass, field
 from functools import partial
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -253,3 +254,11 @@ print([name for name in ("numpy", "cbor2", "pydantic_core", "PIL") if name in sy
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+def test_values_are_read_while_another_thread_imports_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The module is there before its names are."""
+    monkeypatch.setitem(sys.modules, "numpy", ModuleType("numpy"))
+    assert sent("sensor_msgs/LaserScan", {"ranges": [1.5]})["ranges"] == [1.5]
+    with pytest.raises(PayloadError, match="expected bool, got 1"):
+        sent("std_msgs/Bool", {"data": 1})

@@ -31,13 +31,13 @@ class CameraPublisher:
     Pictures are drawn in a worker thread, from arrays: numpy is loaded with the first listener.
     """
 
-    def __init__(self, node: Node, drive: DifferentialDrive, world: World, mount: Mount) -> None:
+    def __init__(self, node: Node, drive: DifferentialDrive, world: World, mount: Mount, lens: Lens) -> None:
         self._node = node
         self._frame = frame(node, OPTICAL)
         self._drive = drive
         self._world = world
         self._mount = mount
-        self._lens = Lens()
+        self._lens = lens
         self._view: View | None = None
         self._period = 1 / 30
         self._timer: Timer | None = None

@@ -13,6 +13,7 @@ from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits,
 from rwt_nodes.demo.fibonacci import Fibonacci
 from rwt_nodes.demo.frames import MAP, frame
 from rwt_nodes.demo.goal_marker import GoalMarker
+from rwt_nodes.demo.lens import DEFAULT_LENS, Lens
 from rwt_nodes.demo.lidar import Lidar
 from rwt_nodes.demo.navigation import Navigation
 from rwt_nodes.demo.parameters import declare_tunables
@@ -55,9 +56,18 @@ class DemoRobot:
         seed: of the laser's noise, so that two runs measure the same.
         namespace: of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
             frames of one in `/anna` are `anna/odom` and so on.
+        lens: of the cameras.
     """
 
-    def __init__(self, graph: Graph, world: World | None = None, seed: int = 1, namespace: str = "/") -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        world: World | None = None,
+        seed: int = 1,
+        *,
+        namespace: str = "/",
+        lens: Lens = DEFAULT_LENS,
+    ) -> None:
         self._world = world or house()
         self._node = Node(graph, "demo_robot", namespace)
         chassis = Chassis()
@@ -71,7 +81,7 @@ class DemoRobot:
         self._goal_marker = GoalMarker(self._node, self._world.start)
         self._state = StatePublisher(self._node, self._drive, chassis, self._world.start)
         self._scans = ScanPublisher(self._node, self._drive, self._lidar)
-        self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis))
+        self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis), lens)
         self._fibonacci = Fibonacci(self._node)
         self._battery_states = BatteryPublisher(self._node, self._battery)
         self._diagnostics = Diagnostics(self._node, self._drive, self._battery, self._navigation)
