@@ -46,8 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="of pictures (%(default)s)",
     )
     given = parser.parse_args(arguments)
+    width, height = given.camera_size
+    camera = Camera(width, height, given.camera_rate)
     try:
-        print(run(given.demonstrators, given.seconds, Camera(*given.camera_size, given.camera_rate)))
+        print(run(given.demonstrators, given.seconds, camera))
     except PartFailed as failure:
         print(failure, file=sys.stderr)
         return 1
