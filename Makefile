@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 
-.PHONY: demo test lint types unit bench load soak fuzz mutants conformance client-grades clean
+.PHONY: demo test lint types unit bench paper load soak fuzz mutants conformance client-grades clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -45,6 +45,11 @@ test: lint types unit
 # Whole-process figures beside a yardstick, as ratios; needs Linux. `make bench ARGS=--quick` is the short run.
 bench: $(STAMP)
 	$(BIN)/python -m bench $(ARGS)
+
+# The paper's figures beside ours, and plots in build/paper; `make paper ARGS=fig3` is one of them.
+paper: $(STAMP)-dev
+	$(BIN)/python -m pip install --quiet --group paper
+	$(BIN)/python -m bench.paper $(ARGS)
 
 # A thousand clients, ten of them stopped dead; about a minute, needs Linux.
 load: $(STAMP)

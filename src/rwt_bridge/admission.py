@@ -90,6 +90,10 @@ class Admission:
         """
         return self._by_token(info) or self.default_role
 
+    def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
+        """Whether the web page that a request's ``Origin`` names may read what is here."""
+        return self._origins.allows(headers.get("origin", ""), headers.get("host", ""), loopback=loopback)
+
     def _check_origin(self, info: PeerInfo, *, loopback: bool) -> None:
         origin = info.headers.get("origin")
         if origin is None:

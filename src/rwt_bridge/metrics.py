@@ -6,10 +6,10 @@ are connected, ops by the protocol.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from rwt_bridge.exposition import CONTENT_TYPE, Exposition, Labels
+from rwt_bridge.exposition import CONTENT_TYPE, Exposition, Kind, Labels
 from rwt_bridge.logs import LostLines
 from rwt_bridge.loop_lag import BUCKETS
 from rwt_bridge.process_figures import write_process
@@ -22,8 +22,12 @@ if TYPE_CHECKING:
     from rwt_protocol.frames import Traffic
 
 
-def metrics(bridge: Bridge) -> HttpResponse:
-    """The page."""
+Family = tuple[str, Kind, str, Iterable[tuple[Labels, float]]]
+"""One metric of a node: its name, kind and help, and the labels and value of each sample."""
+
+
+def metrics(bridge: Bridge, of_nodes: Iterable[Family] = ()) -> HttpResponse:
+    """The page, with the metrics of nodes after those of the bridge."""
     page = Exposition()
     for fanout in bridge.fanouts.values():
         fanout.settle()
@@ -31,6 +35,8 @@ def metrics(bridge: Bridge) -> HttpResponse:
     _write_totals(page, bridge, clients)
     _write_topics(page, bridge.ledger)
     _write_clients(page, clients)
+    for family in of_nodes:
+        page.family(*family)
     write_process(page)
     return HttpResponse(page.text(), content_type=CONTENT_TYPE)
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from rwt_bridge.metrics import metrics
+from rwt_bridge.metrics import Family, metrics
 from rwt_protocol.frames import PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http import Handler, HttpRequest, HttpResponse, Routes
@@ -37,7 +38,7 @@ roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
 <table>{services}</table>
 <h2>Actions</h2>
 <table>{actions}</table>
-"""
+{sections}"""
 
 
 MaySubscribe = Callable[[str], bool]
@@ -47,23 +48,62 @@ Page = Callable[[HttpRequest, MaySubscribe], HttpResponse | Awaitable[HttpRespon
 """What a node serves over HTTP: it is asked only for those who may come in."""
 
 
-def routes(bridge: Bridge, pages: Mapping[str, Page]) -> Routes:
-    """The routes that every bridge has, and the pages of nodes by their paths (see :class:`Routes`)."""
+Section = Callable[[HttpRequest, MaySubscribe], str]
+"""What a node adds to the index page: HTML, by what the reader may see."""
+
+Figures = Callable[[], Iterable[Family]]
+"""What a node counts, for `/metrics`."""
+
+
+def routes(
+    bridge: Bridge,
+    pages: Mapping[str, Page],
+    sections: Sequence[Section] = (),
+    figures: Sequence[Figures] = (),
+    *,
+    loopback: bool = True,
+) -> Routes:
+    """The routes that every bridge has, and those of nodes.
+
+    Args:
+        bridge: what they tell of.
+        pages: of nodes, by path (see :class:`Routes`).
+        sections: of the index page.
+        figures: further metrics.
+        loopback: whether the listener is only reached from this machine.
+    """
     routes = Routes()
+
+    def add(path: str, page: _RolePage) -> None:
+        routes.get(path, readable(bridge, page, loopback=loopback))
+
     for path, page in pages.items():
-        routes.get(path, readable(bridge, partial(_of_node, page)))
-    routes.get("/", readable(bridge, lambda request, role: _index(bridge, request, role)))
+        add(path, partial(_of_node, page))
+    add("/", lambda request, role: _index(bridge, sections, request, role))
     routes.get("/healthz", lambda request: _health(bridge))
-    routes.get("/metrics", readable(bridge, lambda request, role: _metrics(bridge, role)))
+    add("/metrics", lambda request, role: _metrics(bridge, figures, role))
     return routes
 
 
-def readable(
-    bridge: Bridge, page: Callable[[HttpRequest, Role], HttpResponse | Awaitable[HttpResponse]]
-) -> Handler:
-    """A page that tells something of the robot: only for those who may come in, and by what they may see."""
+_RolePage = Callable[[HttpRequest, "Role"], HttpResponse | Awaitable[HttpResponse]]
+
+
+def readable(bridge: Bridge, page: _RolePage, *, loopback: bool = True) -> Handler:
+    """A page that tells something of the robot: only for those who may come in, and by what they may see.
+
+    Scripts of other origins may read the answer where their page may connect by WebSocket (the setting
+    `origins`; the Fetch standard's CORS protocol, without credentials).
+    """
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+        answer = guarded(request)
+        origin = request.headers.get("origin")
+        if origin is None or not bridge.admission.allows_page(request.headers, loopback=loopback):
+            return answer
+        headers = {"Access-Control-Allow-Origin": origin, "Vary": "Origin"}
+        return _with_headers(answer, headers) if isinstance(answer, HttpResponse) else _later(answer, headers)
+
+    def guarded(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         target = f"{request.path}?{request.query}"
         try:
             role = bridge.admission.role_of(PeerInfo("http", request.address, 0, target, request.headers))
@@ -76,11 +116,19 @@ def readable(
     return handler
 
 
+def _with_headers(answer: HttpResponse, headers: Mapping[str, str]) -> HttpResponse:
+    return replace(answer, headers={**answer.headers, **headers})
+
+
+async def _later(answer: Awaitable[HttpResponse], headers: Mapping[str, str]) -> HttpResponse:
+    return _with_headers(await answer, headers)
+
+
 def _of_node(page: Page, request: HttpRequest, role: Role) -> HttpResponse | Awaitable[HttpResponse]:
     return page(request, role.may_subscribe)
 
 
-def _index(bridge: Bridge, request: HttpRequest, role: Role) -> HttpResponse:
+def _index(bridge: Bridge, sections: Iterable[Section], request: HttpRequest, role: Role) -> HttpResponse:
     """What is running, and what to connect."""
     graph = bridge.graph
     host, _, port = request.headers.get("host", "localhost:9090").rpartition(":")
@@ -109,16 +157,17 @@ def _index(bridge: Bridge, request: HttpRequest, role: Role) -> HttpResponse:
             for action in graph.actions()
             if role.sees_action(action.name)
         ),
+        sections="\n".join(section(request, role.may_subscribe) for section in sections),
     )
     return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
 
 
-def _metrics(bridge: Bridge, role: Role) -> HttpResponse:
+def _metrics(bridge: Bridge, figures: Iterable[Figures], role: Role) -> HttpResponse:
     """The counters, which name every topic: only for a role that may subscribe to them all."""
     if not role.sees_every_topic:
         why = f"role {role.name!r} may not see every topic (roles.{role.name}.subscribe)\n"
         return HttpResponse(why.encode(), 403)
-    return metrics(bridge)
+    return metrics(bridge, (family for count in figures for family in count()))
 
 
 def _rows(pairs: Iterable[tuple[str, str]]) -> str:

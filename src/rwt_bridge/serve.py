@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -22,7 +22,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
 if TYPE_CHECKING:
-    from rwt_bridge.pages import Page
+    from rwt_bridge.pages import Figures, Page, Section
     from rwt_graph.api import Graph
     from rwt_protocol.frames import Accept
     from rwt_transports.api import Listener
@@ -64,6 +64,8 @@ async def serve(
     *urls: str,
     settings: Settings | None = None,
     pages: Mapping[str, Page] = MappingProxyType({}),
+    sections: Sequence[Section] = (),
+    figures: Sequence[Figures] = (),
     around: Callable[[Accept], Accept] | None = None,
 ) -> AsyncIterator[Server]:
     """Serve `graph` on every URL until the block is left; then each client is closed with code 1001.
@@ -76,6 +78,8 @@ async def serve(
         settings: everything else.
         pages: further pages on the WebSocket's port, by path; nodes that serve HTTP have an attribute of this
             name.
+        sections: further sections of the index page.
+        figures: further metrics.
         around: puts something between the transports and the bridge, for example to inject faults: it is
             given the accept function of each listener and returns the one to use.
 
@@ -96,7 +100,7 @@ async def serve(
                 listen(
                     url,
                     _accept_at(url, bridge, around),
-                    routes=routes(bridge, pages),
+                    routes=routes(bridge, pages, sections, figures, loopback=is_loopback_listener(url)),
                     limits=limits,
                     tls=tls,
                     bson=settings.bson_only_mode,

@@ -18,7 +18,7 @@ CountOrNone = Annotated[int, Field(ge=0)]
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 SecondsOrNone = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Globs = tuple[str, ...]
-NodeName = Literal["rosapi"]
+NodeName = Literal["rosapi", "tf2_web_republisher", "web_video_server"]
 
 
 class SettingsError(ValueError):
@@ -86,6 +86,12 @@ class LimitSettings(Table):
         Seconds, Field(description="silence after which a client over UDP is forgotten")
     ] = 60.0
     close_seconds: Annotated[Seconds, Field(description="how long a closing connection may take")] = 2.0
+    video_viewers: Annotated[
+        Count, Field(description="streams and snapshots of pictures that are looked at at a time")
+    ] = 100
+    video_encoders: Annotated[
+        Count, Field(description="different streams of pictures at a time; equal ones share an encoder")
+    ] = 16
     data_bytes: Annotated[
         Bytes,
         Field(description="samples queued for one client; beyond it the oldest of the topic is dropped"),

@@ -46,6 +46,7 @@ COMMANDS: Final = (
     Command("action", "actions: list, info, type, send_goal"),
     Command("param", "parameters: list, get, set, delete, dump, load"),
     Command("node", "nodes: list, info"),
+    Command("tf", "frames: echo, tree"),
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),

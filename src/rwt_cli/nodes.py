@@ -2,37 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt_nodes.rosapi import Rosapi
+from rwt_nodes.tf import Tf2WebRepublisher
 
 if TYPE_CHECKING:
-    from rwt_bridge.pages import Page
-    from rwt_bridge.settings import NodeName
+    from rwt_bridge.pages import Figures, Page, Section
+    from rwt_bridge.settings import NodeName, Settings
     from rwt_graph.api import Graph
+    from rwt_nodes.video import WebVideoServer
 
 
 class ReadyNode(Protocol):
     """A node that works from its construction until it is closed.
 
-    One that serves HTTP has an attribute `pages` besides: path → :data:`rwt_bridge.pages.Page`.
+    What it shows over HTTP are attributes that it may have besides: `pages` (path →
+    :data:`rwt_bridge.pages.Page`), `section` (a :data:`rwt_bridge.pages.Section`) and `figures` (a
+    :data:`rwt_bridge.pages.Figures`).
     """
 
     def close(self) -> None:
         """Leave the graph."""
 
 
-NODES: Final[Mapping[NodeName, Callable[[Graph], ReadyNode]]] = MappingProxyType({"rosapi": Rosapi})
+@dataclass(slots=True)
+class Shown:
+    """What the nodes show over HTTP, for :func:`rwt_bridge.serve.serve`."""
+
+    pages: dict[str, Page] = field(default_factory=dict)
+    sections: list[Section] = field(default_factory=list)
+    figures: list[Figures] = field(default_factory=list)
+
+    def add(self, node: ReadyNode) -> None:
+        """Collect what a node has."""
+        self.pages.update(getattr(node, "pages", {}))
+        for name, all_nodes in (("section", self.sections), ("figures", self.figures)):
+            its = getattr(node, name, None)
+            if its is not None:
+                all_nodes.append(its)
+
+
+def _video(graph: Graph, settings: Settings) -> WebVideoServer:
+    from rwt_nodes.video import WebVideoServer
+
+    return WebVideoServer(graph, settings.limits.video_viewers, settings.limits.video_encoders)
+
+
+NODES: Final[Mapping[NodeName, Callable[[Graph, Settings], ReadyNode]]] = MappingProxyType(
+    {
+        "rosapi": lambda graph, settings: Rosapi(graph),
+        "tf2_web_republisher": lambda graph, settings: Tf2WebRepublisher(graph),
+        "web_video_server": _video,
+    }
+)
 """Every node that the setting `nodes` may name. A row that needs heavy libraries imports them when called."""
 
 
-def start_nodes(graph: Graph, names: Iterable[NodeName], stack: ExitStack) -> Mapping[str, Page]:
-    """Start nodes that `stack` closes; returns the pages that they serve."""
-    pages: dict[str, Page] = {}
-    for name in names:
-        node = stack.enter_context(closing(NODES[name](graph)))
-        pages.update(getattr(node, "pages", {}))
-    return pages
+def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> Shown:
+    """Start the nodes that the settings name and `stack` closes; returns what they show."""
+    shown = Shown()
+    for name in settings.nodes:
+        shown.add(stack.enter_context(closing(NODES[name](graph, settings))))
+    return shown

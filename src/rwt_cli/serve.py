@@ -154,7 +154,7 @@ async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
     graph, start_script = stage(arguments.script, _registry(settings), settings)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
-            pages = start_nodes(graph, settings.nodes, nodes)
+            shown = start_nodes(graph, settings, nodes)
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
             if arguments.record is not None or arguments.introspection:
@@ -162,8 +162,15 @@ async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
 
                 told = arguments.introspection
                 record_graph(graph, arguments.record, introspection=told, stack=nodes)
-            around = start_script(nodes)
-            served = serve(graph, *settings.listen, settings=settings, pages=pages, around=around)
+            served = serve(
+                graph,
+                *settings.listen,
+                settings=settings,
+                pages=shown.pages,
+                sections=shown.sections,
+                figures=shown.figures,
+                around=start_script(nodes),
+            )
             async with served as server:
                 _announce(server, demo=settings.demo)
                 await _signal_or_end(signals, server)

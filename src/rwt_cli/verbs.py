@@ -248,14 +248,14 @@ def _tell_of_gaps(event: ConnectionEvent) -> None:
 
 def command_error(error: ClientError) -> CommandError:
     """An error of the client with its exit code."""
-    from rwt_client import BadAddress, ConnectionLost, MisfitMessage, NoAnswer
+    from rwt_client import BadAddress, ConnectionLost, MisfitMessage, NoAnswer, TransformUnavailable
 
     if isinstance(error, BadAddress | MisfitMessage):
         code = CALLED_WRONGLY
     elif isinstance(error, ConnectionLost):
         code = CANNOT_CONNECT
     else:
-        code = TIMED_OUT if isinstance(error, NoAnswer) else FAILED
+        code = TIMED_OUT if isinstance(error, NoAnswer | TransformUnavailable) else FAILED
     return CommandError(str(error), code)
 
 

@@ -29,6 +29,7 @@ from rwt_client.errors import (
     ParameterRefused,
     ServerRefused,
     ServiceFailed,
+    TransformUnavailable,
     TypeUnavailable,
 )
 from rwt_client.events import ConnectionEvent, EventStream
@@ -39,6 +40,7 @@ from rwt_client.raw import RawMessage, RawSubscription
 from rwt_client.robot import Robot
 from rwt_client.services import OfferedService
 from rwt_client.topics import Subscription
+from rwt_client.transforms import Transforms
 from rwt_client.types import LiveTypes
 
 __all__ = [
@@ -55,6 +57,7 @@ __all__ = [
     "OfferedAction",
     "ReceivedGoal",
     "Parameters",
+    "Transforms",
     "LiveTypes",
     "RosApi",
     "TopicInfo",
@@ -78,6 +81,7 @@ __all__ = [
     "ParameterRefused",
     "MisfitMessage",
     "TypeUnavailable",
+    "TransformUnavailable",
     "ImageFormat",
     "ServiceFailed",
     "GoalEnded",

@@ -114,6 +114,7 @@ class MemoryGoal(ServerGoal):
         self._status = GoalStatus.UNKNOWN
         self._cancel_requested = False
         self._cancel_told = False
+        self.listening = True
 
     @property
     def status(self) -> GoalStatus:
@@ -124,6 +125,13 @@ class MemoryGoal(ServerGoal):
     def cancel_requested(self) -> bool:
         """Whether a cancel was asked for."""
         return self._cancel_requested
+
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether the client, or anybody in another process, takes feedback now."""
+        if self.listening and self._events is not None and self._events.on_feedback is not None:
+            return True
+        return self._server.watcher is not None and self._server.watcher.feedback_wanted
 
     def _step(self, event: GoalEvent) -> None:
         after = TRANSITIONS.get((self._status, event))
@@ -159,7 +167,7 @@ class MemoryGoal(ServerGoal):
         running = self._status is not GoalStatus.UNKNOWN and not self._status.is_terminal
         if not running:
             return
-        if events is not None and (on_feedback := events.on_feedback) is not None:
+        if self.listening and events is not None and (on_feedback := events.on_feedback) is not None:
             self._tell(lambda: on_feedback(feedback))
         if self._server.watcher is not None:
             self._server.watcher.fed_back(self.id, feedback)
@@ -246,6 +254,11 @@ class MemoryClientGoal(ClientGoal):
         """Ask the server to cancel."""
         if self._goal is not None:
             self._goal.request_cancel()
+
+    def want_feedback(self, wanted: bool) -> None:
+        """Whether feedback is of use now."""
+        if self._goal is not None:
+            self._goal.listening = wanted
 
     def abandon(self) -> None:
         """Hear nothing more of the goal; it goes on running."""

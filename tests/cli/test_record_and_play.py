@@ -25,7 +25,10 @@ from rwt_interfaces import JAZZY
 from rwt_nodes.recording import RecordingWriter, open_recording
 from rwt_nodes.recording.mcap_files import McapRecording
 
-OWN = ("--exclude", "/rosout", "/parameter_events", "/client_count", "/connected_clients")
+OWN = (
+    "--exclude",
+    *("/rosout", "/parameter_events", "/client_count", "/connected_clients", "/tf2_web_republisher/*"),
+)
 # Every distribution with every encoding is compared without a network in tests/nodes/recording.
 FORMS = [("jazzy", "ros"), ("noetic", "json")]
 

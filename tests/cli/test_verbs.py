@@ -278,9 +278,9 @@ def test_service_call_that_fails(rwt: Rwt) -> None:
 
 def test_action_list_type_info(rwt: Rwt) -> None:
     kind = "example_interfaces/action/Fibonacci"
-    assert rwt("action", "list").out == "/fibonacci\n/navigate_to_pose\n"
+    assert rwt("action", "list").out == "/fibonacci\n/navigate_to_pose\n/tf2_web_republisher\n"
     assert f"/fibonacci [{kind}]" in rwt("action", "list", "-t").out
-    assert rwt("action", "list", "-c", "--json").json == {"count": 2}
+    assert rwt("action", "list", "-c", "--json").json == {"count": 3}
     assert rwt("action", "type", "/fibonacci").out == f"{kind}\n"
     assert rwt("action", "info", "/fibonacci").out == (
         f"Action: /fibonacci\nType: {kind}\nAction servers: 1\n    /demo_robot\n"
@@ -322,8 +322,8 @@ def test_a_goal_that_takes_too_long_is_canceled(rwt: Rwt) -> None:
 
 
 def test_param_list(rwt: Rwt) -> None:
-    assert "/demo_robot:\n  command_timeout\n" in rwt("param", "list").out
-    assert rwt("param", "list", "/demo_robot").out.startswith("  command_timeout\n")
+    assert "/demo_robot:\n  camera_rate\n  command_timeout\n" in rwt("param", "list").out
+    assert rwt("param", "list", "/demo_robot").out.startswith("  camera_rate\n")
     assert "max_speed" in rwt("param", "list", "--json").json["/demo_robot"]
     assert "did you mean /demo_robot?" in rwt("param", "list", "/demo_robt").err
 

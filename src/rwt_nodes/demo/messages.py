@@ -69,6 +69,19 @@ def turn_about_y(angle: float) -> Message:
     return {"x": 0.0, "y": math.sin(angle / 2), "z": 0.0, "w": math.cos(angle / 2)}
 
 
+def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Message:
+    """`geometry_msgs/Quaternion` of turns about the fixed x, y and z axes, in this order."""
+    cx, sx = math.cos(roll / 2), math.sin(roll / 2)
+    cy, sy = math.cos(pitch / 2), math.sin(pitch / 2)
+    cz, sz = math.cos(yaw / 2), math.sin(yaw / 2)
+    return {
+        "x": sx * cy * cz - cx * sy * sz,
+        "y": cx * sy * cz + sx * cy * sz,
+        "z": cx * cy * sz - sx * sy * cz,
+        "w": cx * cy * cz + sx * sy * sz,
+    }
+
+
 def pose(value: Pose) -> Message:
     """`geometry_msgs/Pose`."""
     return {"position": vector(value.x, value.y), "orientation": turn_about_z(value.heading)}

@@ -52,6 +52,7 @@ TUNABLES = (
     Tunable("command_timeout", 0.5, 60.0, "s", "Time after the last /cmd_vel at which the robot stops."),
     Tunable("scan_rate", 10.0, 40.0, "Hz", "Laser scans in a second."),
     Tunable("scan_noise", 0.01, 1.0, "m", "Standard deviation of a measured range.", zero_allowed=True),
+    Tunable("camera_rate", 30.0, 60.0, "Hz", "Pictures of each camera in a second."),
     Tunable("fibonacci_rate", 2.0, 1000.0, "Hz", "Numbers that /fibonacci finds in a second."),
 )
 

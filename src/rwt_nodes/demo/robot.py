@@ -7,6 +7,7 @@ from typing import Protocol
 from rwt_graph import Graph, Node, ServiceFailed
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.battery import Battery
+from rwt_nodes.demo.cameras import CameraPublisher
 from rwt_nodes.demo.diagnostics import Diagnostics
 from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
 from rwt_nodes.demo.fibonacci import Fibonacci
@@ -17,7 +18,7 @@ from rwt_nodes.demo.planner import Planner
 from rwt_nodes.demo.sensors import BatteryPublisher, ScanPublisher
 from rwt_nodes.demo.state import StatePublisher
 from rwt_nodes.demo.teleop import Teleop
-from rwt_nodes.demo.urdf import urdf
+from rwt_nodes.demo.urdf import camera_mount, urdf
 from rwt_nodes.demo.world import World, draw_map, house
 
 #: Seconds from one control step to the next.
@@ -41,8 +42,8 @@ class DemoRobot:
     """A differential-drive robot in a walled world, simulated.
 
     It drives by `/cmd_vel` and `/navigate_to_pose`, publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`,
-    `/scan`, `/map`, `/plan`, `/battery_state`, `/diagnostics`, `/robot_description`, `/chatter`, and serves
-    `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`. Its parameters are in
+    `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`, `/diagnostics`, `/robot_description`,
+    `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`. Its parameters are in
     :data:`rwt_nodes.demo.parameters.TUNABLES`.
 
     Args:
@@ -64,6 +65,7 @@ class DemoRobot:
         )
         self._state = StatePublisher(self._node, self._drive, chassis, self._world.start)
         self._scans = ScanPublisher(self._node, self._drive, self._lidar)
+        self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis))
         self._fibonacci = Fibonacci(self._node)
         self._battery_states = BatteryPublisher(self._node, self._battery)
         self._diagnostics = Diagnostics(self._node, self._drive, self._battery, self._navigation)
@@ -104,6 +106,7 @@ class DemoRobot:
             self._battery.swap()
             self._node.log.warning("the battery was empty and has been swapped for a full one")
         self._state.publish()
+        self._cameras.look_for_listeners()
 
     def _wanted(self) -> Velocity:
         """A hand on the stick goes before navigation; a released stick, which still says 0, does not."""
@@ -144,6 +147,7 @@ class DemoRobot:
                 "max_turn_acceleration": lambda value: setattr(limits, "turn_acceleration", value),
                 "command_timeout": lambda value: setattr(self._teleop, "timeout", value),
                 "scan_rate": self._scans.set_rate,
+                "camera_rate": self._cameras.set_rate,
                 "scan_noise": lambda value: setattr(lidar, "noise", value),
                 "fibonacci_rate": lambda value: setattr(self._fibonacci, "rate", value),
             },

@@ -85,10 +85,10 @@ class StatePublisher:
         return [
             messages.transform(
                 stamp,
-                BASE,
+                mount.parent,
                 mount.link,
                 messages.vector(mount.x, mount.y, mount.z),
-                messages.turn_about_z(0.0),
+                messages.roll_pitch_yaw(*mount.rpy),
             )
             for mount in fixed_mounts(chassis)
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
@@ -10,6 +11,9 @@ from rwt_nodes.demo.drive import Chassis
 BASE = "base_link"
 LASER = "laser"
 CASTER = "caster_link"
+CAMERA = "camera_link"
+#: z forwards, x to the right, y down: how ROS gives what a camera sees (REP 103).
+OPTICAL = "camera_optical_frame"
 LEFT_WHEEL = "left_wheel_link"
 RIGHT_WHEEL = "right_wheel_link"
 LEFT_JOINT = "left_wheel_joint"
@@ -20,25 +24,41 @@ _BODY_HEIGHT = 0.12
 _GROUND_CLEARANCE = 0.03
 _LASER_SIZE = (0.035, 0.04)  # radius, height
 _CASTER_RADIUS = 0.03
+_CAMERA_SIZE = (0.03, 0.1, 0.03)
+_CAMERA_HEIGHT = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """Where a link sits on :data:`BASE`, which is on the floor between the wheels; metres.
+    """Where a link sits on its parent; :data:`BASE` is on the floor between the wheels. Metres.
 
     Wheels turn around y, which is an axle across the robot; everything else is fixed.
+
+    Attributes:
+        rpy: how it is turned about the parent's x, y and z, in this order; radians.
     """
 
     link: str
     x: float = 0.0
     y: float = 0.0
     z: float = 0.0
+    parent: str = BASE
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def fixed_mounts(chassis: Chassis) -> tuple[Mount, ...]:
     """The links that never move on the robot."""
-    caster = Mount(CASTER, x=-chassis.radius + 2 * _CASTER_RADIUS, z=_CASTER_RADIUS)
-    return Mount(LASER, z=_GROUND_CLEARANCE + _BODY_HEIGHT + _LASER_SIZE[1] / 2), caster
+    return (
+        Mount(LASER, z=_GROUND_CLEARANCE + _BODY_HEIGHT + _LASER_SIZE[1] / 2),
+        Mount(CASTER, x=-chassis.radius + 2 * _CASTER_RADIUS, z=_CASTER_RADIUS),
+        camera_mount(chassis),
+        Mount(OPTICAL, parent=CAMERA, rpy=(-math.pi / 2, 0.0, -math.pi / 2)),
+    )
+
+
+def camera_mount(chassis: Chassis) -> Mount:
+    """The camera, which looks forwards from a mast."""
+    return Mount(CAMERA, x=chassis.radius / 2, z=_CAMERA_HEIGHT)
 
 
 def wheel_mounts(chassis: Chassis) -> tuple[Mount, Mount]:
@@ -51,11 +71,15 @@ def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
     """The description as XML text."""
     robot = ET.Element("robot", name=name)
     _link(robot, BASE, _cylinder(chassis.radius, _BODY_HEIGHT), "0.2 0.4 0.8 1", "0 0 0.09")
-    laser, caster = fixed_mounts(chassis)
+    laser, caster, camera, optical = fixed_mounts(chassis)
     _link(robot, LASER, _cylinder(*_LASER_SIZE), "0.1 0.1 0.1 1")
     _joint(robot, "laser_joint", laser)
     _link(robot, CASTER, ET.Element("sphere", radius=_text(_CASTER_RADIUS)), "0.6 0.6 0.6 1")
     _joint(robot, "caster_joint", caster)
+    _link(robot, CAMERA, ET.Element("box", size=_texts(_CAMERA_SIZE)), "0.1 0.1 0.1 1")
+    _joint(robot, "camera_joint", camera)
+    ET.SubElement(robot, "link", name=OPTICAL)  # only a frame: nothing to draw, nothing to bump into
+    _joint(robot, "camera_optical_joint", optical)
     for joint, mount in zip((LEFT_JOINT, RIGHT_JOINT), wheel_mounts(chassis), strict=True):
         # A cylinder stands on z: a quarter turn around x lays it on the axle.
         wheel = _cylinder(chassis.wheel_radius, 0.03)
@@ -80,15 +104,19 @@ def _link(
 
 def _joint(robot: ET.Element, name: str, mount: Mount, axis: str | None = None) -> None:
     joint = ET.SubElement(robot, "joint", name=name, type="fixed" if axis is None else "continuous")
-    ET.SubElement(joint, "parent", link=BASE)
+    ET.SubElement(joint, "parent", link=mount.parent)
     ET.SubElement(joint, "child", link=mount.link)
-    ET.SubElement(joint, "origin", xyz=f"{_text(mount.x)} {_text(mount.y)} {_text(mount.z)}", rpy="0 0 0")
+    ET.SubElement(joint, "origin", xyz=_texts((mount.x, mount.y, mount.z)), rpy=_texts(mount.rpy))
     if axis is not None:
         ET.SubElement(joint, "axis", xyz=axis)
 
 
 def _cylinder(radius: float, length: float) -> ET.Element:
     return ET.Element("cylinder", radius=_text(radius), length=_text(length))
+
+
+def _texts(values: tuple[float, ...]) -> str:
+    return " ".join(map(_text, values))
 
 
 def _text(value: float) -> str:

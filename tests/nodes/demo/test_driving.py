@@ -10,7 +10,9 @@ import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_nodes.demo import DemoRobot
+from rwt_nodes.demo.drive import Chassis
 from rwt_nodes.demo.pose import Pose
+from rwt_nodes.demo.urdf import fixed_mounts
 from rwt_nodes.demo.world import Box, World, walled
 
 pytestmark = pytest.mark.anyio
@@ -79,8 +81,8 @@ async def test_transforms_lead_from_the_map_to_the_robot(lab: Any) -> None:
 async def test_fixed_transforms_wait_for_late_joiners(lab: Any) -> None:
     lab.clock.advance(60.0)
     (message,) = lab.watch("/tf_static")
-    assert {t.child_frame_id for t in message.transforms} == {"laser", "caster_link"}
-    assert {t.header.frame_id for t in message.transforms} == {"base_link"}
+    assert {t.child_frame_id for t in message.transforms} == {mount.link for mount in fixed_mounts(Chassis())}
+    assert {t.header.frame_id for t in message.transforms} == {"base_link", "camera_link"}
 
 
 async def test_wheel_joints_turn_with_the_way(lab: Any) -> None:

@@ -13,11 +13,12 @@ ROBOT = ET.fromstring(urdf(Chassis()))
 
 
 def test_it_has_every_link_and_each_hangs_on_the_base() -> None:
-    links = {link.get("name") for link in ROBOT.iter("link")}
-    assert links == {BASE, "laser", "caster_link", "left_wheel_link", "right_wheel_link"}
+    links = {link.get("name") for link in ROBOT.findall("link")}
+    wheels = {"left_wheel_link", "right_wheel_link"}
+    assert links == {BASE, "laser", "caster_link", "camera_link", "camera_optical_frame"} | wheels
     assert len(list(ROBOT.iter("joint"))) == len(links) - 1
     assert {element.get("link") for element in ROBOT.iter("child")} == links - {BASE}
-    assert {element.get("link") for element in ROBOT.iter("parent")} == {BASE}
+    assert {element.get("link") for element in ROBOT.iter("parent")} == {BASE, "camera_link"}
 
 
 def test_joints_are_where_the_mounts_are() -> None:
@@ -27,6 +28,8 @@ def test_joints_are_where_the_mounts_are() -> None:
         assert origin is not None
         place = [float(part) for part in (origin.get("xyz") or "").split()]
         assert place == pytest.approx([mount.x, mount.y, mount.z])
+        turn = [float(part) for part in (origin.get("rpy") or "").split()]
+        assert turn == pytest.approx(mount.rpy, abs=1e-5)
 
 
 def test_wheels_turn_and_stand_on_the_floor() -> None:
@@ -36,7 +39,9 @@ def test_wheels_turn_and_stand_on_the_floor() -> None:
 
 
 def test_every_link_can_be_drawn_and_bumped_into() -> None:
-    for link in ROBOT.iter("link"):
+    for link in ROBOT.findall("link"):
+        if link.get("name") == "camera_optical_frame":
+            continue
         for part in ("visual", "collision"):
             geometry = link.find(f"{part}/geometry")
             assert geometry is not None

@@ -1,0 +1,108 @@
+"""The colour camera and the depth camera: `/camera/…`. They are one device with one lens and one frame."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import anyio.to_thread
+
+from rwt_graph import Node, Timer, TopicPublisher
+from rwt_graph.qos import SENSOR_DATA
+from rwt_nodes.demo import messages
+from rwt_nodes.demo.drive import DifferentialDrive
+from rwt_nodes.demo.lens import Lens
+from rwt_nodes.demo.pose import Pose
+from rwt_nodes.demo.urdf import OPTICAL, Mount
+from rwt_nodes.demo.world import World
+
+if TYPE_CHECKING:
+    from rwt_nodes.demo.view import View
+
+#: Of the compressed pictures, as image_transport has it.
+_JPEG_QUALITY = 80
+
+
+class CameraPublisher:
+    """Publishes `/camera/image_raw`, its compressed form and `/camera/depth/image_raw`, each only while
+    somebody listens, and their camera infos.
+
+    Pictures are drawn in a worker thread, from arrays: numpy is loaded with the first listener.
+    """
+
+    def __init__(self, node: Node, drive: DifferentialDrive, world: World, mount: Mount) -> None:
+        self._node = node
+        self._drive = drive
+        self._world = world
+        self._mount = mount
+        self._lens = Lens()
+        self._view: View | None = None
+        self._period = 1 / 30
+        self._timer: Timer | None = None
+        self._colours = node.advertise("/camera/image_raw", "sensor_msgs/Image", SENSOR_DATA)
+        self._jpegs = node.advertise(
+            "/camera/image_raw/compressed", "sensor_msgs/CompressedImage", SENSOR_DATA
+        )
+        self._infos = node.advertise("/camera/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
+        self._depths = node.advertise("/camera/depth/image_raw", "sensor_msgs/Image", SENSOR_DATA)
+        self._depth_infos = node.advertise("/camera/depth/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
+
+    def set_rate(self, rate: float) -> None:
+        """Publish `rate` pictures a second from now on."""
+        self._period = 1 / rate
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = self._node.create_timer(self._period, self._shoot)
+
+    def look_for_listeners(self) -> None:
+        """Run while there are some, and sleep otherwise: an idle robot is not woken thirty times a second."""
+        wanted = any(topic.subscriber_count for topic in self._topics())
+        if wanted and self._timer is None:
+            self._timer = self._node.create_timer(self._period, self._shoot)
+        elif not wanted and self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _topics(self) -> tuple[TopicPublisher, ...]:
+        return self._colours, self._jpegs, self._infos, self._depths, self._depth_infos
+
+    async def _shoot(self) -> None:
+        """Publish one picture of every kind that is wanted, all of the same moment."""
+        header = messages.header(self._node.clock.time_ns(), OPTICAL)
+        for infos in (self._infos, self._depth_infos):
+            if infos.subscriber_count:
+                infos.publish(self._lens.camera_info(header, self._node.distro.ros_version))
+        if any(topic.subscriber_count for topic in (self._colours, self._jpegs, self._depths)):
+            pose = self._drive.pose.after(Pose(self._mount.x, self._mount.y))
+            await anyio.to_thread.run_sync(partial(self._draw, header, pose))
+
+    def _draw(self, header: messages.Message, pose: Pose) -> None:
+        """Runs in a worker thread; a timer's coroutine is never run twice at a time, so neither is this."""
+        if self._view is None:
+            from rwt_nodes.demo.view import View  # loads numpy
+
+            self._view = View(self._world, self._lens, self._mount.z)
+        sight = self._view.look(pose)
+        if self._depths.subscriber_count:
+            self._depths.publish(self._image(header, "16UC1", 2, self._view.depths(sight).tobytes()))
+        if self._colours.subscriber_count or self._jpegs.subscriber_count:
+            colours = self._view.colours(sight)
+            if self._colours.subscriber_count:
+                self._colours.publish(self._image(header, "rgb8", 3, colours.tobytes()))
+            if self._jpegs.subscriber_count:
+                from rwt_nodes.video.jpeg import encode_jpeg
+
+                data = encode_jpeg(colours, _JPEG_QUALITY)
+                self._jpegs.publish({"header": header, "format": "rgb8; jpeg compressed bgr8", "data": data})
+
+    def _image(self, header: messages.Message, encoding: str, pixel: int, data: bytes) -> messages.Message:
+        """`sensor_msgs/Image` of pixels of so many bytes, low byte first."""
+        return {
+            "header": header,
+            "width": self._lens.width,
+            "height": self._lens.height,
+            "encoding": encoding,
+            "is_bigendian": 0,
+            "step": self._lens.width * pixel,
+            "data": data,
+        }

@@ -1,0 +1,55 @@
+"""The optics of a pinhole camera, and how ROS describes them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from rwt_nodes.demo.messages import Message
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """A pinhole camera without distortion.
+
+    Attributes:
+        width: columns of the picture.
+        height: rows of the picture.
+        field_of_view: from the left edge to the right one, radians.
+    """
+
+    width: int = 640
+    height: int = 480
+    field_of_view: float = math.radians(75)
+
+    @property
+    def focal(self) -> float:
+        """Focal length, pixels."""
+        return self.width / 2 / math.tan(self.field_of_view / 2)
+
+    @property
+    def cx(self) -> float:
+        """Column of the optical axis, counted from the centre of the first pixel."""
+        return (self.width - 1) / 2
+
+    @property
+    def cy(self) -> float:
+        """Row of the optical axis."""
+        return (self.height - 1) / 2
+
+    def camera_info(self, header: Message, ros_version: int) -> Message:
+        """`sensor_msgs/CameraInfo`, whose matrices ROS 1 spells with capitals."""
+        f, cx, cy = self.focal, self.cx, self.cy
+        matrices = {
+            "d": [0.0] * 5,
+            "k": [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0],
+            "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            "p": [f, 0.0, cx, 0.0, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        }
+        return {
+            "header": header,
+            "width": self.width,
+            "height": self.height,
+            "distortion_model": "plumb_bob",
+            **{name.upper() if ros_version == 1 else name: values for name, values in matrices.items()},
+        }

@@ -1,0 +1,5 @@
+"""Pictures and film of image topics over HTTP, as `web_video_server` serves them."""
+
+from rwt_nodes.video.server import WebVideoServer
+
+__all__ = ["WebVideoServer"]

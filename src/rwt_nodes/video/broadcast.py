@@ -1,0 +1,251 @@
+"""One encoder for all who want to see the same, and what each of them gets.
+
+A picture is encoded only when a viewer has room for it, in a worker thread, and once. What has no room waits
+nowhere: the newest message replaces the one before. So a slow viewer gets fewer pictures, and none of them
+old; and where nobody looks, nothing is encoded and nothing is subscribed to.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+import anyio
+import anyio.to_thread
+
+from rwt_nodes.video.errors import VideoError
+
+if TYPE_CHECKING:
+    from rwt_graph import Node
+    from rwt_graph.api import Sample
+    from rwt_interfaces.payload import Payload
+    from rwt_nodes.video.encoded import Encoded, Encoder
+    from rwt_nodes.video.tally import Counts
+    from rwt_nodes.video.wish import Wish
+
+logger = logging.getLogger("rwt_nodes.video")
+
+#: Pictures of a film that may wait for a viewer. A picture by itself never waits: the next replaces it.
+_MOST_WAITING: Final = 4
+#: Seconds from one key picture that a slow viewer needs to the next; they are large, and everybody gets them.
+_KEY_PAUSE: Final = 0.5
+
+
+class Viewer:
+    """One who looks: a short queue of pictures, in which a key picture takes the place of all others.
+
+    Attributes:
+        failure: why there is nothing more to see; None while there may be.
+    """
+
+    def __init__(self, broadcast: Broadcast) -> None:
+        self._broadcast = broadcast
+        self._waiting: deque[Encoded] = deque()
+        self._begun = False  # what cannot be shown by itself makes no sense before a key picture
+        self._wake = anyio.Event()
+        self._over = False
+        self.failure: VideoError | None = None
+
+    @property
+    def hungry(self) -> bool:
+        """Whether a picture that is made now would not have to wait behind old ones."""
+        waiting = self._waiting
+        return not waiting or (waiting[-1].track is not None and len(waiting) < _MOST_WAITING)
+
+    def put(self, picture: Encoded) -> None:
+        """Offer a picture."""
+        if picture.key:
+            self._drop(len(self._waiting))
+            self._begun = True
+        elif not self._begun or len(self._waiting) >= _MOST_WAITING:
+            # What follows a gap cannot be decoded, so the rest of the queue is of no use either.
+            self._drop(len(self._waiting) + 1)
+            self._begun = False
+            self._broadcast.ask_for_key()
+            return
+        self._waiting.append(picture)
+        self._wake.set()
+
+    def _drop(self, count: int) -> None:
+        self._waiting.clear()
+        self._broadcast.counts.dropped += count
+
+    async def next(self) -> Encoded | None:
+        """The next picture, waiting for it; None when there will be no more."""
+        while not self._waiting:
+            if self._over:
+                return None
+            await self._wake.wait()
+            self._wake = anyio.Event()
+        picture = self._waiting.popleft()
+        self._broadcast.look()
+        return picture
+
+    def leave(self) -> None:
+        """Look no more."""
+        self._broadcast.leave(self)
+
+    def end(self, failure: VideoError | None = None) -> None:
+        """There will be nothing more to see, after what waits already."""
+        if not self._over:
+            self.failure = failure
+            self._over = True
+            self._wake.set()
+
+
+class Broadcast:
+    """What equal wishes share: the subscription, the encoder and the pictures.
+
+    Args:
+        node: whose subscription it is.
+        wish: what is wanted, of the very topic to subscribe to.
+        make_encoder: makes the encoder, in a worker thread: it loads libraries.
+        limiter: bounds the worker threads of all broadcasts.
+        counts: what is counted.
+        on_end: called once when the last viewer has left, or when there is nothing to see.
+        now: seconds that never go back. Real time, whatever clock the robot has: so is what viewers live in.
+
+    Attributes:
+        viewers: who looks.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        wish: Wish,
+        make_encoder: Callable[[], Encoder],
+        limiter: anyio.CapacityLimiter,
+        counts: Counts,
+        on_end: Callable[[Broadcast], None],
+        now: Callable[[], float] = anyio.current_time,
+    ) -> None:
+        self.wish = wish
+        self.counts = counts
+        self.viewers: list[Viewer] = []
+        self._now = now
+        self._log = node.log
+        self._make_encoder = make_encoder
+        self._encoder: Encoder | None = None
+        self._limiter = limiter
+        self._on_end = on_end
+        self._newest: Payload | None = None  # not encoded yet
+        self._last: Payload | None = None  # encoded
+        self._shown: Encoded | None = None
+        self._key_wanted = True
+        self._key_asked = False
+        self._key_at = now()
+        self._wake = anyio.Event()
+        self._over = False
+        node.graph.spawn(self._run, f"pictures of {wish.topic}")
+        # Last: what is kept for late joiners comes at once.
+        self._subscription = node.subscribe(wish.topic, qos=wish.qos, on_sample=self._take)
+
+    def join(self) -> Viewer:
+        """A new viewer, who gets the last picture at once if there is one."""
+        viewer = Viewer(self)
+        self.viewers.append(viewer)
+        if self._shown is not None and self._shown.track is None:
+            viewer.put(self._shown)
+        elif self._last is not None:
+            # A film is entered at a key picture, and the topic may be silent: the last one is made again.
+            self._key_wanted = True
+            self._newest = self._newest or self._last
+        self.look()
+        return viewer
+
+    def leave(self, viewer: Viewer) -> None:
+        """The last viewer who leaves stops the encoder and the subscription."""
+        if viewer in self.viewers:
+            self.viewers.remove(viewer)
+            viewer.end()
+            if not self.viewers:
+                self.end()
+
+    def end(self, failure: VideoError | None = None) -> None:
+        """Stop, and let every viewer go."""
+        if self._over:
+            return
+        self._over = True
+        self._subscription.close()
+        for viewer in self.viewers:
+            viewer.end(failure)
+        self._on_end(self)
+        self.look()
+
+    def look(self) -> None:
+        """Something has changed: see whether there is something to do."""
+        self._wake.set()
+
+    def ask_for_key(self) -> None:
+        """A viewer has to begin again, though not at once: everybody pays for a key picture."""
+        self._key_asked = True
+
+    def _takes_key(self, now: float) -> bool:
+        """Whether the next picture is a key picture."""
+        key = self._key_wanted or (self._key_asked and now >= self._key_at + _KEY_PAUSE)
+        if key:
+            self._key_wanted = self._key_asked = False
+        return key
+
+    def _take(self, sample: Sample) -> None:
+        """A message: the newest takes the place of one that nobody had room for."""
+        if self._newest is not None:
+            self.counts.skipped += 1
+        self._newest = sample.payload.detach()
+        self.look()
+
+    async def _run(self) -> None:
+        while not self._over:
+            payload = self._newest
+            if payload is None or not any(viewer.hungry for viewer in self.viewers):
+                await self._wake.wait()
+                self._wake = anyio.Event()
+                continue
+            self._newest, self._last = None, payload
+            try:
+                encoded = await self._encode(payload)
+            except VideoError as error:
+                self._unreadable(error)
+            except Exception:
+                logger.exception("the pictures of %s could not be encoded", self.wish.topic)
+                self.counts.failed += 1
+                self.end(VideoError("internal error"))
+            else:
+                self._show(encoded)
+
+    def _unreadable(self, error: VideoError) -> None:
+        """Cameras do send a broken picture now and then; when the first is one, there is no more hope."""
+        self.counts.failed += 1
+        if self.counts.complaint != str(error):
+            # Once: viewers who come again and again must not fill the log.
+            self.counts.complaint = str(error)
+            self._log.warning(f"{self.wish.topic}: {error}")
+        if self._shown is None:
+            self.end(error)
+
+    async def _encode(self, payload: Payload) -> Encoded | None:
+        now = self._now()
+        key, at_ms = self._takes_key(now), int(now * 1000)
+
+        def work() -> Encoded | None:
+            if self._encoder is None:
+                self._encoder = self._make_encoder()
+            return self._encoder.encode(payload, at_ms, key=key)
+
+        encoded = await anyio.to_thread.run_sync(work, limiter=self._limiter)
+        if encoded is None and key:
+            self._key_wanted = True
+        return encoded
+
+    def _show(self, picture: Encoded | None) -> None:
+        if picture is None:
+            self.counts.skipped += 1
+            return
+        self.counts.encoded += 1
+        self._shown = picture
+        if picture.key:
+            self._key_at = self._now()
+        for viewer in tuple(self.viewers):
+            viewer.put(picture)

@@ -1,0 +1,66 @@
+"""What a browser is shown: the list of image topics, and one topic's pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from urllib.parse import parse_qsl, urlencode
+
+_VIEWER = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>{topic}</title>
+<style>body {{ font: 16px/1.5 system-ui, sans-serif; margin: 1rem }} img, video {{ max-width: 100% }}</style>
+<h1>{topic}</h1>
+{element}
+"""
+
+_FILM = """<video src="{source}" autoplay muted playsinline preload="none"></video>
+<script>
+// A browser gathers some seconds before it begins, and would stay behind: play faster until caught up.
+const film = document.querySelector("video");
+film.onprogress = film.ontimeupdate = () => {{
+  const parts = film.buffered;
+  const behind = parts.length ? parts.end(parts.length - 1) - film.currentTime : 0;
+  film.playbackRate = behind > 1 ? 2 : behind > 0.4 ? 1.2 : 1;
+}};
+</script>"""
+
+
+def viewer_page(topic: str, query: str, *, film: bool) -> bytes:
+    """The page of `/stream_viewer`: it shows `/stream` with the same query."""
+    source = escape(f"/stream?{query}")
+    element = _FILM.format(source=source) if film else f'<img src="{source}" alt="{escape(topic)}">'
+    return _VIEWER.format(topic=escape(topic), element=element).encode()
+
+
+def topic_list(topics: Iterable[str], infos: Sequence[str], query: str) -> str:
+    """The image topics with their links, those of one camera together, as HTML.
+
+    Args:
+        topics: image topics, sorted.
+        infos: topics of camera infos.
+        query: of the page that this is shown on: its token goes with the links.
+    """
+    bases = [info.removesuffix("camera_info") for info in infos if info.endswith("/camera_info")]
+    cameras: dict[str, list[str]] = {}
+    for topic in topics:
+        # The longest: /camera/depth/ has its own info, and is below /camera/.
+        base = max((base for base in bases if topic.startswith(base)), key=len, default="")
+        cameras.setdefault(base, []).append(topic)
+    items = "".join(_camera(base, its, query) for base, its in sorted(cameras.items()))
+    return f"<h2>Image topics</h2><ul>{items or '<li>none'}</ul>"
+
+
+def _camera(base: str, topics: list[str], query: str) -> str:
+    links = "".join(_links(topic, topic.removeprefix(base), query) for topic in topics)
+    return f"<li>{escape(base)}<ul>{links}</ul>" if base else links
+
+
+def _links(topic: str, shown: str, query: str) -> str:
+    token = [pair for pair in parse_qsl(query) if pair[0] == "token"]
+    asked = escape(urlencode([("topic", topic), *token], safe="/"))
+    return (
+        f'<li><a href="/stream_viewer?{asked}">{escape(shown)}</a>'
+        f' (<a href="/stream?{asked}">Stream</a>) (<a href="/snapshot?{asked}">Snapshot</a>)'
+    )

@@ -1,0 +1,209 @@
+"""The node that serves pictures and film: the pages, and who shares which encoder."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Final
+
+import anyio
+
+from rwt_graph import Graph, Node
+from rwt_nodes.video.bodies import MULTIPART, film, multipart, timestamp
+from rwt_nodes.video.broadcast import Broadcast, Viewer
+from rwt_nodes.video.encoded import Encoded, Encoder
+from rwt_nodes.video.errors import RequestRefused
+from rwt_nodes.video.html import topic_list, viewer_page
+from rwt_nodes.video.mp4 import TYPE as MP4
+from rwt_nodes.video.tally import Family, Tally
+from rwt_nodes.video.topics import (
+    COMPRESSED,
+    INFO,
+    RAW,
+    MaySubscribe,
+    meant_topic,
+    not_found,
+    on_topic,
+    topics_of,
+)
+from rwt_nodes.video.webm import TYPE as WEBM
+from rwt_nodes.video.wish import Film, Wish, read_wish
+from rwt_transports.http import HttpRequest, HttpResponse
+
+NAME: Final = "web_video_server"
+#: Seconds to wait for a topic that is not there yet, and for a snapshot's picture.
+PATIENCE: Final = 5.0
+_LOOK_EVERY: Final = 0.1
+
+#: As web_video_server has them: a picture of a moment ago must not come from a cache.
+_NO_CACHE: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "Cache-Control": "no-cache, no-store, must-revalidate, pre-check=0, post-check=0, max-age=0",
+        "Pragma": "no-cache",
+    }
+)
+
+Page = Callable[[HttpRequest, MaySubscribe], HttpResponse | Awaitable[HttpResponse]]
+
+
+class WebVideoServer:
+    """Serves the pictures of image topics over HTTP, with the paths and parameters of web_video_server.
+
+    Args:
+        graph: whose topics are shown.
+        most_viewers: who may look at a time; the next is told to come later.
+        most_encoders: different streams at a time, likewise.
+
+    Attributes:
+        pages: what it serves, by path.
+    """
+
+    def __init__(self, graph: Graph, most_viewers: int = 100, most_encoders: int = 16) -> None:
+        self._node = Node(graph, NAME)
+        self._most_viewers = most_viewers
+        self._most_encoders = most_encoders
+        self._broadcasts: dict[Wish, Broadcast] = {}
+        self._tally = Tally()
+        # A thread for each core: more would only take turns.
+        self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
+        self.pages: Mapping[str, Page] = {
+            "/stream": partial(self._answer, self._stream),
+            "/stream_viewer": partial(self._answer, self._stream_viewer),
+            "/snapshot": partial(self._answer, self._snapshot),
+        }
+
+    def close(self) -> None:
+        """Let every viewer go and leave the graph."""
+        for broadcast in tuple(self._broadcasts.values()):
+            broadcast.end()
+        self._node.close()
+
+    def section(self, request: HttpRequest, may_subscribe: MaySubscribe) -> str:
+        """The list of image topics, for the index page of the server, as HTML."""
+        graph = self._node.graph
+        topics = sorted(topics_of(graph, RAW, may_subscribe) + topics_of(graph, COMPRESSED, may_subscribe))
+        return topic_list(topics, topics_of(graph, INFO, may_subscribe), request.query)
+
+    def figures(self) -> Iterator[Family]:
+        """What is counted, for `/metrics`."""
+        return self._tally.families(self._broadcasts.values())
+
+    # -- pages ---------------------------------------------------------------------------------------------
+
+    async def _answer(
+        self,
+        page: Callable[[HttpRequest, MaySubscribe], Awaitable[HttpResponse]],
+        request: HttpRequest,
+        may_subscribe: MaySubscribe,
+    ) -> HttpResponse:
+        try:
+            return await page(request, may_subscribe)
+        except RequestRefused as refused:
+            return HttpResponse(f"{refused}\n".encode(), refused.status, headers=_NO_CACHE)
+
+    async def _stream(self, request: HttpRequest, may_subscribe: MaySubscribe) -> HttpResponse:
+        wish = await self._settled(read_wish(request.query), may_subscribe)
+        self._check_room(wish)
+        counts = self._tally.of(wish.topic, wish.type)
+        join = partial(self._join, wish)
+        if not isinstance(wish.coding, Film):
+            return HttpResponse(multipart(join, counts), content_type=MULTIPART, headers=_NO_CACHE)
+        media_type = MP4 if wish.type == "h264" else WEBM
+        return HttpResponse(film(join, counts), content_type=media_type, headers=_NO_CACHE)
+
+    async def _stream_viewer(self, request: HttpRequest, may_subscribe: MaySubscribe) -> HttpResponse:
+        wish = read_wish(request.query)
+        _check_codec(wish)
+        if not may_subscribe(wish.topic):
+            raise RequestRefused(403, f"you may not subscribe to {wish.topic}")
+        page = viewer_page(wish.topic, request.query, film=isinstance(wish.coding, Film))
+        return HttpResponse(page, content_type="text/html; charset=utf-8", headers=_NO_CACHE)
+
+    async def _snapshot(self, request: HttpRequest, may_subscribe: MaySubscribe) -> HttpResponse:
+        wish = read_wish(request.query)
+        if isinstance(wish.coding, Film):
+            raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {wish.type}")
+        wish = await self._settled(wish, may_subscribe)
+        self._check_room(wish)
+        picture = await self._one_picture(wish)
+        headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
+        counts = self._tally.of(wish.topic, wish.type)
+        counts.sent += 1
+        counts.sent_bytes += len(picture.data)
+        return HttpResponse(picture.data, content_type=picture.media_type, headers=headers)
+
+    async def _one_picture(self, wish: Wish) -> Encoded:
+        viewer, picture = self._join(wish), None
+        try:
+            with anyio.move_on_after(PATIENCE):
+                picture = await viewer.next()
+        finally:
+            viewer.leave()
+        if picture is not None:
+            return picture
+        if viewer.failure is not None:
+            raise RequestRefused(422, f"{wish.topic}: {viewer.failure}")
+        raise RequestRefused(504, f"no picture came on {wish.topic} within {PATIENCE:g} s")
+
+    # -- sharing -------------------------------------------------------------------------------------------
+
+    async def _settled(self, wish: Wish, may_subscribe: MaySubscribe) -> Wish:
+        """The wish with the topic that it means, waiting a little for one that is not there yet.
+
+        Raises:
+            RequestRefused: there is none, or it may not be shown.
+        """
+        _check_codec(wish)
+        graph = self._node.graph
+        until = anyio.current_time() + PATIENCE
+        while (topic := meant_topic(graph, wish, may_subscribe)) is None:
+            if anyio.current_time() >= until:
+                raise not_found(graph, wish.topic, may_subscribe)
+            await anyio.sleep(_LOOK_EVERY)
+        return on_topic(graph, wish, topic)
+
+    def _check_room(self, wish: Wish) -> None:
+        viewers = sum(len(broadcast.viewers) for broadcast in self._broadcasts.values())
+        if viewers >= self._most_viewers:
+            raise RequestRefused(503, f"{viewers} viewers are looking already (limits.video_viewers)")
+        if wish not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
+            many = len(self._broadcasts)
+            raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
+
+    def _join(self, wish: Wish) -> Viewer:
+        """A viewer of what is wished for; the first one starts the encoder."""
+        broadcast = self._broadcasts.get(wish)
+        if broadcast is None:
+            counts = self._tally.of(wish.topic, wish.type)
+            broadcast = Broadcast(
+                self._node, wish, partial(_make_encoder, wish), self._limiter, counts, self._ended
+            )
+            self._broadcasts[wish] = broadcast
+        return broadcast.join()
+
+    def _ended(self, broadcast: Broadcast) -> None:
+        if self._broadcasts.get(broadcast.wish) is broadcast:
+            del self._broadcasts[broadcast.wish]
+
+
+def _check_codec(wish: Wish) -> None:
+    if isinstance(wish.coding, Film) and importlib.util.find_spec("av") is None:
+        raise RequestRefused(
+            501,
+            f"{wish.type} needs PyAV on the server: pip install 'robot-web-tools[video]';"
+            " mjpeg and png need nothing",
+        )
+
+
+def _make_encoder(wish: Wish) -> Encoder:
+    """Runs in a worker thread, for the libraries are loaded here."""
+    if isinstance(wish.coding, Film):
+        from rwt_nodes.video.film import FilmEncoder
+
+        return FilmEncoder(wish, wish.coding)
+    from rwt_nodes.video.still import StillEncoder
+
+    return StillEncoder(wish, wish.coding)

@@ -1,0 +1,79 @@
+"""What is counted of streams, for `/metrics`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from rwt_nodes.video.broadcast import Broadcast
+
+Family = tuple[str, Literal["counter", "gauge"], str, list[tuple[dict[str, str], float]]]
+"""Name, kind, help, and the labels and value of each sample."""
+
+#: Topics and types that are counted apart; names come from robots, so there is an end to it.
+MOST_STREAMS = 1000
+_OTHERS = ("", "")
+
+
+@dataclass(slots=True)
+class Counts:
+    """Since the start, of one topic and type.
+
+    Attributes:
+        encoded: pictures.
+        skipped: messages that were not encoded, because no viewer had room or the codec left them out.
+        dropped: encoded pictures that a viewer did not get.
+        failed: messages that could not be encoded.
+        sent: pictures handed to viewers' connections.
+        sent_bytes: bytes handed to viewers' connections.
+        complaint: what the log said last about messages that could not be encoded.
+    """
+
+    encoded: int = 0
+    skipped: int = 0
+    dropped: int = 0
+    failed: int = 0
+    sent: int = 0
+    sent_bytes: int = 0
+    complaint: str = ""
+
+
+class Tally:
+    """The counts of every stream that there has been."""
+
+    def __init__(self) -> None:
+        self._counts: dict[tuple[str, str], Counts] = {}
+
+    def of(self, topic: str, type: str) -> Counts:
+        """Where to count; beyond :data:`MOST_STREAMS` in one place for all."""
+        key = (topic, type)
+        if key not in self._counts and len(self._counts) >= MOST_STREAMS:
+            key = _OTHERS
+        return self._counts.setdefault(key, Counts())
+
+    def families(self, broadcasts: Iterable[Broadcast]) -> Iterator[Family]:
+        """The metrics, with what runs now."""
+        viewers: dict[tuple[str, str], int] = {}
+        encoders: dict[tuple[str, str], int] = {}
+        for broadcast in broadcasts:
+            key = (broadcast.wish.topic, broadcast.wish.type)
+            viewers[key] = viewers.get(key, 0) + len(broadcast.viewers)
+            encoders[key] = encoders.get(key, 0) + 1
+        yield "rwt_video_viewers", "gauge", "Viewers of a topic's pictures now.", _samples(viewers)
+        yield "rwt_video_encoders", "gauge", "Encoders of a topic's pictures now.", _samples(encoders)
+        for name, help_, attribute in (
+            ("encoded_pictures", "Pictures encoded: once for all viewers who want the same.", "encoded"),
+            ("skipped_messages", "Messages not encoded, for no viewer had room.", "skipped"),
+            ("dropped_pictures", "Encoded pictures that a slow viewer did not get.", "dropped"),
+            ("failed_messages", "Messages whose picture could not be encoded.", "failed"),
+            ("sent_pictures", "Pictures handed to viewers' connections.", "sent"),
+            ("sent_bytes", "Bytes handed to viewers' connections.", "sent_bytes"),
+        ):
+            counts = {key: getattr(count, attribute) for key, count in self._counts.items()}
+            yield f"rwt_video_{name}_total", "counter", help_, _samples(counts)
+
+
+def _samples(values: dict[tuple[str, str], int]) -> list[tuple[dict[str, str], float]]:
+    return [({"topic": topic, "type": type_}, value) for (topic, type_), value in sorted(values.items())]

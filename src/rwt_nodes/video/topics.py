@@ -1,0 +1,69 @@
+"""Which topics hold pictures, and which of them a wish means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from rwt_nodes.video.errors import RequestRefused
+from rwt_nodes.video.wish import Wish
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph
+
+RAW: Final = "sensor_msgs/Image"
+COMPRESSED: Final = "sensor_msgs/CompressedImage"
+INFO: Final = "sensor_msgs/CameraInfo"
+
+MaySubscribe = Callable[[str], bool]
+
+
+def type_of(graph: Graph, topic: str) -> str | None:
+    """A topic's type by its two-part name; None while there is no such topic, or it has no type."""
+    info = graph.topic(topic)
+    return info.type.name if info is not None and info.type is not None else None
+
+
+def topics_of(graph: Graph, type: str, may_subscribe: MaySubscribe) -> list[str]:
+    """The topics of a type that somebody may see, sorted."""
+    return sorted(
+        topic.name
+        for topic in graph.topics()
+        if topic.type is not None and topic.type.name == type and may_subscribe(topic.name)
+    )
+
+
+def meant_topic(graph: Graph, wish: Wish, may_subscribe: MaySubscribe) -> str | None:
+    """The topic to listen to; None while there is none.
+
+    As image_transport names them, a camera's compressed pictures are below its raw ones. They are taken when
+    they are asked for, and when there are no others (web_video_server shows nothing then).
+
+    Raises:
+        RequestRefused: 403 for a topic that may not be seen, 400 for one that holds no pictures.
+    """
+    if not may_subscribe(wish.topic):
+        raise RequestRefused(403, f"you may not subscribe to {wish.topic}")
+    own = type_of(graph, wish.topic)
+    below = "compressedDepth" if wish.transport == "compressedDepth" else "compressed"
+    compressed = f"{wish.topic}/{below}"
+    has_compressed = type_of(graph, compressed) == COMPRESSED and may_subscribe(compressed)
+    wants_compressed = wish.prefers_compressed or wish.transport != "raw"
+    if has_compressed and (wants_compressed or own is None):
+        return compressed
+    if own not in (RAW, COMPRESSED, None):
+        raise RequestRefused(400, f"{wish.topic} is a {own}; pictures are {RAW} and {COMPRESSED}")
+    return wish.topic if own is not None else None
+
+
+def not_found(graph: Graph, topic: str, may_subscribe: MaySubscribe) -> RequestRefused:
+    """That a topic is not there, and which are."""
+    known = [*topics_of(graph, RAW, may_subscribe), *topics_of(graph, COMPRESSED, may_subscribe)]
+    return RequestRefused(404, f"there is no topic {topic}; image topics are: {', '.join(known) or 'none'}")
+
+
+def on_topic(graph: Graph, wish: Wish, topic: str) -> Wish:
+    """The wish with what the choice of the topic has settled, so that equal ones are equal."""
+    passes_on = wish.prefers_compressed and type_of(graph, topic) == COMPRESSED
+    return replace(wish, topic=topic, transport="raw", prefers_compressed=passes_on)
