@@ -16,6 +16,7 @@ from tests.cli.conftest import Rwt, demo_server
 
 _ADD = "example_interfaces/srv/AddTwoInts"
 _TWIST = "geometry_msgs/msg/Twist"
+_MARKER = "visualization_msgs/msg/InteractiveMarkerFeedback"
 
 
 # -- topic -------------------------------------------------------------------------------------------------
@@ -404,11 +405,17 @@ def test_node_list_and_info(rwt: Rwt) -> None:
     assert {"/demo_robot", "/rosapi"} <= set(rwt("node", "list").out.splitlines())
     assert "/demo_robot" in rwt("node", "list", "--json").json
     said = rwt("node", "info", "demo_robot").out
-    assert said.startswith(f"/demo_robot\n  Subscribers:\n    /cmd_vel: {_TWIST}\n\n  Publishers:\n")
+    assert said.startswith(
+        f"/demo_robot\n  Subscribers:\n    /cmd_vel: {_TWIST}\n"
+        f"    /goal_marker/feedback: {_MARKER}\n\n  Publishers:\n"
+    )
     assert f"  Service Servers:\n    /add_two_ints: {_ADD}\n" in said
     assert "  Action Servers:\n    /fibonacci: example_interfaces/action/Fibonacci\n" in said
     info = rwt("node", "info", "/demo_robot", "--json").json
-    assert info["subscribers"] == [{"name": "/cmd_vel", "type": _TWIST}]
+    assert info["subscribers"] == [
+        {"name": "/cmd_vel", "type": _TWIST},
+        {"name": "/goal_marker/feedback", "type": _MARKER},
+    ]
     assert "did you mean /demo_robot?" in rwt("node", "info", "/demo_robo").err
 
 

@@ -11,6 +11,7 @@ from rwt_nodes.demo.cameras import CameraPublisher
 from rwt_nodes.demo.diagnostics import Diagnostics
 from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
 from rwt_nodes.demo.fibonacci import Fibonacci
+from rwt_nodes.demo.goal_marker import GoalMarker
 from rwt_nodes.demo.lidar import Lidar
 from rwt_nodes.demo.navigation import Navigation
 from rwt_nodes.demo.parameters import declare_tunables
@@ -43,7 +44,8 @@ class DemoRobot:
 
     It drives by `/cmd_vel` and `/navigate_to_pose`, publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`,
     `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`, `/diagnostics`, `/robot_description`,
-    `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`. Its parameters are in
+    `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`. An interactive marker
+    under `/goal_marker` sends it where it is dropped. Its parameters are in
     :data:`rwt_nodes.demo.parameters.TUNABLES`.
 
     Args:
@@ -63,6 +65,7 @@ class DemoRobot:
         self._navigation = Navigation(
             self._node, self._drive, Planner(self._world, chassis.radius), self._world.start
         )
+        self._goal_marker = GoalMarker(self._node, self._world.start)
         self._state = StatePublisher(self._node, self._drive, chassis, self._world.start)
         self._scans = ScanPublisher(self._node, self._drive, self._lidar)
         self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis))
