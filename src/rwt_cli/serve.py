@@ -14,11 +14,13 @@ import anyio
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import SettingsError
 from rwt_bridge.settings_sources import DEFAULT
+from rwt_cli.backends import add_backend_options, backend_options
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_cli.logs import FORMATS, log_to_stderr
 from rwt_cli.nodes import start_nodes
 from rwt_cli.script import stage
+from rwt_graph.errors import GraphError
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
@@ -45,6 +47,8 @@ examples:
   rwt serve --interfaces my_msgs/          with message types of your own
   rwt serve --packages /opt/ros/jazzy/share with meshes for viewers, under /packages/
   rwt serve --script robot.toml            a robot for tests, which answers what the file says
+  rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
+                                           joined with other servers, or with a ROS 2 graph
 """
 
 
@@ -97,6 +101,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     parser.add_argument(
         "--introspection", action="store_true", help="publish calls and goals on topics, as ROS 2 can"
     )
+    add_backend_options(parser)
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
     parser.add_argument(
@@ -113,7 +118,7 @@ def _run(arguments: argparse.Namespace) -> int:
     try:
         settings = _settings(arguments)
         anyio.run(_serve, settings, arguments)
-    except TransportError as error:
+    except (TransportError, GraphError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
         raise CommandError(str(error), exit_code=2) from error
@@ -129,6 +134,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "interfaces": tuple(arguments.interfaces or ()) or None,
         "packages": tuple(arguments.packages or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
+        **backend_options(arguments),
     }
     loaded = settings_of(arguments, given)
     settings = loaded.settings

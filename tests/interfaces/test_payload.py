@@ -218,6 +218,25 @@ def test_each_form_is_made_once() -> None:
     assert arrived.value() is arrived.value()
 
 
+def test_relayed_cdr_is_passed_on_as_it_is_and_read_when_asked() -> None:
+    data = Payload.from_value(STRING, {"data": "hi"}).cdr()
+    relayed = Payload.relayed_cdr(STRING, data)
+    assert relayed.cdr() is data
+    assert relayed.detach() is relayed
+    assert relayed.json() == b'{"data":"hi"}'
+    assert relayed.value() == Payload.from_value(STRING, {"data": "hi"}).value()
+    assert relayed.cdr() is data
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00\xff\xff\xff\xffhi", b"hi"])
+def test_relayed_cdr_that_does_not_fit_is_refused_when_it_is_read(data: bytes) -> None:
+    relayed = Payload.relayed_cdr(STRING, data)
+    assert relayed.cdr() is data
+    for form in (relayed.value, relayed.json, relayed.cbor):
+        with pytest.raises(PayloadError):
+            form()
+
+
 def test_detaching_copies_a_view_and_nothing_else() -> None:
     frame = bytearray(b'{"msg":{"data":"hello"}}')
     payload = Payload.from_json(STRING, memoryview(frame)[7:-1])
