@@ -296,6 +296,7 @@ def test_colours_have_names_of_their_own() -> None:
         assert colour is not None
         name, rgba = material.get("name", ""), colour.get("rgba", "")
         assert colours.setdefault(name, rgba) == rgba
+        assert len(rgba.split(" ")) == 4
     assert len(set(colours.values())) >= 6
 
 
