@@ -1,4 +1,4 @@
-"""The depth-cloud encoder: two image topics become one, which the video server streams to `ROS3D.DepthCloud`."""
+"""The depth-cloud encoder: two image topics become one, which is streamed to `ROS3D.DepthCloud` as a video."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ _IMAGE: Final = "sensor_msgs/Image"
 
 
 class DepthCloudEncoder:
-    """Publishes depth and colour as one picture, while somebody listens (:mod:`rwt_nodes.depth_cloud.picture`).
+    """Publishes depth and colour as one picture, while somebody listens.
 
-    A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie on
-    the same pixels (registered), and the middle of both is taken.
+    A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie
+    on the same pixels (registered), and the middle of both is taken. :mod:`rwt_nodes.depth_cloud.picture` says
+    what the picture looks like.
 
     Args:
         graph: where the topics are.

@@ -23,7 +23,7 @@ def fill_unknown(steps: Steps, known: Mask) -> Steps:
     Returns:
         A new array, or `steps` itself where everything is known; zeros where nothing is.
     """
-    rows = known.any(axis=1)
+    rows: Mask = np.any(known, axis=1)
     if not rows.any():
         return np.zeros_like(steps)
     if known.all():

@@ -31,7 +31,7 @@ class Closable(Protocol):
 
 
 class NewestWork(Generic[T]):
-    """Turns inputs into messages in a worker thread, one at a time; what comes meanwhile waits, the newest alone.
+    """Turns inputs into messages in a worker thread, one at a time; of what comes meanwhile the newest waits.
 
     Args:
         node: that publishes.
@@ -84,7 +84,8 @@ class NewestWork(Generic[T]):
         now = self._node.clock.monotonic()
         if now - self._complained >= _COMPLAIN_EVERY:
             self._complained = now
-            self._node.log.warning(f"nothing on {self._topic.topic}: {text}")
+            line = f"nothing on {self._topic.topic}: {text}"
+            self._node.log.warning(line)
 
     def _look(self) -> None:
         heard = self._topic.subscriber_count > 0

@@ -1,4 +1,4 @@
-"""Depth and colour as one picture, and back: the arithmetic of the depth-cloud encoder (Toris et al. 2015, IV-C).
+"""Depth and colour as one picture, and back: the depth-cloud encoder of Toris et al. 2015, section IV-C.
 
 The picture is 2N x 2N pixels::
 
@@ -6,10 +6,10 @@ The picture is 2N x 2N pixels::
     ───────────┼──────────
     validity   │ colour
 
-Depths are counted in tiles of `depth_per_tile` metres: what lies within the first is in the near tile, the rest, up
-to the second, in the far one. A tile spreads its part over 0 … 765 and writes that as blue, then green, then red,
-each saturating at 255; whoever reads it adds the three. `ROS3D.DepthCloud` does so in its vertex shader, takes the
-far tile where the near one is above 0.99, and leaves out what is white in the validity mask.
+Depths are counted in tiles of `depth_per_tile` metres: what lies within the first is in the near tile, the
+rest, up to the second, in the far one. A tile spreads its part over 0 … 765 and writes that as blue, then green,
+then red, each saturating at 255; whoever reads it adds the three. `ROS3D.DepthCloud` does so in its vertex
+shader, takes the far tile where the near one is above 0.99, and leaves out what is white in the validity mask.
 """
 
 from __future__ import annotations
