@@ -226,7 +226,7 @@ class Connection:
         if self._ending:
             return
         if self._conversation is not None:
-            if not self._conversation.busy:
+            if not self._conversation.busy or self._conversation.streaming:
                 self.hang_up()
             return
         self._ending = True

@@ -135,6 +135,7 @@ class HttpConversation:
         self._request: h11.Request | None = None
         self._body = bytearray()
         self._busy = False
+        self._streaming = False
         self._ahead = 0  # bytes that came while an answer was being made
         self._over = False
         self._served = False
@@ -144,6 +145,11 @@ class HttpConversation:
     def busy(self) -> bool:
         """Whether a handler is at work or a body is being sent."""
         return self._busy
+
+    @property
+    def streaming(self) -> bool:
+        """Whether a body is being sent that comes piece by piece, and may have no end."""
+        return self._streaming
 
     def feed(self, data: bytes) -> None:
         """Take bytes from the peer."""
@@ -162,8 +168,9 @@ class HttpConversation:
             self._fail(error.error_status_hint)
 
     def eof(self) -> None:
-        """The peer will send nothing more."""
-        if not self._busy:
+        """The peer will send nothing more. Who waits for an answer gets it; a stream has nobody to watch it:
+        a browser that leaves says no more than this."""
+        if not self._busy or self._streaming:
             self._end()
 
     def tick(self, now: float) -> None:
@@ -273,6 +280,7 @@ class HttpConversation:
 
     async def _stream(self, response: HttpResponse, chunks: AsyncIterator[bytes]) -> None:
         self._send_head(response, None)
+        self._streaming = True
         try:
             if not self._is_head():
                 async for chunk in chunks:
@@ -284,6 +292,7 @@ class HttpConversation:
         else:
             self._send(h11.EndOfMessage())
         finally:
+            self._streaming = False
             await _close_iterator(chunks)
 
     def _is_head(self) -> bool:

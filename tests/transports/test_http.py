@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncIterator, Callable, Coroutine
 
+import anyio
+import anyio.lowlevel
 import pytest
 
 from rwt_transports.handshake import HandshakeAnswer
@@ -211,6 +213,39 @@ async def test_a_streamed_body_that_fails_ends_the_connection(caplog: pytest.Log
     await browser.work[0]()
     assert b"first" in browser.sent and not browser.sent.endswith(b"0\r\n\r\n")
     assert browser.hung_up and "secret" in caplog.text
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("streamed", [True, False])
+async def test_a_peer_that_has_sent_everything_gets_its_answer_but_no_stream(streamed: bool) -> None:
+    """A half-closed connection (RFC 9112 section 9.6) is how a browser leaves a stream that has no end."""
+    at_work = anyio.Event()
+
+    async def chunks() -> AsyncIterator[bytes]:
+        at_work.set()
+        await anyio.sleep_forever()
+        yield b""
+
+    async def page(request: HttpRequest) -> HttpResponse:
+        if streamed:
+            return HttpResponse(chunks())
+        at_work.set()
+        await anyio.lowlevel.checkpoint()
+        return HttpResponse(b"slow\n")
+
+    routes = Routes()
+    routes.get("/page", page)
+    browser = Browser(routes)
+    browser.http.feed(request("GET /page"))
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(browser.work[0])
+        await at_work.wait()
+        assert browser.http.busy and browser.http.streaming is streamed
+        browser.http.eof()
+        assert browser.hung_up is streamed
+        if streamed:
+            tasks.cancel_scope.cancel()
+    assert browser.sent.endswith(b"slow\n") is not streamed
 
 
 @pytest.fixture

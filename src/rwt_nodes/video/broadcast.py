@@ -67,7 +67,7 @@ class Viewer:
             self._broadcast.ask_for_key()
             return
         self._waiting.append(picture)
-        self._notify()
+        self._wake.set()
 
     def _drop(self, count: int) -> None:
         self._waiting.clear()
@@ -90,12 +90,10 @@ class Viewer:
 
     def end(self, failure: VideoError | None = None) -> None:
         """There will be nothing more to see, after what waits already."""
-        self.failure = failure
-        self._over = True
-        self._notify()
-
-    def _notify(self) -> None:
-        self._wake.set()
+        if not self._over:
+            self.failure = failure
+            self._over = True
+            self._wake.set()
 
 
 class Broadcast:
@@ -209,15 +207,23 @@ class Broadcast:
             try:
                 encoded = await self._encode(payload)
             except VideoError as error:
-                self._log.warning(f"{self.wish.topic}: {error}")
-                self.counts.failed += 1
-                self.end(error)
+                self._unreadable(error)
             except Exception:
                 logger.exception("the pictures of %s could not be encoded", self.wish.topic)
                 self.counts.failed += 1
                 self.end(VideoError("internal error"))
             else:
                 self._show(encoded)
+
+    def _unreadable(self, error: VideoError) -> None:
+        """Cameras do send a broken picture now and then; when the first is one, there is no more hope."""
+        self.counts.failed += 1
+        if self.counts.complaint != str(error):
+            # Once: viewers who come again and again must not fill the log.
+            self.counts.complaint = str(error)
+            self._log.warning(f"{self.wish.topic}: {error}")
+        if self._shown is None:
+            self.end(error)
 
     async def _encode(self, payload: Payload) -> Encoded | None:
         key, self._key_wanted = self._key_wanted, False

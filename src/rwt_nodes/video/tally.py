@@ -28,6 +28,7 @@ class Counts:
         failed: messages that could not be encoded.
         sent: pictures handed to viewers' connections.
         sent_bytes: bytes handed to viewers' connections.
+        complaint: what the log said last about messages that could not be encoded.
     """
 
     encoded: int = 0
@@ -36,6 +37,7 @@ class Counts:
     failed: int = 0
     sent: int = 0
     sent_bytes: int = 0
+    complaint: str = ""
 
 
 class Tally:
