@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 
-.PHONY: demo test lint types unit bench load soak fuzz mutants conformance clean
+.PHONY: demo test lint types unit bench paper load soak fuzz mutants conformance client-grades clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -46,6 +46,11 @@ test: lint types unit
 bench: $(STAMP)
 	$(BIN)/python -m bench $(ARGS)
 
+# The paper's figures beside ours, and plots in build/paper; `make paper ARGS=fig3` is one of them.
+paper: $(STAMP)-dev
+	$(BIN)/python -m pip install --quiet --group paper
+	$(BIN)/python -m bench.paper $(ARGS)
+
 # A thousand clients, ten of them stopped dead; about a minute, needs Linux.
 load: $(STAMP)
 	$(BIN)/python -m bench.load_1000 $(ARGS)
@@ -62,6 +67,19 @@ fuzz: $(STAMP)-dev
 # Small faults put into our server one by one; the conformance suite has to find every one.
 mutants: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.mutants $(ARGS)
+
+# Grades the client libraries and writes docs/reference/client-grades.md.
+GRADE := $(BIN)/python -m conformance client --jobs 6
+GRADES := .grades
+client-grades: $(STAMP)-dev $(CLIENTS)/node_modules/.installed
+	mkdir -p $(GRADES)
+	$(GRADE) --target roslib-2 --json $(GRADES)/1 -- node conformance/adapters/roslib.mjs $(CLIENTS)
+	$(GRADE) --target roslib-1 --json $(GRADES)/2 -- node conformance/adapters/roslib.mjs $(CLIENTS) roslib1
+	$(GRADE) --target roslibpy --json $(GRADES)/3 -- $(BIN)/python conformance/adapters/roslibpy_adapter.py
+	$(GRADE) --target tests/conformance/rwt-client.toml --json $(GRADES)/4 -- \
+		$(BIN)/python -m tests.conformance.rwt_client_adapter
+	$(BIN)/python tools/generate_client_grades.py $(GRADES)/[1-4]
+	rm -r $(GRADES)
 
 # Every case of the suite against our server over every transport; six minutes, most of them for the pipes.
 conformance: $(STAMP)-dev

@@ -10,6 +10,8 @@ from conformance.values import Json
 
 Level: TypeAlias = Literal["MUST", "SHOULD", "COMPAT", "HARDEN", "INFO"]
 
+Side: TypeAlias = Literal["server", "client"]
+
 LEVELS: tuple[Level, ...] = ("MUST", "SHOULD", "COMPAT", "HARDEN", "INFO")
 
 PROFILES = (
@@ -25,15 +27,26 @@ VIA = ("png", "cbor", "fragments")
 """What a frame may come wrapped in."""
 
 
+SIDES: tuple[Side, ...] = ("server", "client")
+"""Who is graded: a server, by suite clients; or a client library, by a server that the suite plays."""
+
+
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Send a frame `times` times, `every` seconds apart; text and hex go out as they stand."""
+    """Send a frame `times` times, `every` seconds apart; text and hex go out as they stand.
+
+    Attributes:
+        via: what a frame to a client library is wrapped in, innermost first.
+        fragment_size: characters of text in each fragment, when it goes out in fragments.
+    """
 
     client: str
     form: Literal["json", "text", "hex"]
     body: Json
     times: int = 1
     every: float = 0.0
+    via: tuple[str, ...] = ()
+    fragment_size: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,20 +117,56 @@ class Settle:
 
 @dataclass(frozen=True, slots=True)
 class Open:
-    """Connect a client, again or for the first time."""
+    """Connect a client, again or for the first time; where clients are graded: wait until it connects."""
 
     client: str
 
 
 @dataclass(frozen=True, slots=True)
 class Close:
-    """A client leaves: politely, or by cutting the line."""
+    """The suite's side ends a connection: politely, or by cutting the line."""
 
     client: str
     abruptly: bool = False
 
 
-Step: TypeAlias = Send | Expect | ExpectAll | ExpectNothing | ExpectClose | Wait | Settle | Open | Close
+@dataclass(frozen=True, slots=True)
+class Tell:
+    """Tell the program around a client library what to do next, and wait until it says that it has."""
+
+    command: Json
+    within: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Hear:
+    """The next thing that a client library gives to its user has to match."""
+
+    event: Json
+    within: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HearNothing:
+    """A client library may give nothing to its user for some seconds."""
+
+    seconds: float
+
+
+Step: TypeAlias = (
+    Send
+    | Expect
+    | ExpectAll
+    | ExpectNothing
+    | ExpectClose
+    | Wait
+    | Settle
+    | Open
+    | Close
+    | Tell
+    | Hear
+    | HearNothing
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,23 +179,25 @@ class Divergence:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One question to a server.
+    """One question to a server, or to a client library.
 
     Attributes:
-        id: the path below `cases/` without its ending; never changes once released.
-        title: what a right server does, in a sentence of at most 80 characters.
+        id: the path below the folder of cases without its ending; never changes once released.
+        title: what a right server or client does, in a sentence of at most 80 characters.
         rules: ids of the rules it checks.
         spec: section by protocol text, for the texts that say so.
         level: how strongly it is asked; HARDEN is reported apart, INFO never fails.
         profile: the part of the protocol it belongs to.
         ros: the ROS generations it makes sense for.
         needs: features that the target has to declare.
-        clients: names of all connections, in order of first use; the first is open from the start.
+        clients: names of all connections, in order of first use; the first is open from the start, unless
+            the first step tells a client library to connect.
         alone: whether other cases may not run meanwhile.
         leftover: whether frames may come that no step expects.
         probe: whether every open connection has to answer after the last step.
         notes: for each step the sentence that its file gives, or "".
         example: names of the examples in the protocol texts that it replays.
+        side: who is graded.
     """
 
     id: str
@@ -166,6 +217,7 @@ class Case:
     probe: bool = True
     example: tuple[str, ...] = ()
     divergences: tuple[Divergence, ...] = ()
+    side: Side = "server"
 
     @property
     def section(self) -> str:

@@ -5,33 +5,68 @@ from __future__ import annotations
 import argparse
 import asyncio
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from conformance import SUITE_VERSION
 from conformance.case import PROFILES, Case
+from conformance.client_runner import run_client_cases
 from conformance.dialing import dialer
-from conformance.loading import CASES, CaseError, load_cases
+from conformance.loading import CASES, CLIENT_CASES, CaseError, load_cases
 from conformance.pipes import takes_several_clients
+from conformance.program import ProgramError
 from conformance.reports import badge, html, json_file, junit, summary, terminal
 from conformance.reports.compare import compare_files
 from conformance.reports.json_file import ReportError
 from conformance.rules import load_rules
 from conformance.runner import Conditions, Run, run_cases, select
-from conformance.target import SHIPPED, Target, TargetError, find_target, shipped
+from conformance.target import (
+    SHIPPED,
+    Target,
+    TargetError,
+    find_client_target,
+    find_target,
+    shipped,
+    shipped_clients,
+)
 from conformance.wires import WireError, framing_of
 
-_EXAMPLES = """\
-examples:
-  python -m conformance ws://localhost:9090                      any server, CORE only
-  python -m conformance ws://localhost:9090 --target my.toml     what it declares
-  python -m conformance 'stdio:rwt serve stdio: unix://{socket}'  a program on its pipes
-  python -m conformance ws://localhost:9090 --run 'publish/*' --run FRG-01
-  python -m conformance diff before.json after.json
+ADAPTERS = Path(__file__).parent / "adapters"
+"""Programs around client libraries that come with the suite."""
 
-exit codes: 0 nothing failed unexpectedly, 1 something did, 2 called wrongly, 3 no connection
-"""
+_EXIT_CODES = (
+    "exit codes: 0 nothing failed unexpectedly, 1 something did, 2 called wrongly, 3 no connection\n"
+)
+
+_EXAMPLES = f"""\
+examples:
+  rwt conformance ws://localhost:9090                      any server, CORE only
+  rwt conformance ws://localhost:9090 --target my.toml     what it declares
+  rwt conformance 'stdio:rwt serve stdio: unix://{{socket}}' a program on its pipes
+  rwt conformance ws://localhost:9090 --run 'publish/*' --run FRG-01
+  rwt conformance client --target roslib-2 -- node roslib.mjs
+  rwt conformance diff before.json after.json
+
+Without rwt, say `python -m conformance`. `rwt conformance client --help` tells about grading clients.
+
+{_EXIT_CODES}"""
+
+_CLIENT_EXAMPLES = f"""\
+The command starts a program around the library, which is told what to do by lines of JSON
+(docs/how-to/conformance.md); programs for roslib and roslibpy come with the suite.
+
+examples:
+  rwt conformance client --copy-adapters .
+  rwt conformance client --target roslib-2 -- node roslib.mjs
+  rwt conformance client --target roslibpy --html report.html -- python roslibpy_adapter.py
+  rwt conformance client --listen ws://0.0.0.0:9090 --jobs 1 -- ./start-my-client.sh
+
+{_EXIT_CODES}"""
+
+_USAGE = """rwt conformance URL [options]
+       rwt conformance client [options] -- COMMAND ...
+       rwt conformance diff BEFORE.json AFTER.json"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,8 +75,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if given[:1] == ["diff"]:
             return _diff(given[1:])
+        if given[:1] == ["client"]:
+            return _run_client(given[1:])
         return _run(given)
-    except (CaseError, TargetError, ReportError) as error:
+    except (CaseError, TargetError, ReportError, ProgramError) as error:
         _complain(str(error))
         return 2
     except WireError as error:
@@ -65,39 +102,64 @@ def _diff(argv: Sequence[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="conformance",
-        description="Grade a rosbridge v2 server.",
+        prog="rwt conformance",
+        usage=_USAGE,
+        description="Grade a rosbridge v2 server or client library, this one or any other.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("url", nargs="?", help="ws://, wss://, tcp://, unix:// or stdio:COMMAND")
-    parser.add_argument(
-        "--target",
-        metavar="FILE",
-        help=f"what the server declares: a TOML file, or one of {', '.join(shipped())}",
-    )
-    parser.add_argument("--profile", metavar="P,P", help=f"ask about these only: {', '.join(PROFILES)}")
-    parser.add_argument("--run", action="append", default=[], metavar="GLOB", help="only these ids or rules")
-    parser.add_argument("--skip", action="append", default=[], metavar="GLOB", help="not these ids or rules")
-    parser.add_argument("--cases", type=Path, default=CASES, metavar="DIR", help="another folder of cases")
-    parser.add_argument("--jobs", type=int, default=8, metavar="N", help="cases at once (default 8)")
-    parser.add_argument("--strict", action="store_true", help="non-strict is a failure")
-    parser.add_argument("--list", action="store_true", help="print the selected cases and end")
-    parser.add_argument("--dry-run", action="store_true", help="print what would be asked, and end")
-    parser.add_argument("--verbose", "-v", action="store_true", help="the frames of each failure")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="all results, for `diff` and programs")
-    parser.add_argument("--junit", type=Path, metavar="FILE", help="JUnit XML")
-    parser.add_argument("--html", type=Path, metavar="FILE", help="one page: matrix and transcripts")
-    parser.add_argument("--badge", type=Path, metavar="FILE", help="an SVG badge")
-    parser.add_argument(
-        "--summary", type=Path, metavar="FILE", help="append Markdown, as $GITHUB_STEP_SUMMARY"
-    )
-    parser.add_argument("--version", action="version", version=f"conformance suite {SUITE_VERSION}")
+    _add_options(parser, shipped(), CASES, jobs=8)
     return parser
 
 
-def _target(arguments: argparse.Namespace) -> Target:
-    target = find_target(arguments.target) if arguments.target else Target()
+def _client_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="rwt conformance client",
+        usage="%(prog)s [options] -- COMMAND ...",
+        description="Grade a rosbridge v2 client library: the suite plays the server.",
+        epilog=_CLIENT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--listen",
+        default="ws://127.0.0.1:0",
+        metavar="URL",
+        help="where to listen; a fixed port needs --jobs 1 (default %(default)s)",
+    )
+    parser.add_argument(
+        "--copy-adapters",
+        type=Path,
+        metavar="DIR",
+        help="copy the programs of the suite, and end",
+    )
+    _add_options(parser, shipped_clients(), CLIENT_CASES, jobs=4)
+    return parser
+
+
+def _add_options(parser: argparse.ArgumentParser, targets: Sequence[str], cases: Path, *, jobs: int) -> None:
+    """What both runners take."""
+    add = parser.add_argument
+    add("--target", metavar="FILE", help=f"what is declared: a TOML file, or one of {', '.join(targets)}")
+    add("--profile", metavar="P,P", help=f"ask about these only: {', '.join(PROFILES)}")
+    add("--run", action="append", default=[], metavar="GLOB", help="only these ids, sections or rules")
+    add("--skip", action="append", default=[], metavar="GLOB", help="not these ids, sections or rules")
+    add("--cases", type=Path, default=cases, metavar="DIR", help="another folder of cases")
+    add("--jobs", type=int, default=jobs, metavar="N", help="cases at once (default %(default)s)")
+    add("--strict", action="store_true", help="non-strict is a failure")
+    add("--list", action="store_true", help="print the selected cases and end")
+    add("--dry-run", action="store_true", help="print what would be asked, and end")
+    add("--verbose", "-v", action="store_true", help="the frames of each failure")
+    add("--json", type=Path, metavar="FILE", help="all results, for `diff` and programs")
+    add("--junit", type=Path, metavar="FILE", help="JUnit XML")
+    add("--html", type=Path, metavar="FILE", help="one page: matrix and transcripts")
+    add("--badge", type=Path, metavar="FILE", help="an SVG badge")
+    add("--summary", type=Path, metavar="FILE", help="append Markdown, as $GITHUB_STEP_SUMMARY")
+    add("--version", action="version", version=f"conformance suite {SUITE_VERSION}")
+
+
+def _target(arguments: argparse.Namespace, find: Callable[[str], Target]) -> Target:
+    target = find(arguments.target) if arguments.target else Target()
     if not arguments.profile:
         return target
     profiles = tuple(arguments.profile.upper().split(","))
@@ -107,23 +169,54 @@ def _target(arguments: argparse.Namespace) -> Target:
     return replace(target, profiles=profiles)
 
 
-def _run(argv: Sequence[str]) -> int:
-    parser = _parser()
-    arguments = parser.parse_args(argv)
-    target = _target(arguments)
+def _selected(arguments: argparse.Namespace, target: Target) -> tuple[Case, ...]:
     cases = select(load_cases(arguments.cases), target, arguments.run, arguments.skip)
     if arguments.profile:
         cases = tuple(case for case in cases if case.profile in target.profiles)
+    if not cases:
+        raise CaseError("no case fits --run, --skip and --profile")
+    return cases
+
+
+def _run(argv: Sequence[str]) -> int:
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    target = _target(arguments, find_target)
+    cases = _selected(arguments, target)
     if arguments.list or arguments.dry_run:
         sys.stdout.write(terminal.listing(cases, target, steps=arguments.dry_run))
         return 0
     if arguments.url is None:
         parser.error("the URL of a server is missing")
-    if not cases:
-        raise CaseError("no case fits --run, --skip and --profile")
     run = asyncio.run(_play(cases, target, arguments))
     _report(run, arguments)
     return 0 if run.ok else 1
+
+
+def _run_client(argv: Sequence[str]) -> int:
+    parser = _client_parser()
+    cut = argv.index("--") if "--" in argv else len(argv)
+    arguments, command = parser.parse_args(argv[:cut]), argv[cut + 1 :]
+    if arguments.copy_adapters is not None:
+        return _copy_adapters(arguments.copy_adapters)
+    target = _target(arguments, find_client_target)
+    cases = _selected(arguments, target)
+    if arguments.list or arguments.dry_run:
+        sys.stdout.write(terminal.listing(cases, target, steps=arguments.dry_run))
+        return 0
+    if not command:
+        parser.error("the command that starts the client is missing; it stands after --")
+    run = asyncio.run(_play_client(cases, target, arguments, command))
+    _report(run, arguments)
+    return 0 if run.ok else 1
+
+
+def _copy_adapters(folder: Path) -> int:
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in sorted(ADAPTERS.glob("[a-z]*.*")):
+        (folder / path.name).write_bytes(path.read_bytes())
+        sys.stdout.write(f"{folder / path.name}\n")
+    return 0
 
 
 async def _play(cases: Sequence[Case], target: Target, arguments: argparse.Namespace) -> Run:
@@ -140,6 +233,16 @@ async def _play(cases: Sequence[Case], target: Target, arguments: argparse.Names
     )
     progress = terminal.Progress(sys.stderr, len(cases), load_rules())
     run = await run_cases(cases, target, dial, url, conditions, told=progress)
+    progress.end()
+    return run
+
+
+async def _play_client(
+    cases: Sequence[Case], target: Target, arguments: argparse.Namespace, command: Sequence[str]
+) -> Run:
+    conditions = Conditions(max(1, arguments.jobs), arguments.strict)
+    progress = terminal.Progress(sys.stderr, len(cases), load_rules())
+    run = await run_client_cases(cases, target, command, arguments.listen, conditions, progress)
     progress.end()
     return run
 

@@ -7,7 +7,7 @@ import shlex
 from urllib.parse import urlsplit
 
 from conformance.pipes import Programs
-from conformance.wires import Dial, StreamWire, WireError, _WebSocket
+from conformance.wires import Dial, StreamWire, WebSocketWire, WireError
 
 
 def dialer(url: str) -> Dial:
@@ -19,7 +19,7 @@ def dialer(url: str) -> Dial:
     parts = urlsplit(url)
     match parts.scheme:
         case "ws" | "wss":
-            return lambda tag: _WebSocket.open(url)
+            return lambda tag: WebSocketWire.open(url)
         case "tcp":
             if parts.hostname is None or parts.port is None:
                 raise WireError(f"{url}: expected tcp://HOST:PORT")

@@ -10,6 +10,7 @@ from pathlib import Path
 from conformance.case import (
     LEVELS,
     PROFILES,
+    SIDES,
     TEXTS,
     VIA,
     Case,
@@ -19,27 +20,36 @@ from conformance.case import (
     ExpectAll,
     ExpectClose,
     ExpectNothing,
+    Hear,
+    HearNothing,
     Level,
     Open,
     Send,
     Settle,
+    Side,
     Step,
+    Tell,
     Tolerated,
     Wait,
 )
+from conformance.line_protocol import COMMANDS
 from conformance.matching import check_pattern
 from conformance.values import Json
 
 CASES = Path(__file__).parent / "cases"
-"""The cases of this suite."""
+"""The cases of this suite for servers."""
+
+CLIENT_CASES = Path(__file__).parent / "cases-client"
+"""The cases of this suite for client libraries."""
 
 REQUIRED = ("title", "rules", "level", "profile", "steps")
 OPTIONAL = (
     "$schema", "about", "spec", "ros", "needs", "alone", "leftover", "probe", "example", "divergences",
+    "side",
 )  # fmt: skip
 
 VERBS: Mapping[str, tuple[str, ...]] = {
-    "send": ("as", "times", "every", "note"),
+    "send": ("as", "times", "every", "via", "fragment_size", "note"),
     "send_text": ("as", "times", "every", "note"),
     "send_hex": ("as", "times", "every", "note"),
     "expect": ("as", "within", "via", "fragment_size", "tolerate", "note"),
@@ -50,13 +60,20 @@ VERBS: Mapping[str, tuple[str, ...]] = {
     "settle": ("note",),
     "open": ("note",),
     "close": ("abruptly", "note"),
+    "tell": ("within", "note"),
+    "hear": ("within", "note"),
+    "hear_nothing": ("note",),
 }
 """What a step can do, and what may stand beside it."""
+
+CLIENT_VERBS = ("tell", "hear", "hear_nothing")
+"""What only cases for client libraries can do; those verbs are about the program around the library."""
 
 _ID = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*(/[a-z0-9]+(-[a-z0-9]+)*)+")
 _RULE = re.compile(r"[A-Z]+-\d{2}")
 _CLIENT = re.compile(r"[a-z]")
 _LONGEST_TITLE = 80
+_ASKING = (Expect, ExpectAll, ExpectNothing, ExpectClose, Hear, HearNothing)
 
 
 class CaseError(ValueError):
@@ -103,11 +120,12 @@ def read_case(case_id: str, value: Json) -> Case:
     steps = at.key("steps").list(fields["steps"])
     if not steps:
         raise at.key("steps").error("a case needs steps")
-    read = [_step(at.key("steps").index(number), step) for number, step in enumerate(steps)]
+    side = _side(at.key("side"), fields.get("side", "server"))
+    read = [_step(at.key("steps").index(number), step, side) for number, step in enumerate(steps)]
     title = at.key("title").text(fields["title"])
     if len(title) > _LONGEST_TITLE:
         raise at.key("title").error(f"at most {_LONGEST_TITLE} characters, got {len(title)}")
-    asks = any(isinstance(step, Expect | ExpectAll | ExpectNothing | ExpectClose) for step, _ in read)
+    asks = any(isinstance(step, _ASKING) for step, _ in read)
     if not asks and not at.key("probe").flag(fields.get("probe", True)):
         raise at.key("steps").error("nothing is expected, and no probe either: the case cannot fail")
     return Case(
@@ -128,6 +146,7 @@ def read_case(case_id: str, value: Json) -> Case:
         probe=at.key("probe").flag(fields.get("probe", True)),
         example=at.key("example").texts(fields.get("example", [])),
         divergences=_divergences(at.key("divergences"), fields.get("divergences", [])),
+        side=side,
     )
 
 
@@ -225,6 +244,13 @@ def _level(at: _Place, value: Json) -> Level:
     raise at.error(f"expected one of {', '.join(LEVELS)}, got {json.dumps(value)}")
 
 
+def _side(at: _Place, value: Json) -> Side:
+    for side in SIDES:
+        if value == side:
+            return side
+    raise at.error(f"expected one of {', '.join(SIDES)}, got {json.dumps(value)}")
+
+
 def _ros(at: _Place, value: Json) -> tuple[int, ...]:
     ros = tuple(at.index(number).whole(item, 1) for number, item in enumerate(at.list(value)))
     if ros not in ((1,), (2,), (1, 2)):
@@ -255,19 +281,23 @@ def _clients_of(step: Step) -> Iterator[str]:
     match step:
         case Settle():
             yield from step.clients
+        case Tell() | Hear() | HearNothing():
+            yield "a"
         case Wait():
             return
         case _:
             yield step.client
 
 
-def _step(at: _Place, value: Json) -> tuple[Step, str]:
+def _step(at: _Place, value: Json, side: Side) -> tuple[Step, str]:
     if not isinstance(value, dict):
         raise at.error(f"expected an object, got {json.dumps(value)}")
     verbs = [name for name in value if name in VERBS]
     if len(verbs) != 1:
         raise at.error(f"a step has exactly one of {', '.join(VERBS)}, got {', '.join(value) or 'nothing'}")
     verb = verbs[0]
+    if side == "server" and (verb in CLIENT_VERBS or (verb == "send" and "via" in value)):
+        raise at.error(f"`{verb if verb in CLIENT_VERBS else 'via'}` is for cases with `side` client")
     fields = at.object(value, (verb,), VERBS[verb])
     note = at.key("note").text(fields.get("note", ""), empty=True)
     return _READERS[verb](at, fields), note
@@ -286,7 +316,9 @@ def _send(at: _Place, fields: Mapping[str, Json]) -> Step:
     times = at.key("times").whole(fields.get("times", 1), 1)
     every = at.key("every").seconds(fields.get("every", 0))
     if "send" in fields:
-        return Send(client, "json", fields["send"], times, every)
+        via = _via(at, fields)
+        size = at.key("fragment_size").whole(fields["fragment_size"], 1) if "fragments" in via else 0
+        return Send(client, "json", fields["send"], times, every, via, size)
     if "send_text" in fields:
         text = at.key("send_text").text(fields["send_text"], empty=True)
         return Send(client, "text", text, times, every)
@@ -298,13 +330,18 @@ def _send(at: _Place, fields: Mapping[str, Json]) -> Step:
     return Send(client, "hex", digits, times, every)
 
 
-def _expect(at: _Place, fields: Mapping[str, Json]) -> Step:
+def _via(at: _Place, fields: Mapping[str, Json]) -> tuple[str, ...]:
     via = at.key("via").texts(fields.get("via", []))
     for number, name in enumerate(via):
         at.key("via").index(number).choice(name, VIA)
-    size = fields.get("fragment_size")
-    if (size is not None) != ("fragments" in via):
+    if ("fragment_size" in fields) != ("fragments" in via):
         raise at.error("`fragment_size` stands where `via` has fragments, and only there")
+    return via
+
+
+def _expect(at: _Place, fields: Mapping[str, Json]) -> Step:
+    via = _via(at, fields)
+    size = fields.get("fragment_size")
     return Expect(
         _client(at, fields),
         at.key("expect").pattern(fields["expect"]),
@@ -367,6 +404,27 @@ def _close(at: _Place, fields: Mapping[str, Json]) -> Step:
     return Close(client, at.key("abruptly").flag(fields.get("abruptly", False)))
 
 
+def _tell(at: _Place, fields: Mapping[str, Json]) -> Step:
+    command = fields["tell"]
+    place = at.key("tell")
+    if not isinstance(command, dict):
+        raise place.error(f"expected an object, got {json.dumps(command)}")
+    place.key("do").choice(command.get("do"), tuple(COMMANDS))
+    for key in command:
+        if key not in ("do", *COMMANDS[str(command["do"])]):
+            known = ", ".join(COMMANDS[str(command["do"])])
+            raise place.error(f"unknown key `{key}`; {command['do']} takes {known}")
+    return Tell(command, _within(at, fields))
+
+
+def _hear(at: _Place, fields: Mapping[str, Json]) -> Step:
+    return Hear(at.key("hear").pattern(fields["hear"]), _within(at, fields))
+
+
+def _hear_nothing(at: _Place, fields: Mapping[str, Json]) -> Step:
+    return HearNothing(at.key("hear_nothing").seconds(fields["hear_nothing"]))
+
+
 _READERS: Mapping[str, Callable[[_Place, Mapping[str, Json]], Step]] = {
     "send": _send,
     "send_text": _send,
@@ -379,4 +437,7 @@ _READERS: Mapping[str, Callable[[_Place, Mapping[str, Json]], Step]] = {
     "settle": _settle,
     "open": _open,
     "close": _close,
+    "tell": _tell,
+    "hear": _hear,
+    "hear_nothing": _hear_nothing,
 }

@@ -46,6 +46,7 @@ MATCHERS: Mapping[str, tuple[str, ...]] = {
     "$not": (),
     "$all": (),
     "$absent": (),
+    "$optional": (),
     "$type_name": (),
     "$time": (),
     "$now": (),
@@ -199,6 +200,8 @@ def _differ_object(pattern: dict[str, Json], value: Value, path: str, context: C
             if key in value:
                 return Difference(place, "no such key", as_text(value[key]))
         elif key not in value:
+            if isinstance(wanted, dict) and "$optional" in wanted:
+                continue
             return Difference(place, _words(wanted), "nothing")
         elif (found := _differ(wanted, value[key], place, context)) is not None:
             return found
@@ -230,6 +233,8 @@ def _differ_matcher(pattern: dict[str, Json], value: Value, path: str, context: 
             if found is None:
                 context.names[str(operand)] = value
             return found
+        case "$optional":
+            return _differ(operand, value, path, context)
         case "$all":
             wanted = operand if isinstance(operand, list) else [operand]
             return next((d for item in wanted if (d := _differ(item, value, path, context))), None)

@@ -17,10 +17,13 @@ from conformance.case import (
     ExpectAll,
     ExpectClose,
     ExpectNothing,
+    Hear,
+    HearNothing,
     Open,
     Send,
     Settle,
     Step,
+    Tell,
     Wait,
 )
 from conformance.matching import Context, Difference, Match, fill, match_frame
@@ -37,7 +40,8 @@ from conformance.values import Json, Value, as_text, as_value, shorten
 from conformance.wires import Dial, Wire, WireClosed, WireError
 
 _PROBE_AGAIN = 0.5
-_NO_TIME = 1e-6
+NO_TIME = 1e-6
+"""Seconds that are as good as none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +50,7 @@ class Line:
 
     Attributes:
         at: seconds since the case began.
-        way: `>` sent by the client, `<` received, `!` an event.
+        way: `>` from the client to the server, `<` the other way, `!` an event.
     """
 
     at: float
@@ -71,15 +75,22 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """How a case went: the fault if there was one, and what was let pass."""
+    """How a case went: the fault if there was one, and what was let pass.
+
+    Attributes:
+        unsupported: what the client library under test cannot do at all, or "".
+    """
 
     fault: Fault | None
     remarks: tuple[str, ...]
     transcript: tuple[Line, ...]
     seconds: float
+    unsupported: str = ""
 
 
-class _Stop(Exception):
+class Stop(Exception):
+    """A step was not fulfilled; the case ends here."""
+
     def __init__(self, difference: Difference) -> None:
         super().__init__(str(difference))
         self.difference = difference
@@ -144,7 +155,7 @@ class _Player:
                 await self._step(step)
             number, doing = len(self._case.steps) + 1, "after the last step"
             await self._finish()
-        except _Stop as stop:
+        except Stop as stop:
             return Fault(number, doing, stop.difference)
         except WireClosed as closed:
             return Fault(number, doing, Difference("", "an open connection", str(closed)))
@@ -186,6 +197,8 @@ class _Player:
                 await self._open(step.client)
             case Close():
                 await self._close(step)
+            case Tell() | Hear() | HearNothing():
+                raise Stop(Difference("", "a step for a server", describe(step)))
 
     async def _send(self, step: Send) -> None:
         client = await self._client(step.client)
@@ -222,7 +235,7 @@ class _Player:
                 if isinstance(match_frame(self._pattern(tolerated.frame), value, self._context), Match):
                     self.remarks.append(tolerated.why)
                     return
-        raise _Stop(found)
+        raise Stop(found)
 
     def _remark_extra(self, found: Match) -> None:
         if found.extra:
@@ -265,7 +278,7 @@ class _Player:
             wanted = " or ".join(as_text(as_value(pattern)) for pattern in patterns)
             value = decode_text(await self._next(client, step.within, False, wanted))
             if isinstance(value, Difference):
-                raise _Stop(value)
+                raise Stop(value)
             for pattern in patterns:
                 found = match_frame(pattern, value, self._context)
                 if isinstance(found, Match):
@@ -273,14 +286,14 @@ class _Player:
                     patterns.remove(pattern)
                     break
             else:
-                raise _Stop(Difference("", wanted, as_text(value)))
+                raise Stop(Difference("", wanted, as_text(value)))
 
     async def _expect_nothing(self, step: ExpectNothing) -> None:
         client = await self._client(step.client)
         await self._pace.sleep(step.seconds)
         if step.matching is None:
             if client.frames:
-                raise _Stop(Difference("", f"no frame within {step.seconds} s", _show(client.frames[0])))
+                raise Stop(Difference("", f"no frame within {step.seconds} s", show(client.frames[0])))
             return
         pattern = self._pattern(step.matching)
         for raw in client.statuses if _is_status(pattern) else client.frames:
@@ -288,7 +301,7 @@ class _Player:
             if not isinstance(value, Difference) and isinstance(
                 match_frame(pattern, value, self._context), Match
             ):
-                raise _Stop(Difference("", f"no frame like {as_text(as_value(pattern))}", _show(raw)))
+                raise Stop(Difference("", f"no frame like {as_text(as_value(pattern))}", show(raw)))
 
     async def _expect_close(self, step: ExpectClose) -> None:
         client = await self._client(step.client)
@@ -296,11 +309,11 @@ class _Player:
         while client.closed is None:
             client.arrived.clear()
             left = deadline - self._pace.now()
-            if left <= _NO_TIME or not await self._pace.wait(client.arrived, left):
-                raise _Stop(Difference("", "the connection closed by the server", "an open connection"))
+            if left <= NO_TIME or not await self._pace.wait(client.arrived, left):
+                raise Stop(Difference("", "the connection closed by the server", "an open connection"))
         if step.codes and client.closed not in step.codes:
             wanted = " or ".join(str(code) for code in step.codes)
-            raise _Stop(Difference("", f"close code {wanted}", str(client.closed)))
+            raise Stop(Difference("", f"close code {wanted}", str(client.closed)))
         self._gone.append(self._clients.pop(client.name))
 
     async def _close(self, step: Close) -> None:
@@ -323,10 +336,10 @@ class _Player:
             await self._pace.sleep(self._target.settle)
             for client in self._clients.values():
                 if client.frames:
-                    got = _show(client.frames[0])
-                    raise _Stop(Difference(f"client {client.name}", "no further frame", got))
+                    got = show(client.frames[0])
+                    raise Stop(Difference(f"client {client.name}", "no further frame", got))
                 if client.closed is not None and self._case.probe:
-                    raise _Stop(Difference(f"client {client.name}", "an open connection", "a closed one"))
+                    raise Stop(Difference(f"client {client.name}", "an open connection", "a closed one"))
 
     async def _probe(self, client: _Client) -> None:
         """Ask the connection for a sign of life, after all it has sent before (section 0 of the facts)."""
@@ -346,9 +359,9 @@ class _Player:
                 raise WireClosed(client.closed)
             client.arrived.clear()
             left = deadline - self._pace.now()
-            if left <= _NO_TIME:
+            if left <= NO_TIME:
                 asked = as_text(as_value(frames[-1]))
-                raise _Stop(
+                raise Stop(
                     Difference(
                         f"client {client.name}", f"an answer to {asked}", "none: the connection is dead"
                     )
@@ -382,7 +395,7 @@ class _Player:
         return client
 
     async def _put(self, client: _Client, raw: Raw) -> None:
-        self._note(client.name, ">", _show(raw))
+        self._note(client.name, ">", show(raw))
         await client.wire.send(raw)
 
     async def _read(self, client: _Client) -> None:
@@ -393,7 +406,7 @@ class _Player:
                 client.closed = closed.code
                 self._note(client.name, "!", str(closed))
             else:
-                self._note(client.name, "<", _show(raw))
+                self._note(client.name, "<", show(raw))
                 self._sort(client, raw)
             client.arrived.set()
 
@@ -427,9 +440,9 @@ class _Player:
             client.arrived.clear()
             left = deadline - self._pace.now()
             if client.closed is not None:
-                raise _Stop(Difference("", wanted, f"the connection {WireClosed(client.closed)}"))
-            if left <= _NO_TIME or not await self._pace.wait(client.arrived, left):
-                raise _Stop(Difference("", wanted, f"nothing within {seconds:g} s"))
+                raise Stop(Difference("", wanted, f"the connection {WireClosed(client.closed)}"))
+            if left <= NO_TIME or not await self._pace.wait(client.arrived, left):
+                raise Stop(Difference("", wanted, f"nothing within {seconds:g} s"))
         return queue.popleft()
 
     def _note(self, name: str, way: Literal[">", "<", "!"], text: str) -> None:
@@ -440,7 +453,8 @@ def _is_status(pattern: Json) -> bool:
     return isinstance(pattern, dict) and pattern.get("op") == "status"
 
 
-def _show(raw: Raw) -> str:
+def show(raw: Raw) -> str:
+    """A frame as it stands in transcripts."""
     return f"{len(raw)} bytes: {raw[:200].hex()}" if isinstance(raw, bytes) else shorten(raw)
 
 
@@ -468,6 +482,12 @@ def describe(step: Step) -> str:
             return f"{step.client} connects"
         case Close():
             return f"{step.client} {'cuts the line' if step.abruptly else 'leaves'}"
+        case Tell():
+            return f"told to {shorten(json.dumps(step.command))}"
+        case Hear():
+            return f"the user hears {shorten(json.dumps(step.event))}"
+        case HearNothing():
+            return f"the user hears nothing for {step.seconds:g} s"
 
 
 def _joined(frames: Sequence[Json]) -> str:

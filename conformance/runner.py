@@ -1,4 +1,4 @@
-"""Playing many cases against one server, and judging them."""
+"""Playing many cases against one server or client library, and judging them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 import fnmatch
 import itertools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -21,6 +21,9 @@ Verdict: TypeAlias = Literal["pass", "non-strict", "informational", "unimplement
 
 VERDICTS: tuple[Verdict, ...] = ("pass", "non-strict", "informational", "unimplemented", "fail")
 
+PlayOne: TypeAlias = Callable[[Case, str], Awaitable[Played]]
+"""Plays one case, with a part of names that no other case uses at this time."""
+
 _LONGEST_CASE = 60.0
 
 
@@ -30,7 +33,7 @@ class Result:
 
     Attributes:
         expected: why the target file says that it fails, or None.
-        missing: what the target does not declare, for `unimplemented`.
+        missing: what the target does not declare, or a client library cannot do, for `unimplemented`.
     """
 
     case: Case
@@ -142,8 +145,25 @@ async def run_cases(
         told: called with each result as it comes.
     """
     pace = pace or RealPace()
+
+    async def play_one(case: Case, tag: str) -> Played:
+        return await play(case, target, dial, pace, tag)
+
+    return await judge_cases(cases, target, play_one, url, conditions, pace, told)
+
+
+async def judge_cases(
+    cases: Sequence[Case],
+    target: Target,
+    play_one: PlayOne,
+    url: str,
+    conditions: Conditions,
+    pace: Pace,
+    told: Callable[[Result], None] = lambda result: None,
+) -> Run:
+    """Judge cases, whatever plays them; as `run_cases`."""
     began = pace.now()
-    judge = _Judge(target, dial, conditions, pace)
+    judge = _Judge(target, play_one, conditions)
     gate = asyncio.Semaphore(conditions.jobs)
 
     async def one(case: Case) -> Result:
@@ -172,11 +192,10 @@ def _stale(target: Target, results: Sequence[Result]) -> tuple[str, ...]:
 class _Judge:
     _numbers = itertools.count(1)
 
-    def __init__(self, target: Target, dial: Dial, conditions: Conditions, pace: Pace) -> None:
+    def __init__(self, target: Target, play_one: PlayOne, conditions: Conditions) -> None:
         self._target = target
-        self._dial = dial
+        self._play_one = play_one
         self._conditions = conditions
-        self._pace = pace
 
     async def result(self, case: Case) -> Result:
         missing = self._target.missing(case, self._conditions.features)
@@ -186,10 +205,12 @@ class _Judge:
         tag = f"c{os.getpid():x}_{next(self._numbers)}"
         try:
             async with asyncio.timeout(_LONGEST_CASE):
-                played = await play(case, self._target, self._dial, self._pace, tag)
+                played = await self._play_one(case, tag)
         except TimeoutError:
             late = Difference("", f"an end within {_LONGEST_CASE:g} s", "none")
             played = Played(Fault(0, "the whole case", late), (), (), _LONGEST_CASE)
+        if played.unsupported:
+            return Result(case, "unimplemented", missing=(played.unsupported,), transcript=played.transcript)
         return Result(
             case,
             self._verdict(case, played),

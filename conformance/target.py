@@ -1,4 +1,4 @@
-"""What is known about the server under test: a small TOML file."""
+"""What is known about the server or client library under test: a small TOML file."""
 
 from __future__ import annotations
 
@@ -12,12 +12,18 @@ from typing import Literal, get_args
 from conformance.case import PROFILES, Case
 
 SHIPPED = Path(__file__).parent / "targets"
-"""Targets that come with the suite; `--target NAME` finds them by name."""
+"""Servers that come with the suite; `--target NAME` finds them by name."""
+
+SHIPPED_CLIENTS = Path(__file__).parent / "targets-client"
+"""Client libraries that come with the suite."""
 
 Probe = Literal["loopback", "get_time"]
 
 FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth", "unasked-status")
 """Optional things inside profiles that a target declares by name; cases ask for them in `needs`."""
+
+CLIENT_FEATURES = ("tf-topics", "tf-service")
+"""The same for client libraries: how they ask tf2_web_republisher."""
 
 WIRE_FEATURES = ("messages", "lines", "stream", "several-clients")
 """Features that follow from the URL and that no target declares."""
@@ -29,7 +35,7 @@ class TargetError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A server under test.
+    """A server or client library under test.
 
     Attributes:
         name: for the reports.
@@ -37,9 +43,10 @@ class Target:
         type_names: whether introspection reports `pkg/Name` or `pkg/msg/Name`.
         profiles: the parts of the protocol it claims.
         features: optional things it claims.
-        settle: seconds until what one client did can be seen by another (discovery).
+        settle: seconds until what one client did can be seen by another (discovery); after a case for
+            clients, seconds in which nothing may come.
         timeout: seconds to wait for a frame.
-        probe: how to ask whether a connection is alive.
+        probe: how to ask whether a connection is alive; not used for clients.
         auth_secret: what the AUTH cases compute the mac with, and other cases log in with.
         expected: case id or glob → why it fails; a stale entry is an error.
     """
@@ -71,26 +78,45 @@ class Target:
 
 
 def shipped() -> tuple[str, ...]:
-    """Names of the targets that come with the suite."""
-    return tuple(sorted(path.stem for path in SHIPPED.glob("*.toml")))
+    """Names of the servers that come with the suite."""
+    return _names_in(SHIPPED)
+
+
+def shipped_clients() -> tuple[str, ...]:
+    """Names of the client libraries that come with the suite."""
+    return _names_in(SHIPPED_CLIENTS)
 
 
 def find_target(name: str) -> Target:
-    """A target by file name, or by the name of a shipped one.
+    """A server by file name, or by the name of a shipped one.
 
     Raises:
         TargetError: there is none, or it cannot be used.
     """
+    return _find(name, SHIPPED, FEATURES)
+
+
+def find_client_target(name: str) -> Target:
+    """A client library, as `find_target`."""
+    return _find(name, SHIPPED_CLIENTS, CLIENT_FEATURES)
+
+
+def _names_in(folder: Path) -> tuple[str, ...]:
+    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
+
+
+def _find(name: str, folder: Path, features: tuple[str, ...]) -> Target:
     path = Path(name)
-    if not path.suffix and name in shipped():
-        path = SHIPPED / f"{name}.toml"
+    if not path.suffix and name in _names_in(folder):
+        path = folder / f"{name}.toml"
     try:
         fields = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise TargetError(f"{name}: cannot be read; shipped targets are {', '.join(shipped())}") from error
+        known = ", ".join(_names_in(folder))
+        raise TargetError(f"{name}: cannot be read; shipped targets are {known}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise TargetError(f"{path}: not TOML: {error}") from error
-    return _Fields(str(path), fields).target()
+    return _Fields(str(path), fields, features).target()
 
 
 class _Fields:
@@ -101,9 +127,10 @@ class _Fields:
         "expected_failures",
     )  # fmt: skip
 
-    def __init__(self, path: str, fields: dict[str, object]) -> None:
+    def __init__(self, path: str, fields: dict[str, object], features: tuple[str, ...]) -> None:
         self._path = path
         self._fields = fields
+        self._features = features
 
     def target(self) -> Target:
         for key in self._fields:
@@ -116,7 +143,7 @@ class _Fields:
             ros=self._ros(),
             type_names="two" if self._choice("type_names", ("two", "three"), "three") == "two" else "three",
             profiles=self._names("profiles", PROFILES, default.profiles),
-            features=self._names("features", FEATURES, default.features),
+            features=self._names("features", self._features, default.features),
             settle=self._seconds("settle", default.settle),
             timeout=self._seconds("timeout", default.timeout),
             probe="get_time"

@@ -8,7 +8,8 @@ from collections.abc import Awaitable, Callable
 from typing import Literal, Protocol, TypeAlias
 from urllib.parse import urlsplit
 
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import connect
+from websockets.asyncio.connection import Connection
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
 
 _READ_SIZE = 65536
@@ -59,12 +60,15 @@ def framing_of(url: str) -> Framing:
     return "lines" if scheme == "stdio" else "stream"
 
 
-class _WebSocket:
-    def __init__(self, connection: ClientConnection) -> None:
+class WebSocketWire:
+    """A WebSocket connection, whoever opened it."""
+
+    def __init__(self, connection: Connection) -> None:
         self._connection = connection
 
     @classmethod
     async def open(cls, url: str) -> Wire:
+        """Connect to a server. Raises WireError."""
         try:
             connection = await connect(
                 url,
@@ -79,18 +83,21 @@ class _WebSocket:
         return cls(connection)
 
     async def send(self, data: str | bytes) -> None:
+        """Send one message: text, or bytes as a binary frame. Raises WireClosed."""
         try:
             await self._connection.send(data)
         except ConnectionClosed as error:
             raise WireClosed(error.rcvd.code if error.rcvd else 1006) from error
 
     async def receive(self) -> str | bytes:
+        """The next message; raises WireClosed when there will be none."""
         try:
             return await self._connection.recv()
         except ConnectionClosed as error:
             raise WireClosed(error.rcvd.code if error.rcvd else 1006) from error
 
     async def close(self, *, abruptly: bool = False) -> None:
+        """End the connection, with or without a goodbye."""
         if abruptly:
             self._connection.transport.abort()
         await self._connection.close()

@@ -48,6 +48,7 @@ class SentGoal:
     def orphan(self) -> None:
         """The client has gone; the goal runs on, and nobody hears of it (ACT-19)."""
         self._listening = False
+        self._goal.want_feedback(False)
 
     def _on_feedback(self, feedback: Payload) -> None:
         if not self._listening:

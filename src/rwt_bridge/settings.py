@@ -18,7 +18,7 @@ CountOrNone = Annotated[int, Field(ge=0)]
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 SecondsOrNone = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Globs = tuple[str, ...]
-NodeName = Literal["rosapi", "web_video_server"]
+NodeName = Literal["rosapi", "tf2_web_republisher", "web_video_server"]
 
 
 class SettingsError(ValueError):

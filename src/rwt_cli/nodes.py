@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt_nodes.rosapi import Rosapi
+from rwt_nodes.tf import Tf2WebRepublisher
 
 if TYPE_CHECKING:
     from rwt_bridge.pages import Figures, Page, Section
@@ -55,6 +56,7 @@ def _video(graph: Graph, settings: Settings) -> WebVideoServer:
 NODES: Final[Mapping[NodeName, Callable[[Graph, Settings], ReadyNode]]] = MappingProxyType(
     {
         "rosapi": lambda graph, settings: Rosapi(graph),
+        "tf2_web_republisher": lambda graph, settings: Tf2WebRepublisher(graph),
         "web_video_server": _video,
     }
 )

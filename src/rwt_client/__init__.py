@@ -29,6 +29,7 @@ from rwt_client.errors import (
     ParameterRefused,
     ServerRefused,
     ServiceFailed,
+    TransformUnavailable,
     TypeUnavailable,
 )
 from rwt_client.events import ConnectionEvent, EventStream
@@ -38,6 +39,7 @@ from rwt_client.publishing import Publisher
 from rwt_client.robot import Robot
 from rwt_client.services import OfferedService
 from rwt_client.topics import Subscription
+from rwt_client.transforms import Transforms
 from rwt_client.types import LiveTypes
 
 __all__ = [
@@ -52,6 +54,7 @@ __all__ = [
     "OfferedAction",
     "ReceivedGoal",
     "Parameters",
+    "Transforms",
     "LiveTypes",
     "RosApi",
     "TopicInfo",
@@ -75,6 +78,7 @@ __all__ = [
     "ParameterRefused",
     "MisfitMessage",
     "TypeUnavailable",
+    "TransformUnavailable",
     "ImageFormat",
     "ServiceFailed",
     "GoalEnded",

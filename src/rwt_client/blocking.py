@@ -29,6 +29,7 @@ from rwt_client.reading import Message
 from rwt_client.robot import AdvertiseKeywords, Robot, SubscribeKeywords
 from rwt_client.services import OfferedService, ServiceHandler
 from rwt_client.topics import Callback, Subscription
+from rwt_client.transforms import Transforms
 from rwt_client.types import LiveTypes
 from rwt_protocol.frames import Accept
 
@@ -92,6 +93,26 @@ class BlockingParameters(_Face):
     has = _waits(Parameters.has)
     delete = _waits(Parameters.delete)
     names = _waits(Parameters.names)
+
+
+class BlockingTransforms(_Face):
+    """Where the robot's frames are; see :class:`rwt_client.transforms.Transforms`."""
+
+    _inner: Transforms
+
+    start = _waits(Transforms.start)
+    start_compact = _waits(Transforms.start_compact)
+    lookup = _waits(Transforms.lookup)
+    lookup_full = _waits(Transforms.lookup_full)
+    can_transform = _waits(Transforms.can_transform)
+
+    def tree(self) -> str:
+        """The frames heard of so far, as indented text."""
+        return self._portal.call(self._inner.buffer.tree)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._portal.call(self._inner.close)
 
 
 class BlockingSubscription(_Face):
@@ -210,6 +231,7 @@ class BlockingRobot(_Face):
     Attributes:
         api: what rosapi answers.
         params: its parameters.
+        tf: where its frames are.
     """
 
     _inner: Robot
@@ -218,6 +240,7 @@ class BlockingRobot(_Face):
         super().__init__(portal, inner)
         self.api = BlockingApi(portal, inner.api)
         self.params = BlockingParameters(portal, inner.params)
+        self.tf = BlockingTransforms(portal, inner.tf)
         self._close: Callable[[], None] = _nothing
 
     once = _waits(Robot.once)

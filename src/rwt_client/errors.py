@@ -19,6 +19,7 @@
   * :exc:`MisfitMessage`: a message does not fit its type.
   * :exc:`TypeUnavailable`: a type is in neither the robot's graph nor the standard set; also a
     :exc:`LookupError`.
+  * :exc:`TransformUnavailable`: where a frame is cannot be told; also a :exc:`LookupError`.
   * :exc:`ImageFormat`: an image that cannot be converted.
   * :exc:`GoalEnded`: raised *by* an action's `execute`, to end its goal otherwise than by success.
 
@@ -81,6 +82,10 @@ class MisfitMessage(ClientError, ValueError):
 
 class TypeUnavailable(ClientError, LookupError):
     """Neither the robot's graph nor the standard set has that type."""
+
+
+class TransformUnavailable(ClientError, LookupError):
+    """Where a frame is was not to be learned in time; says which transform is missing."""
 
 
 class ImageFormat(ClientError, ValueError):

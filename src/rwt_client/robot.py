@@ -22,6 +22,7 @@ from rwt_client.qos import qos_of
 from rwt_client.reading import Message
 from rwt_client.services import Calls, OfferedService, OfferedServices, ServiceHandler
 from rwt_client.topics import Callback, Compression, Hub, SubscribeOptions, Subscription
+from rwt_client.transforms import Transforms
 from rwt_client.types import LiveTypes
 from rwt_interfaces import InterfaceError
 from rwt_protocol.decoded import plain_value
@@ -81,6 +82,7 @@ class Robot:
         types: its types.
         api: what rosapi answers.
         params: its parameters.
+        tf: where its frames are.
     """
 
     def __init__(
@@ -105,6 +107,7 @@ class Robot:
         self._arrays: ArrayKind = arrays
         self._identifying = RosApi(self._ask_briefly)
         self._hub = Hub(line, self.types, tasks, binary=binary)
+        self.tf = Transforms(self, tasks.start_soon, timeout)
         self._calls = Calls(line)
         self._goals = SentGoals(line)
         self._services = OfferedServices()
@@ -118,6 +121,11 @@ class Robot:
     def connected(self) -> bool:
         """Whether there is a connection now."""
         return self._line.connected
+
+    @property
+    def takes_binary(self) -> bool:
+        """Whether the transport can carry CBOR, and the server offers it as far as is known."""
+        return self._hub.cbor_offered
 
     def events(self) -> EventStream:
         """What happens to the connection from now on, as an async iterator."""

@@ -176,9 +176,16 @@ class ActionlibServer:
         goal_id = {"stamp": self._stamp(tracked.stamp_ns), "id": tracked.id}
         return {"goal_id": goal_id, "status": int(tracked.status), "text": tracked.text}
 
+    def _say_who_listens(self) -> None:
+        heard = self._feedback.subscriber_count > 0
+        for tracked in self._goals.values():
+            if tracked.goal is not None:
+                tracked.goal.want_feedback(heard)
+
     def _publish_status(self) -> None:
         if not self._serving():
             return
+        self._say_who_listens()
         now = self._clock.monotonic()
         over = [t.id for t in self._goals.values() if t.ended is not None and t.forget_at <= now]
         for goal_id in over:

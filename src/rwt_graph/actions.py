@@ -105,6 +105,7 @@ class MemoryGoal(ServerGoal):
         self._status = GoalStatus.UNKNOWN
         self._cancel_requested = False
         self._cancel_told = False
+        self.listening = True
 
     @property
     def status(self) -> GoalStatus:
@@ -115,6 +116,11 @@ class MemoryGoal(ServerGoal):
     def cancel_requested(self) -> bool:
         """Whether a cancel was asked for."""
         return self._cancel_requested
+
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether the client takes feedback now."""
+        return self.listening and self._events is not None and self._events.on_feedback is not None
 
     def _step(self, event: GoalEvent) -> None:
         after = TRANSITIONS.get((self._status, event))
@@ -145,7 +151,12 @@ class MemoryGoal(ServerGoal):
         """Send feedback. Ignored before the goal was accepted and once it has ended (ACT-06)."""
         events = self._events
         running = self._status is not GoalStatus.UNKNOWN and not self._status.is_terminal
-        if running and events is not None and (on_feedback := events.on_feedback) is not None:
+        if (
+            running
+            and self.listening
+            and events is not None
+            and (on_feedback := events.on_feedback) is not None
+        ):
             self._tell(lambda: on_feedback(feedback))
 
     def finish(self, status: GoalStatus, result: Payload, reason: str = "") -> None:
@@ -227,6 +238,11 @@ class MemoryClientGoal(ClientGoal):
         """Ask the server to cancel."""
         if self._goal is not None:
             self._goal.request_cancel()
+
+    def want_feedback(self, wanted: bool) -> None:
+        """Whether feedback is of use now."""
+        if self._goal is not None:
+            self._goal.listening = wanted
 
     def abandon(self) -> None:
         """Hear nothing more of the goal; it goes on running."""

@@ -195,6 +195,11 @@ class ServerGoal(ABC):
     def cancel_requested(self) -> bool:
         """Whether a cancel was asked for."""
 
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether anybody takes feedback now; a backend that cannot know says True."""
+        return True
+
     @abstractmethod
     def accept(self) -> None:
         """UNKNOWN → ACCEPTED → EXECUTING."""
@@ -248,6 +253,9 @@ class ClientGoal(ABC):
     @abstractmethod
     def cancel(self) -> None:
         """Ask the server to cancel; the outcome comes as the result."""
+
+    def want_feedback(self, wanted: bool) -> None:  # noqa: B027 - a backend may have no way to say so
+        """Say whether feedback is of use now, so that the server can spare itself the work."""
 
     @abstractmethod
     def abandon(self) -> None:

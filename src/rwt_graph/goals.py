@@ -52,6 +52,11 @@ class ActionGoal:
         """Whether a client asked to cancel."""
         return self._goal.cancel_requested
 
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether anybody takes feedback now; False spares the work of making it."""
+        return self._goal.feedback_wanted
+
     def publish_feedback(self, feedback: MessageLike) -> None:
         """Send feedback to the client.
 

@@ -309,6 +309,24 @@ class Node:
 
         return self._run(advertise)
 
+    def serve_over_topics(self, action: str, type: str) -> Handle:
+        """Offer an action of this node over the topics of ROS 1 besides (ALB-01), for clients of actionlib.
+
+        On ROS 1 :meth:`advertise_action` does so by itself.
+
+        Args:
+            action: one that this node offers; when it is withdrawn, goals that come are left unanswered.
+            type: what the action is called over topics; its fields are those of the action's own type.
+
+        Raises:
+            UnknownType: no such action is known.
+            InvalidGraphName: not a name that ROS allows.
+        """
+        name, interface = self.resolve(action), self.registry.action(type)
+        return self._run(
+            lambda: Handle(self.graph, name, ActionlibServer(self, self._participant, name, interface))
+        )
+
     async def send_goal(
         self,
         action: str,

@@ -20,6 +20,7 @@ from typing import Any
 import roslibpy
 import roslibpy.ros1.actionlib as actionlib
 import roslibpy.ros2
+import roslibpy.tf
 
 #: Seconds after which a wait inside a scenario is given up.
 LIMIT = 10.0
@@ -744,6 +745,43 @@ def actionlib_server(connections: Connections, _: str) -> Value:
     return {"succeeded": succeeded, "preempted": running.end()}
 
 
+# -- transforms
+
+
+def tf_service(connections: Connections, _: str) -> Value:
+    """Where the laser and then the robot are; the second frame makes the client ask anew. Then it drives."""
+    ros = connections.open()
+    call(ros, "/reset", "std_srvs/Empty", {})
+    heard: dict[str, list[Value]] = {"laser": [], "/base_link": []}
+    client = roslibpy.tf.TFClient(
+        ros, fixed_frame="/odom", angular_threshold=0.01, translation_threshold=0.01, rate=20
+    )
+    for frame, transforms in heard.items():
+        client.subscribe(frame, transforms.append)
+        wait_for(transforms.__len__)
+    base = heard["/base_link"]
+    before = base[-1]["translation"]
+    stick = roslibpy.Topic(ros, "/cmd_vel", "geometry_msgs/Twist")
+    while base[-1]["translation"]["x"] < before["x"] + 0.1:
+        stick.publish(roslibpy.Message({"linear": {"x": 0.3}}))
+        sleep(0.05)
+    client.dispose()
+    settled(ros)
+    return {
+        "laser": heard["laser"][0],
+        "before": before,
+        "moved": base[-1]["translation"]["x"] - before["x"],
+    }
+
+
+def wait_for(condition: Callable[[], Value]) -> None:
+    deadline = monotonic() + LIMIT
+    while not condition():
+        if monotonic() > deadline:
+            raise TimeoutError(f"nothing came within {LIMIT:g} s")
+        sleep(0.005)
+
+
 # -- conversations with another program
 
 
@@ -820,6 +858,7 @@ SCENARIOS: dict[str, Callable[[Connections, str], Value]] = {
             actionlib_cancel,
             actionlib_cancel_all,
             actionlib_server,
+            tf_service,
             listen,
             hear_one,
             talk,

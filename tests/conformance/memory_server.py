@@ -12,7 +12,7 @@ from functools import partial
 from conformance.case import Case
 from conformance.runner import Conditions, Run, run_cases
 from conformance.target import Target
-from conformance.wires import Wire, WireClosed
+from conformance.wires import Dial, Wire, WireClosed, framing_of
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.settings import Settings
 from rwt_graph.clock import SimulatedClock
@@ -121,10 +121,13 @@ class MemoryServer:
     async def dial(self, tag: str) -> Wire:
         return MemoryWire(self.accept)
 
-    async def play(self, cases: tuple[Case, ...], target: Target) -> Run:
-        """Play cases one by one."""
+    async def play(
+        self, cases: tuple[Case, ...], target: Target, url: str = "memory", dial: Dial | None = None
+    ) -> Run:
+        """Play cases one by one, in memory unless `dial` connects otherwise."""
+        conditions = Conditions(jobs=1, framing="messages" if dial is None else framing_of(url))
         pace = VirtualPace(self.clock)
-        return await run_cases(cases, target, self.dial, "memory", Conditions(jobs=1), pace)
+        return await run_cases(cases, target, dial or self.dial, url, conditions, pace)
 
 
 @asynccontextmanager

@@ -7,11 +7,12 @@ from typing import cast
 
 import pytest
 
-from conformance.case import LEVELS, PROFILES, TEXTS, VIA, Case, Expect, ExpectAll, Send
-from conformance.loading import CASES, OPTIONAL, REQUIRED, VERBS, load_cases
+from conformance.case import LEVELS, PROFILES, SIDES, TEXTS, VIA, Case, Expect, ExpectAll, Send, Tell
+from conformance.line_protocol import COMMANDS
+from conformance.loading import CASES, CLIENT_CASES, OPTIONAL, REQUIRED, VERBS, load_cases
 from conformance.matching import Context, Match, match_frame
 from conformance.rules import load_rules
-from conformance.target import FEATURES, WIRE_FEATURES
+from conformance.target import CLIENT_FEATURES, FEATURES, WIRE_FEATURES
 from conformance.values import Json, as_value
 
 _FOLDER = CASES.parent
@@ -20,6 +21,34 @@ _FOLDER = CASES.parent
 @pytest.fixture(scope="module")
 def cases() -> tuple[Case, ...]:
     return load_cases()
+
+
+@pytest.fixture(scope="module")
+def client_cases() -> tuple[Case, ...]:
+    return load_cases(CLIENT_CASES)
+
+
+def test_each_side_has_its_folder(cases: tuple[Case, ...], client_cases: tuple[Case, ...]) -> None:
+    assert {case.side for case in cases} == {"server"}
+    assert {case.side for case in client_cases} == {"client"}
+    assert len(client_cases) >= 200
+
+
+def test_every_rule_has_a_client_case_or_a_reason_and_not_both(client_cases: tuple[Case, ...]) -> None:
+    asked = {rule for case in client_cases for rule in case.rules}
+    groups = json.loads((_FOLDER / "coverage.json").read_text())["without_client_case"]
+    excused = [rule for group in groups for rule in group["rules"]]
+    assert len(set(excused)) == len(excused)
+    assert asked.isdisjoint(excused)
+    assert asked | set(excused) == set(load_rules())
+    assert all(len(group["why"]) > 20 for group in groups)
+
+
+def test_client_cases_use_every_command_and_every_feature(client_cases: tuple[Case, ...]) -> None:
+    told = [step.command for case in client_cases for step in case.steps if isinstance(step, Tell)]
+    assert {command["do"] for command in told if isinstance(command, dict)} == set(COMMANDS)
+    needed = {name for case in client_cases for name in case.needs}
+    assert set(CLIENT_FEATURES) <= needed <= {*CLIENT_FEATURES, *PROFILES}
 
 
 def test_there_are_enough_of_them(cases: tuple[Case, ...]) -> None:
@@ -112,6 +141,7 @@ def test_the_schema_has_the_keys_that_the_loader_knows() -> None:
     assert set(schema["properties"]) == {*REQUIRED, *OPTIONAL}
     assert set(schema["required"]) == set(REQUIRED)
     assert schema["properties"]["level"]["enum"] == list(LEVELS)
+    assert schema["properties"]["side"]["enum"] == list(SIDES)
     assert schema["properties"]["profile"]["enum"] == list(PROFILES)
     assert set(cast(dict[str, object], schema["properties"]["spec"]["properties"])) == set(TEXTS)
 

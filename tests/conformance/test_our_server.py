@@ -18,6 +18,7 @@ from conformance.rules import load_rules
 from conformance.runner import Run, select
 from conformance.target import find_target
 from tests.conformance.fault_list import FAULTS
+from tests.conformance.loopback import Transport, served
 from tests.conformance.memory_server import memory_server
 from tests.conformance.mutants import hunt_all, table
 from tests.conformance.transports import PIPES, server
@@ -39,6 +40,22 @@ async def _in_memory(distro: str) -> Run:
 @pytest.mark.parametrize("distro", ["jazzy", "noetic"])
 def test_every_case_in_memory(distro: str) -> None:
     run = asyncio.run(_in_memory(distro))
+    assert len(run.results) > 500
+    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
+    assert not run.stale
+
+
+async def _over(transport: Transport, distro: str, folder: Path) -> Run:
+    target = find_target(f"rwt-{distro}")
+    async with memory_server(distro) as server, served(server.accept, transport, folder) as (url, dial):
+        return await server.play(select(load_cases(), target), target, url, dial)
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("transport", ["ws", "tcp", "unix", "stdio"])
+@pytest.mark.parametrize("distro", ["jazzy", "noetic"])
+def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_path: Path) -> None:
+    run = asyncio.run(_over(transport, distro, tmp_path))
     assert len(run.results) > 500
     assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
     assert not run.stale

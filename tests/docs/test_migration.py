@@ -130,6 +130,7 @@ EXPECTED: dict[str, Any] = {
     "wait for its result": lambda value: value.succeeded and value.result.sequence == [0, 1, 1, 2],
     "read a parameter": lambda value: isinstance(value, float),
     "list parameters": lambda value: "/demo_robot:max_speed" in value,
+    "look up a transform": lambda value: len(value) == 3,
     "list topics": lambda value: "/odom" in value,
     "ask a topic's type": lambda value: value == "nav_msgs/msg/Odometry",
     "find topics by type": lambda value: value == ("/odom",),

@@ -119,6 +119,48 @@ async def test_cancelling(noetic: MemoryGraph, cancel: dict[str, object], expect
         assert all(status == ActionlibStatus.PREEMPTED for _, status, _, _ in client.results())
 
 
+async def test_an_action_of_ros_2_is_served_over_topics_too(graph: MemoryGraph, advance: Advance) -> None:
+    async with graph:
+        server = Node(graph, "server")
+        server.advertise_action("/fib", "example_interfaces/Fibonacci", count)
+        topics = server.serve_over_topics("/fib", ACTION)
+        client = Client(graph)
+        client.send("one", order=2)
+        await advance(0.1)
+        assert client.results() == [("one", ActionlibStatus.SUCCEEDED, "", [0, 1])]
+        assert [list(message.feedback.sequence) for message in client.feedback] == [[2]]
+        topics.close()
+        client.send("two", order=2)
+        await advance(0.1)
+        assert len(client.result) == 1
+
+
+async def test_a_goal_knows_whether_its_topic_is_listened_to(noetic: MemoryGraph, advance: Advance) -> None:
+    goals: list[ActionGoal] = []
+
+    async def run(goal: ActionGoal) -> None:
+        goals.append(goal)
+        await goal.cancel_event.wait()
+
+    async with noetic:
+        Node(noetic, "server").advertise_action("/fib", ACTION, run)
+        node = Node(noetic, "client")
+        heard: list[Message] = []
+        feedback = node.subscribe("/fib/feedback", heard.append, f"{ACTION}ActionFeedback")
+        node.advertise("/fib/goal", f"{ACTION}ActionGoal").publish({"goal_id": {"id": "one"}})
+        await advance(1.0)
+        assert [goal.feedback_wanted for goal in goals] == [True]
+        feedback.close()
+        await advance(1.0)
+        assert [goal.feedback_wanted for goal in goals] == [False]
+        goals[0].publish_feedback({"sequence": [1]})
+        node.subscribe("/fib/feedback", heard.append, f"{ACTION}ActionFeedback")
+        await advance(1.0)
+        assert [goal.feedback_wanted for goal in goals] == [True]
+        assert heard == []
+        node.advertise("/fib/cancel", "actionlib_msgs/GoalID").publish({})
+
+
 async def test_a_goal_without_an_id_gets_one(noetic: MemoryGraph) -> None:
     async with noetic:
         Node(noetic, "server").advertise_action("/fib", ACTION, count)

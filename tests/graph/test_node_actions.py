@@ -170,6 +170,25 @@ async def test_a_client_that_leaves_hears_so_and_the_goal_runs_on(graph: MemoryG
         assert goals[0].id == handle.id
 
 
+async def test_a_goal_knows_whether_its_feedback_is_wanted(graph: MemoryGraph) -> None:
+    goals: list[ActionGoal] = []
+
+    async def run(goal: ActionGoal) -> None:
+        goals.append(goal)
+        await goal.cancel_event.wait()
+
+    async with graph:
+        node = Node(graph, "n")
+        node.advertise_action("fib", FIBONACCI, run)
+        with_feedback = await node.send_goal("/fib", {}, lambda message: None)
+        await node.send_goal("/fib", {})
+        await anyio.wait_all_tasks_blocked()
+        assert [goal.feedback_wanted for goal in goals] == [True, False]
+        with_feedback.abandon()
+        assert not goals[0].feedback_wanted
+        graph.participant("/other").cancel_goal("/fib", goals[0].id)
+
+
 async def test_before_the_graph_runs_goals_are_rejected(graph: MemoryGraph) -> None:
     node = Node(graph, "n")
     node.advertise_action("/fib", FIBONACCI, count)

@@ -20,8 +20,8 @@ class Connections {
     this.opened = [];
   }
 
-  async open() {
-    const ros = new this.library.ROSLIB.Ros(this.library.options);
+  async open(options = {}) {
+    const ros = new this.library.ROSLIB.Ros({ ...this.library.options, ...options });
     this.opened.push(ros);
     ros.on('error', (error) => complaints.push(String(error?.message ?? error)));
     await connect(ros, this.url);

@@ -20,6 +20,7 @@ async function main() {
   const { robotScenarios } = await import('./robot.mjs');
   const { serviceScenarios } = await import('./services.mjs');
   const { topicScenarios } = await import('./topics.mjs');
+  const { transformScenarios } = await import('./transforms.mjs');
   const asking = new Asking(library);
 
   // What only this release can observe: its emitter has wildcards, so the id of a refused frame need not be known.
@@ -53,6 +54,7 @@ async function main() {
     ...robotScenarios(asking),
     ...actionlibScenarios(asking),
     ...encodingScenarios(asking),
+    ...transformScenarios(asking),
     ...only,
   });
 }

@@ -11,6 +11,7 @@ import { pause, runProgram } from './program.mjs';
 import { robotScenarios } from './robot.mjs';
 import { serviceScenarios } from './services.mjs';
 import { topicScenarios } from './topics.mjs';
+import { transformScenarios } from './transforms.mjs';
 
 const ADD = 'example_interfaces/AddTwoInts';
 
@@ -90,5 +91,6 @@ await runProgram(library, {
   ...actionScenarios(asking),
   ...actionlibScenarios(asking),
   ...encodingScenarios(asking),
+  ...transformScenarios(asking),
   ...only,
 });

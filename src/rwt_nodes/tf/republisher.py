@@ -1,0 +1,131 @@
+"""The node `/tf2_web_republisher`: its action, its service, and the streams that they start."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import count
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import anyio
+
+from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node, ServiceFailed
+from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
+from rwt_nodes.tf.selection import MissingFrames, select
+from rwt_nodes.tf.source import TransformSource
+from rwt_nodes.tf.streams import GoalStream, TopicStream
+from rwt_tf2 import stamp_ns
+from rwt_tf2.times import NANOSECONDS
+
+if TYPE_CHECKING:
+    from rwt_graph import Graph
+
+NAME: Final = "/tf2_web_republisher"
+SERVICE: Final = "/republish_tfs"
+
+TOPIC_TIMEOUT: Final = 10.0
+"""Seconds that a topic waits for a subscriber where the request says 0."""
+
+MOST_STREAMS: Final = 100
+"""Goals and topics at once. Pages that are closed leave theirs behind, so the oldest gives way."""
+
+_PACKAGE = "tf2_web_republisher"
+#: What the action is called on ROS 2, by the newest clients; the bridge takes every spelling.
+_PACKAGE_OF_ROS_2 = "tf2_web_republisher_interfaces"
+
+
+class _Stream(Protocol):
+    def stop(self, reason: str) -> None: ...
+
+
+class _RepublishRequest(RequestMessage, Protocol):
+    timeout: Any
+
+
+class Tf2WebRepublisher:
+    """Serves tf2_web_republisher for one graph, from construction until `close` (TFR-01 to TFR-10).
+
+    The action `/tf2_web_republisher`, over the topics of actionlib too in either distribution; and the
+    service `/republish_tfs`, which answers with the name of a topic. `/tf` is subscribed to while a goal runs
+    or a topic waits for subscribers.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self._node = node = Node(graph, NAME)
+        self._source = TransformSource(node)
+        self._streams: dict[int, _Stream] = {}
+        self._numbers = count()
+        over_topics = f"{_PACKAGE}/TFSubscription"
+        if node.distro.ros_version == 1:
+            node.advertise_action(NAME, over_topics, self._run_goal, accept=self._accept)
+        else:
+            own = f"{_PACKAGE_OF_ROS_2}/TFSubscription"
+            node.advertise_action(NAME, own, self._run_goal, accept=self._accept)
+            node.serve_over_topics(NAME, over_topics)
+        node.advertise_service(SERVICE, f"{_PACKAGE}/RepublishTFs", self._republish)
+
+    def close(self) -> None:
+        """Leave the graph; goals end as aborted."""
+        self._node.close()
+
+    def __enter__(self) -> Tf2WebRepublisher:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _accept(self, message: RequestMessage) -> bool | str:
+        try:
+            Request.read(message)
+        except RequestRefused as error:
+            return str(error)
+        return True
+
+    async def _run_goal(self, goal: ActionGoal) -> None:
+        """Send feedback until the goal is canceled (TFR-08), or nobody has taken any for a while."""
+        request = Request.read(goal.request)
+        number = self._make_room()
+        with self._source.held(), anyio.CancelScope() as scope:
+            stream = GoalStream(
+                self._node, self._source, select(request, self._missing()), goal, scope.cancel
+            )
+            self._streams[number] = stream
+            timer = self._node.create_timer(request.period, stream.tick)
+            try:
+                await goal.cancel_event.wait()
+            finally:
+                timer.cancel()
+                self._streams.pop(number, None)
+        if stream.reason:
+            raise GoalAborted({}, stream.reason)
+        raise GoalCanceled({})
+
+    def _republish(self, message: _RepublishRequest) -> dict[str, str]:
+        """A topic of its own for each call (TFR-09)."""
+        try:
+            request = Request.read(message)
+        except RequestRefused as error:
+            raise ServiceFailed(str(error)) from error
+        timeout = stamp_ns(message.timeout) / NANOSECONDS or TOPIC_TIMEOUT
+        if timeout < 0:
+            raise ServiceFailed(f"timeout must not be negative, got {timeout:g} s")
+        number = self._make_room()
+        publisher = self._node.advertise(f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", TopicStream.QOS)
+        selection = select(request, self._missing())
+        stream = TopicStream(
+            self._node, self._source, selection, publisher, timeout, partial(self._streams.pop, number, None)
+        )
+        self._streams[number] = stream
+        stream.start(request.period)
+        return {"topic_name": publisher.topic}
+
+    def _make_room(self) -> int:
+        """The number of a new stream; where there are too many the oldest ends."""
+        if len(self._streams) >= MOST_STREAMS:
+            oldest = next(iter(self._streams))
+            self._streams.pop(oldest).stop(
+                f"there are more than {MOST_STREAMS} subscriptions; the oldest ended"
+            )
+        return next(self._numbers)
+
+    def _missing(self) -> MissingFrames:
+        return MissingFrames(self._node.log.error, self._node.clock.monotonic)

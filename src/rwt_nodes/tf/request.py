@@ -1,0 +1,74 @@
+"""What a client asks of the republisher: a goal or a service's request."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from rwt_tf2.buffer import bare
+
+DEFAULT_RATE: Final = 10.0
+"""Messages a second where the request says 0."""
+
+HIGHEST_RATE: Final = 100.0
+"""Higher rates are taken as this one."""
+
+MOST_FRAMES: Final = 1000
+"""More frames in one request are refused."""
+
+
+class RequestMessage(Protocol):
+    """The fields that the action's goal and the service's request have in common."""
+
+    source_frames: Sequence[str]
+    target_frame: str
+    angular_thres: float
+    trans_thres: float
+    rate: float
+
+
+class RequestRefused(ValueError):
+    """A request that cannot be served; the text says what to change."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One subscription to transforms.
+
+    Attributes:
+        target: the frame they are seen from; empty for each frame's own parent, the mode that sends the tree.
+        sources: the frames; empty for all that there are.
+        angular: rotation from which on a transform is sent again, radians.
+        linear: the same for translation, metres.
+        period: seconds from one look to the next.
+    """
+
+    target: str
+    sources: tuple[str, ...]
+    angular: float
+    linear: float
+    period: float
+
+    @classmethod
+    def read(cls, message: RequestMessage) -> Request:
+        """Out of a message, names without a leading slash (TFR-03).
+
+        Raises:
+            RequestRefused: a rate or a threshold that is no number, a negative rate, or too many frames.
+        """
+        for name in ("angular_thres", "trans_thres", "rate"):
+            value = getattr(message, name)
+            if not math.isfinite(value):
+                raise RequestRefused(f"{name} must be a finite number, got {value}")
+        if message.rate < 0:
+            raise RequestRefused(f"rate must not be negative, got {message.rate:g}")
+        if len(message.source_frames) > MOST_FRAMES:
+            raise RequestRefused(
+                f"at most {MOST_FRAMES} source_frames, got {len(message.source_frames)}; none means all"
+            )
+        # The original divides by a rate of 0 (TFR-01).
+        rate = min(message.rate or DEFAULT_RATE, HIGHEST_RATE)
+        sources = tuple(dict.fromkeys(map(bare, message.source_frames)))
+        return cls(bare(message.target_frame), sources, message.angular_thres, message.trans_thres, 1 / rate)

@@ -1,0 +1,138 @@
+"""What is sent to one client: as the feedback of a goal, or on a topic of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from rwt_graph import ActionGoal, Durability, Node, QoS, Timer, TopicPublisher
+from rwt_nodes.tf.selection import Selection
+from rwt_nodes.tf.source import TransformSource
+from rwt_tf2 import StampedTransform, Transform, write_transform
+
+UNHEARD: Final = 10.0
+"""Seconds that a goal runs on when nobody takes its feedback: its page was closed, or comes back."""
+
+DIGITS: Final = 6
+"""Decimals that are sent: a micrometre, a microradian. All of a float's would double the size in JSON."""
+
+
+def to_message(transforms: Iterable[StampedTransform]) -> dict[str, object]:
+    """The fields of the feedback and of `TFArray`."""
+    return {"transforms": [write_transform(_rounded(each)) for each in transforms]}
+
+
+def _rounded(stamped: StampedTransform) -> StampedTransform:
+    (x, y, z), (qx, qy, qz, qw) = stamped.transform.translation, stamped.transform.rotation
+    return StampedTransform(
+        stamped.parent,
+        stamped.child,
+        stamped.stamp_ns,
+        Transform(
+            (round(x, DIGITS), round(y, DIGITS), round(z, DIGITS)),
+            (round(qx, DIGITS), round(qy, DIGITS), round(qz, DIGITS), round(qw, DIGITS)),
+        ),
+    )
+
+
+class GoalStream:
+    """Feedback of one goal.
+
+    Attributes:
+        reason: why it was stopped; empty while it runs.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        source: TransformSource,
+        selection: Selection,
+        goal: ActionGoal,
+        end: Callable[[], None],
+    ) -> None:
+        self.reason = ""
+        self._clock = node.clock
+        self._source = source
+        self._selection = selection
+        self._goal = goal
+        self._end = end
+        self._heard_at = self._clock.monotonic()
+
+    def tick(self) -> None:
+        """Send what is due, if anything (TFR-06)."""
+        now = self._clock.monotonic()
+        if not self._goal.feedback_wanted:
+            self._selection.forget()
+            if now - self._heard_at >= UNHEARD:
+                self.stop(f"nobody took the feedback for {UNHEARD:g} s")
+            return
+        self._heard_at = now
+        due = self._selection.due(self._source.buffer, self._clock.time_ns())
+        if due:
+            self._goal.publish_feedback(to_message(due))
+
+    def stop(self, reason: str) -> None:
+        """End the goal as aborted."""
+        self.reason = reason
+        self._end()
+
+
+class TopicStream:
+    """A topic of one call of the service (TFR-09).
+
+    It goes when nobody has subscribed to it for `timeout` seconds. Nothing is sent before the first
+    subscriber comes, and each that comes gets everything.
+    """
+
+    QOS: Final = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)
+
+    def __init__(
+        self,
+        node: Node,
+        source: TransformSource,
+        selection: Selection,
+        publisher: TopicPublisher,
+        timeout: float,
+        ended: Callable[[], object],
+    ) -> None:
+        self._node = node
+        self._source = source
+        self._selection = selection
+        self._publisher = publisher
+        self._timeout = timeout
+        self._ended = ended
+        self._timer: Timer | None = None
+        self._subscribers = 0
+        self._subscribed_at = node.clock.monotonic()
+
+    def start(self, period: float) -> None:
+        """Begin."""
+        self._source.hold()
+        self._timer = self._node.create_timer(period, self._tick)
+
+    def _tick(self) -> None:
+        now = self._node.clock.monotonic()
+        subscribers = self._publisher.subscriber_count
+        if subscribers > self._subscribers:
+            self._selection.forget()
+        self._subscribers = subscribers
+        if subscribers:
+            self._subscribed_at = now
+            self._publish()
+        elif now - self._subscribed_at >= self._timeout:
+            self.stop("")
+
+    def _publish(self) -> None:
+        due = self._selection.due(self._source.buffer, self._node.clock.time_ns())
+        if due:
+            self._publisher.publish(to_message(due))
+
+    def stop(self, reason: str) -> None:
+        """Withdraw the topic; there is nobody to tell why."""
+        if self._timer is None:
+            return
+        self._timer.cancel()
+        self._timer = None
+        self._publisher.close()
+        self._source.release()
+        self._ended()

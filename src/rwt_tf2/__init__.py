@@ -1,0 +1,47 @@
+"""Transforms over time, as ROS's tf2 keeps them: a tree of frames, and where each is seen from another.
+
+No input or output, and nothing of messages or graphs but the shape of `geometry_msgs/TransformStamped`.
+Times are integers, nanoseconds; lengths are metres, angles radians, quaternions (x, y, z, w).
+
+>>> buffer = Buffer()
+>>> buffer.set_transform(StampedTransform("map", "base_link", 1_000_000_000, Transform((1.0, 2.0, 0.0))))
+>>> buffer.lookup_transform("map", "base_link").transform.apply((0.5, 0.0, 0.0))
+(1.5, 2.0, 0.0)
+"""
+
+from rwt_tf2.buffer import Buffer, Verdict
+from rwt_tf2.errors import (
+    ConnectivityError,
+    ExtrapolationError,
+    InvalidTransform,
+    LookupFailed,
+    LoopRefused,
+    StaleTransform,
+    TransformError,
+    UnknownFrame,
+)
+from rwt_tf2.feed import Feed
+from rwt_tf2.messages import TransformMessage, TransformsMessage, read_transform, stamp_ns, write_transform
+from rwt_tf2.transform import IDENTITY, StampedTransform, Transform
+
+__all__ = [
+    "Buffer",
+    "Verdict",
+    "Transform",
+    "StampedTransform",
+    "IDENTITY",
+    "Feed",
+    "TransformMessage",
+    "TransformsMessage",
+    "read_transform",
+    "write_transform",
+    "stamp_ns",
+    "TransformError",
+    "LookupFailed",
+    "UnknownFrame",
+    "ConnectivityError",
+    "ExtrapolationError",
+    "InvalidTransform",
+    "LoopRefused",
+    "StaleTransform",
+]

@@ -1,0 +1,14 @@
+"""Times for people."""
+
+from __future__ import annotations
+
+from typing import Final
+
+NANOSECONDS: Final = 1_000_000_000
+
+
+def seconds(time_ns: int) -> str:
+    """Nanoseconds as seconds, exact."""
+    sign = "-" if time_ns < 0 else ""
+    whole, rest = divmod(abs(time_ns), NANOSECONDS)
+    return f"{sign}{whole}.{rest:09d}"

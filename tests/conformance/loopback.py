@@ -1,0 +1,81 @@
+"""The server of :mod:`memory_server` behind real sockets and pipes of this process, on its simulated clock.
+
+Bytes need turns of the event loop and no time, so that time may pass as fast as it likes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Literal
+
+from conformance.dialing import dialer
+from conformance.wires import Dial, StreamWire, Wire
+from rwt_protocol.frames import Accept
+from rwt_transports.drivers.standard_streams import StandardStreamsDriver
+from rwt_transports.limits import Limits
+from rwt_transports.listener import listen
+
+Transport = Literal["ws", "tcp", "unix", "stdio"]
+
+_LIMITS = Limits(message_bytes=64 * 1024 * 1024)
+
+
+@asynccontextmanager
+async def served(accept: Accept, transport: Transport, folder: Path) -> AsyncIterator[tuple[str, Dial]]:
+    """Serve over one transport until the block is left; its URL, and what connects to it."""
+    if transport == "stdio":
+        pipes = Pipes(accept)
+        yield "stdio:", pipes.dial
+        await pipes.close()
+        return
+    url = f"unix://{folder}/rwt" if transport == "unix" else f"{transport}://127.0.0.1:0"
+    async with listen(url, accept, limits=_LIMITS) as listener:
+        yield listener.url, dialer(listener.url)
+
+
+class Pipes:
+    """Connections over pairs of pipes, each served as standard input and output are."""
+
+    def __init__(self, accept: Accept) -> None:
+        self._accept = accept
+        self._served: list[asyncio.Task[None]] = []
+
+    async def dial(self, tag: str) -> Wire:
+        """One more connection."""
+        to_server, to_client = os.pipe(), os.pipe()
+        ready = asyncio.Event()
+        self._served.append(asyncio.create_task(self._serve(to_server[0], to_client[1], ready)))
+        await ready.wait()
+        loop = asyncio.get_running_loop()
+        reader = asyncio.StreamReader()
+        protocol = asyncio.StreamReaderProtocol(reader)
+        await loop.connect_read_pipe(lambda: protocol, os.fdopen(to_client[0], "rb", 0))
+        flow = asyncio.StreamReaderProtocol(asyncio.StreamReader())
+        transport, _ = await loop.connect_write_pipe(lambda: flow, os.fdopen(to_server[1], "wb", 0))
+        return PipeWire(reader, asyncio.StreamWriter(transport, flow, None, loop))
+
+    async def close(self) -> None:
+        """Wait until every connection has ended, as it does when its client lets go of the pipes."""
+        await asyncio.gather(*self._served)
+
+    async def _serve(self, read_from: int, write_to: int, ready: asyncio.Event) -> None:
+        try:
+            driver = StandardStreamsDriver((read_from, write_to))
+            async with listen("stdio:", self._accept, limits=_LIMITS, driver=driver) as listener:
+                ready.set()
+                await listener.ended()
+        finally:
+            os.close(read_from)
+            os.close(write_to)
+
+
+class PipeWire(StreamWire):
+    """A message a line."""
+
+    async def send(self, data: str | bytes) -> None:
+        """Send one message and a line break."""
+        await super().send(data + "\n" if isinstance(data, str) else data)
