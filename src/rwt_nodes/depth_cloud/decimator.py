@@ -8,15 +8,21 @@ from typing import TYPE_CHECKING, Any, Final
 from rwt_graph import Graph, Node
 from rwt_graph.qos import SENSOR_DATA
 from rwt_nodes.depth_cloud.newest import Closable, NewestWork
+from rwt_nodes.depth_cloud.parameters import Number
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
 
 _CLOUD: Final = "sensor_msgs/PointCloud2"
 
+STRIDE: Final = Number("stride", 1, 10_000, "", "Every so many points are taken.", whole=True)
+VOXEL: Final = Number("voxel", 0.0, 1000.0, "m", "Edge of a cube of which one point is taken; 0 for none.")
+
 
 class CloudDecimator:
-    """Publishes fewer of the points of a `sensor_msgs/PointCloud2` topic.
+    """Publishes fewer of the points of a `sensor_msgs/PointCloud2` topic, while somebody listens.
+
+    Points keep their fields. `stride` and `voxel` are ROS parameters and can be changed while it works.
 
     Args:
         graph: where the topics are.
@@ -24,7 +30,11 @@ class CloudDecimator:
         topic: of the result; by default the source's name and `/decimated`.
         name: of the node.
         stride: every so many points are taken, of organised clouds every so many rows and columns.
-        voxel: edge of a cube in metres of which one point is taken; 0 for none. It comes after `stride`.
+        voxel: edge of a cube in metres of which one point is taken; 0 for none. It comes after `stride`, and
+            what it leaves is one row of points that all have a place.
+
+    Raises:
+        ParameterRejected: a number that the parameter of this name does not take.
     """
 
     def __init__(
@@ -37,20 +47,22 @@ class CloudDecimator:
         stride: int = 1,
         voxel: float = 0.0,
     ) -> None:
-        if stride < 1 or not 0 <= voxel < float("inf"):
-            raise ValueError(
-                f"expected a stride of 1 or more and a voxel of 0 m or more, got {stride} and {voxel}"
-            )
         self._node = Node(graph, name)
         self._source = source
-        self._stride = stride
-        self._voxel = voxel
+        STRIDE.declare(self._node, stride, self._set_stride)
+        VOXEL.declare(self._node, voxel, self._set_voxel)
         clouds = self._node.advertise(topic or f"{source}/decimated", _CLOUD, SENSOR_DATA)
         self._work: NewestWork[Payload] = NewestWork(self._node, clouds, self._thin, self._listen)
 
     def close(self) -> None:
         """Leave the graph."""
         self._node.close()
+
+    def _set_stride(self, points: float) -> None:
+        self._stride = int(points)
+
+    def _set_voxel(self, metres: float) -> None:
+        self._voxel = metres
 
     def _listen(self) -> tuple[Closable, ...]:
         subscription = self._node.subscribe(
@@ -67,4 +79,7 @@ class CloudDecimator:
 
         cloud: Any = payload.value()
         points = every(read_points(cloud), self._stride)
-        return cloud_of(one_per_voxel(points, self._voxel) if self._voxel else points, cloud)
+        voxel = self._voxel  # It may be changed meanwhile.
+        if not voxel:
+            return cloud_of(points, cloud)
+        return cloud_of(one_per_voxel(points, voxel), cloud, is_dense=True)

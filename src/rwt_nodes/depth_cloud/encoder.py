@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 from rwt_graph import Graph, Node, Sample
 from rwt_graph.qos import SENSOR_DATA
 from rwt_nodes.depth_cloud.newest import Closable, NewestWork
+from rwt_nodes.depth_cloud.parameters import Number
+from rwt_nodes.video.stamps import stamp_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,24 +20,39 @@ if TYPE_CHECKING:
 _NANOSECONDS: Final = 1_000_000_000
 _IMAGE: Final = "sensor_msgs/Image"
 
+CROP_SIZE: Final = Number(
+    "crop_size", 2, 4096, "", "Edge of the square taken out of both images, pixels.", whole=True
+)
+TARGET_RESOLUTION: Final = Number(
+    "target_resolution", 2, 2048, "", "Edge of a tile, pixels; the picture is twice as large.", whole=True
+)
+MAX_DEPTH_PER_TILE: Final = Number(
+    "max_depth_per_tile", 0.01, 1000.0, "m", "Depth that one of the two depth tiles spans."
+)
+
 
 class DepthCloudEncoder:
     """Publishes depth and colour as one picture, while somebody listens.
 
     A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie
     on the same pixels (registered), and the middle of both is taken. :mod:`rwt_nodes.depth_cloud.picture` says
-    what the picture looks like.
+    what the picture looks like. Node, topic and parameters are named as those of the `depthcloud_encoder` of
+    ROS 1; `crop_size`, `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed
+    while it works.
 
     Args:
         graph: where the topics are.
         depth: topic of `sensor_msgs/Image`, 16UC1 (millimetres) or 32FC1 (metres).
         colour: topic of `sensor_msgs/Image`.
-        topic: of the result.
+        topic: of the result, `sensor_msgs/Image` of rgb8.
         name: of the node.
-        crop_size: edge of the square that is taken out of both, pixels.
-        target_resolution: edge of a tile; the picture is twice as large.
+        crop_size: edge of the square that is taken out of both, pixels; black where it reaches beyond.
+        target_resolution: edge of a tile, pixels; the picture is twice as large.
         max_depth_per_tile: metres that one of the two depth tiles spans.
         slop: seconds.
+
+    Raises:
+        ParameterRejected: a number that the parameter of this name does not take.
     """
 
     def __init__(
@@ -53,9 +70,9 @@ class DepthCloudEncoder:
     ) -> None:
         self._node = Node(graph, name)
         self._topics = (depth, colour)
-        self._crop = crop_size
-        self._size = target_resolution
-        self._depth_per_tile = max_depth_per_tile
+        CROP_SIZE.declare(self._node, crop_size, self._set_crop)
+        TARGET_RESOLUTION.declare(self._node, target_resolution, self._set_size)
+        MAX_DEPTH_PER_TILE.declare(self._node, max_depth_per_tile, self._set_depth_per_tile)
         self._slop_ns = round(slop * _NANOSECONDS)
         self._latest: dict[str, tuple[int, Payload]] = {}
         pictures = self._node.advertise(topic, _IMAGE, SENSOR_DATA)
@@ -66,6 +83,15 @@ class DepthCloudEncoder:
     def close(self) -> None:
         """Leave the graph."""
         self._node.close()
+
+    def _set_crop(self, pixels: float) -> None:
+        self._crop = int(pixels)
+
+    def _set_size(self, pixels: float) -> None:
+        self._size = int(pixels)
+
+    def _set_depth_per_tile(self, metres: float) -> None:
+        self._depth_per_tile = metres
 
     def _listen(self) -> tuple[Closable, ...]:
         self._latest.clear()
@@ -90,10 +116,11 @@ class DepthCloudEncoder:
         from rwt_nodes.depth_cloud.picture import encode_picture
 
         depth: Any = pair[0].value()
-        depths = square(read_depths(depth), self._crop, self._size)
-        colours = square(_colours(pair[1].value()), self._crop, self._size)
+        crop, size = self._crop, self._size  # They may be changed meanwhile.
+        depths = square(read_depths(depth), crop, size)
+        colours = square(_colours(pair[1].value()), crop, size)
         picture = encode_picture(depths, colours, self._depth_per_tile)
-        edge = 2 * self._size
+        edge = 2 * size
         return {
             "header": depth.header,
             "height": edge,
@@ -103,15 +130,6 @@ class DepthCloudEncoder:
             "step": 3 * edge,
             "data": picture.tobytes(),
         }
-
-
-def stamp_ns(payload: Payload) -> int:
-    """The time in the message's header, nanoseconds, however the distribution spells it."""
-    message: Any = payload.value()
-    stamp = message.header.stamp
-    if hasattr(stamp, "sec"):
-        return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
-    return int(stamp.secs) * _NANOSECONDS + int(stamp.nsecs)
 
 
 def _colours(message: Any) -> NDArray[Any]:

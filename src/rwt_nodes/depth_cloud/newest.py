@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final, Generic, Protocol, TypeVar
@@ -12,8 +11,6 @@ import anyio.to_thread
 from rwt_graph import Node, TopicPublisher
 from rwt_nodes.depth_cloud.errors import DepthCloudError
 from rwt_nodes.video.errors import PictureUnreadable
-
-logger = logging.getLogger("rwt_nodes.depth_cloud")
 
 T = TypeVar("T")
 
@@ -62,7 +59,7 @@ class NewestWork(Generic[T]):
         self._next = item
         if not self._busy:
             self._busy = True
-            self._node.graph.spawn(self._run, f"{self._topic.topic}")
+            self._node.graph.spawn(self._run, f"work for {self._topic.topic}")
 
     async def _run(self) -> None:
         try:
@@ -84,8 +81,7 @@ class NewestWork(Generic[T]):
         now = self._node.clock.monotonic()
         if now - self._complained >= _COMPLAIN_EVERY:
             self._complained = now
-            line = f"nothing on {self._topic.topic}: {text}"
-            self._node.log.warning(line)
+            self._node.log.warning(f"nothing on {self._topic.topic}: {text}")
 
     def _look(self) -> None:
         heard = self._topic.subscriber_count > 0

@@ -15,6 +15,9 @@ Records = NDArray[np.void]
 _DATATYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """numpy's types for the constants of `sensor_msgs/PointField`, without byte order."""
 
+_LONGEST_POINT: Final = 1 << 20
+"""Bytes; numpy's records end at 2 GB."""
+
 _AXES: Final = ("x", "y", "z")
 _REACH: Final = 1 << 20
 """Voxels from the origin along each axis, at most: three such numbers fit one integer of 64 bits."""
@@ -47,22 +50,11 @@ def read_points(cloud: Cloud) -> Records:
     """The points as records with the cloud's fields, rows x columns; a view of the message's bytes.
 
     Raises:
-        CloudUnreadable: the fields do not fit the step, or there are too few bytes.
+        CloudUnreadable: the fields do not fit the step or have no names of their own, or there are too few
+            bytes.
     """
-    order = ">" if cloud.is_bigendian else "<"
     step, columns, rows = cloud.point_step, cloud.width, cloud.height
-    names, formats, offsets = [], [], []
-    for field in cloud.fields:
-        kind = _DATATYPES.get(field.datatype)
-        if kind is None:
-            raise CloudUnreadable(f"field {field.name}: datatype {field.datatype} is none of 1 to 8")
-        count = max(1, field.count)
-        end = field.offset + np.dtype(kind).itemsize * count
-        if end > step:
-            raise CloudUnreadable(f"field {field.name} ends at byte {end} of points of {step} bytes")
-        names.append(field.name)
-        formats.append(order + kind if count == 1 else f"({count},){order}{kind}")
-        offsets.append(field.offset)
+    record = _record(cloud)
     row_step = cloud.row_step or step * columns
     needed = row_step * (rows - 1) + step * columns if rows and columns else 0
     if row_step < step * columns or len(cloud.data) < needed:
@@ -70,15 +62,31 @@ def read_points(cloud: Cloud) -> Records:
             f"{len(cloud.data)} bytes are no cloud of {columns}x{rows} points of {step} bytes, "
             f"{cloud.row_step} a row"
         )
-    try:
-        record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
-    except ValueError:
-        raise CloudUnreadable(
-            f"fields {', '.join(names)}: a name occurs twice, or a point has none"
-        ) from None
     if not needed:
-        return np.empty((rows, columns), record)
+        return np.empty((min(rows, 1), 0), record)
     return np.ndarray((rows, columns), record, cloud.data, strides=(row_step, step))
+
+
+def _record(cloud: Cloud) -> np.dtype[np.void]:
+    """The type of one point."""
+    order, step = ">" if cloud.is_bigendian else "<", cloud.point_step
+    if not 0 < step <= _LONGEST_POINT:
+        raise CloudUnreadable(f"points of {step} bytes; 1 to {_LONGEST_POINT} can be read")
+    formats: dict[str, str] = {}
+    for field in cloud.fields:
+        kind, count = _DATATYPES.get(field.datatype), max(1, field.count)
+        if kind is None:
+            raise CloudUnreadable(f"field {field.name}: datatype {field.datatype} is none of 1 to 8")
+        end = field.offset + np.dtype(kind).itemsize * count
+        if end > step:
+            raise CloudUnreadable(f"field {field.name} ends at byte {end} of points of {step} bytes")
+        if not field.name or field.name in formats:
+            raise CloudUnreadable(f'a field is called "{field.name}": names are not empty, and occur once')
+        formats[field.name] = order + kind if count == 1 else f"({count},){order}{kind}"
+    offsets = [field.offset for field in cloud.fields]
+    return np.dtype(
+        {"names": list(formats), "formats": list(formats.values()), "offsets": offsets, "itemsize": step}
+    )
 
 
 def every(points: Records, stride: int) -> Records:
@@ -87,7 +95,8 @@ def every(points: Records, stride: int) -> Records:
 
 
 def one_per_voxel(points: Records, size: float) -> Records:
-    """The first point of each cube of `size`; points without a place (NaN, infinity) are left out.
+    """The first point of each cube of `size`; points without a place (NaN, infinity) are left out, and so are
+    those more than a million cubes away.
 
     Args:
         points: with fields x, y and z, metres.
@@ -97,25 +106,37 @@ def one_per_voxel(points: Records, size: float) -> Records:
         The points that stay, in their order, as one row.
 
     Raises:
-        CloudUnreadable: a field is missing.
+        CloudUnreadable: a field is missing, or an array.
     """
-    missing = [axis for axis in _AXES if axis not in (points.dtype.names or ())]
-    if missing:
-        raise CloudUnreadable(f"the points have no field {missing[0]}")
-    flat = points.reshape(-1)
-    places = np.stack([flat[axis].astype(np.float64) for axis in _AXES])
-    finite = np.isfinite(places).all(axis=0)
-    cells = np.floor(places[:, finite] / size)
-    inside = (np.abs(cells) < _REACH).all(axis=0)
+    for axis in _AXES:
+        if axis not in (points.dtype.names or ()) or points.dtype[axis].shape:
+            raise CloudUnreadable(f"the points have no field {axis} of one number")
+    flat = _as_bytes(points).reshape(-1)
+    fields = flat.view(points.dtype)
+    places = np.stack([fields[axis].astype(np.float64) for axis in _AXES])
+    with np.errstate(over="ignore", invalid="ignore"):
+        cells = np.floor(places / size)
+        inside = (np.abs(cells) < _REACH).all(axis=0)  # False of NaN and infinity, too
     numbers = cells[:, inside].astype(np.int64) + _REACH
     keys = (numbers[0] << 42) | (numbers[1] << 21) | numbers[2]
     _, first = np.unique(keys, return_index=True)
-    kept = np.flatnonzero(finite)[inside][np.sort(first)]
-    return flat[kept].reshape(1, -1)
+    kept = np.flatnonzero(inside)[np.sort(first)]
+    return flat[kept].reshape(1, -1).view(points.dtype)
 
 
-def cloud_of(points: Records, like: Cloud) -> Mapping[str, object]:
-    """A message of these points, with the header, fields and byte order of another."""
+def _as_bytes(points: Records) -> Records:
+    """The same points as bytes: numpy copies these whole, and of records it may leave out what is between."""
+    return points.view(np.dtype((np.void, points.dtype.itemsize)))
+
+
+def cloud_of(points: Records, like: Cloud, *, is_dense: bool | None = None) -> Mapping[str, object]:
+    """A message of these points, with the header, fields and byte order of another.
+
+    Args:
+        points: rows x columns, of the other's fields.
+        like: the other.
+        is_dense: whether all points have a place; None for what the other says.
+    """
     rows, columns = points.shape
     step = like.point_step
     return {
@@ -126,6 +147,6 @@ def cloud_of(points: Records, like: Cloud) -> Mapping[str, object]:
         "is_bigendian": like.is_bigendian,
         "point_step": step,
         "row_step": step * columns,
-        "data": np.ascontiguousarray(points).tobytes(),
-        "is_dense": like.is_dense,
+        "data": _as_bytes(points).tobytes(),
+        "is_dense": like.is_dense if is_dense is None else is_dense,
     }
