@@ -35,8 +35,8 @@ class DepthCloudEncoder:
     """Publishes depth and colour as one picture, while somebody listens.
 
     A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie
-    on the same pixels (registered), and the middle of both is taken. :mod:`rwt_nodes.depth_cloud.picture` says
-    what the picture looks like. Node, topic and parameters are named as those of the `depthcloud_encoder` of
+    on the same pixels (registered), and the middle of both is taken. What the picture looks like says
+    :mod:`rwt_nodes.depth_cloud.picture`. Node, topic and parameters are named as those of the `depthcloud_encoder` of
     ROS 1; `crop_size`, `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed
     while it works.
 

@@ -81,7 +81,8 @@ class NewestWork(Generic[T]):
         now = self._node.clock.monotonic()
         if now - self._complained >= _COMPLAIN_EVERY:
             self._complained = now
-            self._node.log.warning(f"nothing on {self._topic.topic}: {text}")
+            line = f"nothing on {self._topic.topic}: {text}"
+            self._node.log.warning(line)
 
     def _look(self) -> None:
         heard = self._topic.subscriber_count > 0

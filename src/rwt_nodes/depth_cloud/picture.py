@@ -8,8 +8,8 @@ The picture is 2N x 2N pixels::
 
 Depths are counted in tiles of `depth_per_tile` metres: what lies within the first is in the near tile, the
 rest, up to the second, in the far one. A tile spreads its part over 0 … 765, the sum of red, green and blue,
-which is all that a reader looks at. `ROS3D.DepthCloud` adds them in its vertex shader, takes the far tile where
-the near one is above 0.99, and leaves out what is white in the validity mask.
+which is all that a reader looks at. `ROS3D.DepthCloud` adds them in its vertex shader, takes the far tile
+where the near one is above 0.99, and leaves out what is white in the validity mask.
 
 Other encoders fill blue, then green, then red. That is a rainbow along each slope, and films have half the
 resolution for colour. Here the three share the sum as evenly as it goes: the tile is grey, a reader reads the
