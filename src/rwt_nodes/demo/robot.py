@@ -6,6 +6,8 @@ from typing import Protocol
 
 from rwt_graph import Graph, Node, ServiceFailed
 from rwt_nodes.demo import messages
+from rwt_nodes.demo.arm import Arm
+from rwt_nodes.demo.arm_controller import ArmController
 from rwt_nodes.demo.battery import Battery
 from rwt_nodes.demo.cameras import CameraPublisher
 from rwt_nodes.demo.diagnostics import Diagnostics
@@ -20,6 +22,7 @@ from rwt_nodes.demo.state import StatePublisher
 from rwt_nodes.demo.teleop import Teleop
 from rwt_nodes.demo.urdf import camera_mount, urdf
 from rwt_nodes.demo.world import World, draw_map, house
+from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 
 #: Seconds from one control step to the next.
 CONTROL_PERIOD = 0.05
@@ -41,10 +44,12 @@ class _Switch(Protocol):
 class DemoRobot:
     """A differential-drive robot in a walled world, simulated.
 
-    It drives by `/cmd_vel` and `/navigate_to_pose`, publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`,
-    `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`, `/diagnostics`, `/robot_description`,
-    `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`. Its parameters are in
-    :data:`rwt_nodes.demo.parameters.TUNABLES`.
+    It drives by `/cmd_vel` and `/navigate_to_pose`, moves its arm by
+    `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`, `/tf`,
+    `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`, `/diagnostics`,
+    `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`.
+    Its parameters are in :data:`rwt_nodes.demo.parameters.TUNABLES`. Two nodes beside it make
+    `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.
 
     Args:
         graph: where it lives; all its timing is the graph's clock.
@@ -63,9 +68,14 @@ class DemoRobot:
         self._navigation = Navigation(
             self._node, self._drive, Planner(self._world, chassis.radius), self._world.start
         )
-        self._state = StatePublisher(self._node, self._drive, chassis, self._world.start)
+        self._arm = Arm()
+        self._arm_controller = ArmController(self._node, self._arm)
+        self._state = StatePublisher(self._node, self._drive, self._arm, chassis, self._world.start)
         self._scans = ScanPublisher(self._node, self._drive, self._lidar)
         self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis))
+        # The camera's picture is 480 rows high, and two tiles of 3 m reach through a room.
+        self._depth_cloud = DepthCloudEncoder(graph, crop_size=480, max_depth_per_tile=3.0)
+        self._thin_cloud = CloudDecimator(graph, "/camera/depth/points", stride=4, voxel=0.05)
         self._fibonacci = Fibonacci(self._node)
         self._battery_states = BatteryPublisher(self._node, self._battery)
         self._diagnostics = Diagnostics(self._node, self._drive, self._battery, self._navigation)
@@ -80,7 +90,8 @@ class DemoRobot:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._node.close()
+        for node in (self._depth_cloud, self._thin_cloud, self._node):
+            node.close()
 
     def _start(self) -> None:
         """Start every timer at one moment: what is due together then wakes the program once."""
@@ -105,6 +116,7 @@ class DemoRobot:
             # A demo that ran overnight must still drive in the morning.
             self._battery.swap()
             self._node.log.warning("the battery was empty and has been swapped for a full one")
+        self._arm_controller.step()
         self._state.publish()
         self._cameras.look_for_listeners()
 
@@ -122,8 +134,10 @@ class DemoRobot:
         self._node.advertise_service("/enable_motors", "std_srvs/SetBool", self._enable_motors)
 
     def _reset(self, request: object) -> messages.Message:
-        """Back to the start with a fresh battery; the motors stay as they are."""
+        """Back to the start with a fresh battery and the arm at rest; the motors stay as they are."""
         self._navigation.abort("the robot was reset")
+        self._arm_controller.abort("the robot was reset")
+        self._arm.reset()
         self._teleop.forget()
         self._drive.reset()
         self._battery.swap()

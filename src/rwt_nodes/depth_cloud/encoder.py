@@ -1,4 +1,4 @@
-"""The depth-cloud encoder: two image topics become one, which is streamed to `ROS3D.DepthCloud` as a video."""
+"""The depth-cloud encoder: two image topics become one, which `ROS3D.DepthCloud` takes as a video."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ class DepthCloudEncoder:
 
     A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie
     on the same pixels (registered), and the middle of both is taken. What the picture looks like says
-    :mod:`rwt_nodes.depth_cloud.picture`. Node, topic and parameters are named as those of the `depthcloud_encoder` of
-    ROS 1; `crop_size`, `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed
-    while it works.
+    :mod:`rwt_nodes.depth_cloud.picture`.
+
+    Node, topic and parameters have the names of ROS 1's `depthcloud_encoder`; `crop_size`,
+    `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed while it works.
 
     Args:
         graph: where the topics are.
