@@ -45,11 +45,11 @@ class DemoRobot:
     """A differential-drive robot in a walled world, simulated.
 
     It drives by `/cmd_vel` and `/navigate_to_pose`, moves its arm by
-    `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`, `/tf`,
-    `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`, `/diagnostics`,
-    `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`.
-    Its parameters are in :data:`rwt_nodes.demo.parameters.TUNABLES`. Two nodes beside it make
-    `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.
+    `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`,
+    `/tf`, `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`,
+    `/diagnostics`, `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors`
+    and `/fibonacci`. Its parameters are in :data:`rwt_nodes.demo.parameters.TUNABLES`. Two nodes beside it
+    make `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.
 
     Args:
         graph: where it lives; all its timing is the graph's clock.
