@@ -16,7 +16,10 @@ PACKAGES = {
     "rwt_bridge": {"rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_nodes": {"rwt_bridge", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_client": {"rwt_bridge", "rwt_graph", "rwt_nodes", "rwt_cli"},
-    "rwt_cli": set(),
+    "rwt_testing": {"rwt_client", "rwt_nodes", "rwt_cli", "pytest", "numpy", "PIL"},
+    "rwt_cli": {"rwt_testing", "rwt_pytest"},
+    # pytest imports it in every run, of everybody's tests.
+    "rwt_pytest": {"rwt_testing", "rwt_cli", "rwt_graph", "rwt_interfaces", "anyio", "numpy", "pydantic"},
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -66,6 +66,7 @@ async def serve(
     pages: Mapping[str, Page] = MappingProxyType({}),
     sections: Sequence[Section] = (),
     figures: Sequence[Figures] = (),
+    around: Callable[[Accept], Accept] | None = None,
 ) -> AsyncIterator[Server]:
     """Serve `graph` on every URL until the block is left; then each client is closed with code 1001.
 
@@ -79,6 +80,8 @@ async def serve(
             name.
         sections: further sections of the index page.
         figures: further metrics.
+        around: puts something between the transports and the bridge, for example to inject faults: it is
+            given the accept function of each listener and returns the one to use.
 
     Raises:
         TransportError: a URL that cannot be used, or a port that is taken.
@@ -96,7 +99,7 @@ async def serve(
             await stack.enter_async_context(
                 listen(
                     url,
-                    _accept_at(url, bridge),
+                    _accept_at(url, bridge, around),
                     routes=routes(bridge, pages, sections, figures, loopback=is_loopback_listener(url)),
                     limits=limits,
                     tls=tls,
@@ -106,15 +109,18 @@ async def serve(
             for url in urls or settings.listen
         ]
         for url in settings.dial.urls:
-            dialing = dial(url, _accept_at(url, bridge), token=dial_token, limits=limits, tls=dial_tls)
+            dialing = dial(
+                url, _accept_at(url, bridge, around), token=dial_token, limits=limits, tls=dial_tls
+            )
             bridge.dials.append(await stack.enter_async_context(dialing))
         urls_in_use = tuple(listener.url for listener in listeners)
         yield Server(urls_in_use, bridge, tuple(bridge.dials), tuple(listeners))
 
 
-def _accept_at(url: str, bridge: Bridge) -> Accept:
+def _accept_at(url: str, bridge: Bridge, around: Callable[[Accept], Accept] | None) -> Accept:
     """How clients of one listener are taken in."""
-    return partial(bridge.accept, loopback=is_loopback_listener(url))
+    accept = partial(bridge.accept, loopback=is_loopback_listener(url))
+    return accept if around is None else around(accept)
 
 
 def _transport_limits(settings: Settings) -> Limits:

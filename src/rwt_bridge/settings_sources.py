@@ -17,6 +17,9 @@ ENVIRONMENT_PREFIX: Final = "RWT_"
 FILE_VARIABLE: Final = "RWT_CONFIG"
 """The variable that names the file when the command line does not."""
 
+CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
+"""What the commands that talk to a robot read; no settings of a server."""
+
 DEFAULT: Final = "default"
 
 
@@ -135,7 +138,7 @@ def _leaves(above: Key, values: Mapping[str, object], source: str) -> Iterator[G
 
 def _in_environment(variables: Mapping[str, str]) -> Iterator[Given]:
     for name in sorted(variables):
-        if name.startswith(ENVIRONMENT_PREFIX) and name != FILE_VARIABLE:
+        if name.startswith(ENVIRONMENT_PREFIX) and name not in (FILE_VARIABLE, *CLIENT_VARIABLES):
             key = tuple(part.lower() for part in name.removeprefix(ENVIRONMENT_PREFIX).split("__"))
             yield _from_text(key, variables[name], name)
 

@@ -1,33 +1,105 @@
-"""The command `rwt`."""
+"""The command `rwt`.
+
+Nothing of a command is imported before it is the one that was typed: `rwt --help` and completion are typed
+all day.
+"""
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
 
-from rwt_cli.config import add_config_command
-from rwt_cli.conformance import add_conformance_command
-from rwt_cli.errors import CommandError
-from rwt_cli.hub import add_hub_command
-from rwt_cli.serve import add_serve_command
+from rwt_cli.errors import INTERRUPTED, PIPE_CLOSED, CommandError
+from rwt_cli.output import OutputClosed, printable
+from rwt_cli.parser import Parser
 
-__all__ = ["main"]
+__all__ = ["COMMANDS", "Command", "main", "parser_for"]
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One command: the function ``add_NAME_command`` of the module ``rwt_cli.NAME`` adds it.
+
+    Attributes:
+        name: as it is typed.
+        help: what it is about, in one line.
+    """
+
+    name: str
+    help: str
+
+    def add_to(self, commands: argparse._SubParsersAction[Parser]) -> None:
+        """Import it and add its parser."""
+        getattr(importlib.import_module(f"rwt_cli.{self.name}"), f"add_{self.name}_command")(commands)
+
+
+COMMANDS: Final = (
+    Command("serve", "serve a robot to rosbridge clients"),
+    Command("hub", "let robots behind a NAT dial in, and clients reach them"),
+    Command("topic", "topics: list, echo, pub, hz and more"),
+    Command("service", "services: list, type, call, find"),
+    Command("action", "actions: list, info, type, send_goal"),
+    Command("param", "parameters: list, get, set, delete, dump, load"),
+    Command("node", "nodes: list, info"),
+    Command("tf", "frames: echo, tree"),
+    Command(
+        "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
+    ),
+    Command("record", "write what a robot publishes to an MCAP file"),
+    Command("play", "serve a recording as a robot"),
+    Command("recording", "recordings: info, recover"),
+    Command("doctor", "find out what is wrong with a connection"),
+    Command("conformance", "grade a rosbridge server or client, this one or any other"),
+    Command("config", "look at the settings"),
+    Command("completion", "make a shell complete what you type"),
+)
+
+_EXAMPLES: Final = """\
+examples:
+  rwt serve --demo                                  a simulated robot on ws://127.0.0.1:9090
+  rwt topic list                                    what it has to say
+  RWT_URL=ws://robot:9090 rwt topic echo /odom      another robot
+
+exit codes: 0 done, 1 it failed, 2 it was called wrongly, 3 there is no connection, 4 nothing came in time,
+130 ended by Ctrl-C"""
+
+
+def parser_for(wanted: str | None) -> Parser:
+    """The parser of the command line, with all of the command `wanted` and the names of the others.
+
+    Args:
+        wanted: the name of a command; None for none of them, ``*`` for all.
+    """
+    parser = Parser(
+        prog="rwt", description="Robot Web Tools without ROS: rosbridge v2 for any robot.", epilog=_EXAMPLES
+    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in COMMANDS:
+        if wanted in (command.name, "*"):
+            command.add_to(commands)
+        else:
+            commands.add_parser(command.name, help=command.help, add_help=False)
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code: 0 done, 1 it failed, 2 it was called wrongly."""
-    parser = argparse.ArgumentParser(
-        prog="rwt", description="Robot Web Tools without ROS: rosbridge v2 for any robot."
-    )
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    add_serve_command(commands)
-    add_hub_command(commands)
-    add_conformance_command(commands)
-    add_config_command(commands)
-    arguments = parser.parse_args(argv)
+    """Run the command line; returns the exit code, see :mod:`rwt_cli.errors`."""
+    words = sys.argv[1:] if argv is None else list(argv)
     try:
+        arguments = parser_for(words[0] if words else None).parse_args(words)
         return int(arguments.run(arguments))
     except CommandError as error:
-        print(f"rwt: {error}", file=sys.stderr)
+        # One line, whatever a robot's answer has in it.
+        print(f"rwt: {printable(' '.join(str(error).splitlines()))}", file=sys.stderr)
         return error.exit_code
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except (OutputClosed, BrokenPipeError):
+        # What is still buffered has no reader either, and must not complain at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return PIPE_CLOSED

@@ -32,7 +32,7 @@ _COMMENT_COLUMN = 44
 
 def add_config_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `config` to the command line."""
-    parser = commands.add_parser("config", help="look at the settings", description="Look at the settings.")
+    parser = commands.add_parser("config", description="Look at the settings.")
     actions = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     show = actions.add_parser(
         "show",

@@ -9,7 +9,6 @@ def add_conformance_command(commands: argparse._SubParsersAction[argparse.Argume
     """Add `conformance` to the command line; all its arguments are the suite's own."""
     parser = commands.add_parser(
         "conformance",
-        help="grade a rosbridge server or client, this one or any other",
         add_help=False,
         prefix_chars="\0",  # Nothing is an option here: the suite reads them.
     )

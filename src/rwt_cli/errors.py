@@ -1,15 +1,38 @@
-"""What ends a command with one line on stderr instead of a traceback."""
+"""What ends a command with one line on stderr instead of a traceback, and the exit codes."""
 
 from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Final
+
+FAILED: Final = 1
+"""It was asked for rightly and did not work, or the robot said no."""
+CALLED_WRONGLY: Final = 2
+"""An unknown option, a name or a message that cannot be read or does not fit its type."""
+CANNOT_CONNECT: Final = 3
+"""There is no connection to the robot, or it was lost."""
+TIMED_OUT: Final = 4
+"""Nothing came in time."""
+INTERRUPTED: Final = 130
+"""Ctrl-C ended what had not ended by itself, as shells count it: 128 + SIGINT."""
+PIPE_CLOSED: Final = 141
+"""Who read the output has gone, as shells count it: 128 + SIGPIPE."""
 
 
 class CommandError(Exception):
     """The command cannot go on; the text says what, where and what instead.
 
     Attributes:
-        exit_code: 1 for what failed, 2 for what was asked wrongly.
+        exit_code: one of the constants of this module.
     """
 
-    def __init__(self, text: str, exit_code: int = 1) -> None:
+    def __init__(self, text: str, exit_code: int = FAILED) -> None:
         super().__init__(text)
         self.exit_code = exit_code
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """``; did you mean X?`` with the nearest of the known words; empty if none is near."""
+    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f"; did you mean {near[0]}?" if near else ""

@@ -37,7 +37,6 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
     """Add `hub` to the command line."""
     parser = commands.add_parser(
         "hub",
-        help="let robots behind a NAT dial in, and clients reach them",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -18,7 +18,7 @@ from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_cli.logs import FORMATS, log_to_stderr
 from rwt_cli.nodes import start_nodes
-from rwt_graph.memory import MemoryGraph
+from rwt_cli.script import stage
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
@@ -42,6 +42,7 @@ examples:
   rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
+  rwt serve --script robot.toml            a robot for tests, which answers what the file says
 """
 
 
@@ -49,7 +50,6 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     """Add `serve` to the command line."""
     parser = commands.add_parser(
         "serve",
-        help="serve a robot to rosbridge clients",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -68,6 +68,12 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         " several times; without a URL to listen on, nothing else is served",
     )
     parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
+    parser.add_argument(
+        "--script",
+        type=Path,
+        metavar="FILE",
+        help="add a robot that does what a .toml or .py file says, for tests of apps",
+    )
     parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
     parser.add_argument(
         "--interfaces",
@@ -75,6 +81,12 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         type=Path,
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE", help="write all topics, calls and goals to an MCAP file"
+    )
+    parser.add_argument(
+        "--introspection", action="store_true", help="publish calls and goals on topics, as ROS 2 can"
     )
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
@@ -91,7 +103,7 @@ def _run(arguments: argparse.Namespace) -> int:
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
     try:
         settings = _settings(arguments)
-        anyio.run(_serve, settings)
+        anyio.run(_serve, settings, arguments)
     except TransportError as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
@@ -132,21 +144,28 @@ def _registry(settings: Settings) -> Registry:
     return registry
 
 
-async def _serve(settings: Settings) -> None:
-    graph = MemoryGraph(registry=_registry(settings))
+async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
+    graph, start_script = stage(arguments.script, _registry(settings), settings)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
             shown = start_nodes(graph, settings, nodes)
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
-            async with serve(
+            if arguments.record is not None or arguments.introspection:
+                from rwt_cli.recorded_serving import record_graph  # Read only where something is recorded.
+
+                told = arguments.introspection
+                record_graph(graph, arguments.record, introspection=told, stack=nodes)
+            served = serve(
                 graph,
                 *settings.listen,
                 settings=settings,
                 pages=shown.pages,
                 sections=shown.sections,
                 figures=shown.figures,
-            ) as server:
+                around=start_script(nodes),
+            )
+            async with served as server:
                 _announce(server, demo=settings.demo)
                 await _signal_or_end(signals, server)
 

@@ -36,6 +36,7 @@ from rwt_client.events import ConnectionEvent, EventStream
 from rwt_client.offered_actions import OfferedAction, ReceivedGoal
 from rwt_client.params import Parameters
 from rwt_client.publishing import Publisher
+from rwt_client.raw import RawMessage, RawSubscription
 from rwt_client.robot import Robot
 from rwt_client.services import OfferedService
 from rwt_client.topics import Subscription
@@ -46,6 +47,8 @@ __all__ = [
     "connect",
     "Robot",
     "Subscription",
+    "RawSubscription",
+    "RawMessage",
     "Publisher",
     "OfferedService",
     "Goal",

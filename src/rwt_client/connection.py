@@ -21,7 +21,7 @@ from rwt_protocol.errors import Level
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.frames import Accept
 from rwt_protocol.session import WireLimits
-from rwt_transports.background import background_tasks
+from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.connect import ConnectOptions, carries_binary
 from rwt_transports.connect import connect as connect_transport
 from rwt_transports.errors import BadUrl, TransportError
@@ -101,7 +101,9 @@ async def connect(
     name = target if isinstance(target, str) else "memory"
     async with background_tasks() as tasks:
         binary = not isinstance(target, str) or carries_binary(target)
-        robot = Robot(name, line, tasks, keeper.drain, timeout=timeout, arrays=arrays, binary=binary)
+        starter = TaskStarter()
+        tasks.start_soon(starter.run, tasks)
+        robot = Robot(name, line, starter, keeper.drain, timeout=timeout, arrays=arrays, binary=binary)
         try:
             await _begin(keeper, tasks)
             await robot.identify(ros_version, fetch_types)

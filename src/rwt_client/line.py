@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, Literal, Protocol
 import anyio
 import msgspec
 
-from rwt_client.cbor import Unreadable, read_cbor
+from rwt_client.cbor import Unreadable, read_cbor, read_raw
 from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.reading import Arrived
@@ -91,11 +91,12 @@ class Line:
     Attributes:
         events: what happens to the connection.
         dispatcher: what to do with everything but published messages.
+        raw_topics: how many topics are subscribed to in `cbor-raw`.
     """
 
     __slots__ = (
         "_closed", "_count", "_destinations", "_ended", "_level", "_limits", "_parts", "_session", "_sink",
-        "_ups", "dispatcher", "events",
+        "_ups", "dispatcher", "events", "raw_topics",
     )  # fmt: skip
 
     def __init__(self, level: Level | None, limits: WireLimits) -> None:
@@ -112,6 +113,7 @@ class Line:
         # By the bytes of the topic's name, as frames have them.
         self._destinations: dict[bytes, Destination] = {}
         self.dispatcher: Dispatcher[None] | None = None
+        self.raw_topics = 0
 
     # -- for the parts -------------------------------------------------------------------------------------
 
@@ -243,8 +245,11 @@ class Line:
                 if destination is not None:
                     destination.deliver((data[head.end() : -1], data), size)
                     return
-        if binary and data[:1] and data[0] in _MAPS and self._receive_cbor(data):
-            return
+        if binary and data[:1] and data[0] in _MAPS:
+            if self.raw_topics and self._receive_raw(data):
+                return
+            if self._receive_cbor(data):
+                return
         if size <= LARGE and self._receive_small(data):
             return
         for op in self._session.decode(data, binary, time.monotonic()):
@@ -262,6 +267,15 @@ class Line:
         destination = self._destinations.get(found.topic.encode())
         if destination is not None:
             destination.deliver(RawJson(bytes(found.msg)), len(data))
+        return True
+
+    def _receive_raw(self, data: bytes) -> bool:
+        """Take a serialised message in CBOR; False if it is anything else."""
+        found = read_raw(data)
+        destination = None if found is None else self._destinations.get(found[0])
+        if found is None or destination is None:
+            return False
+        destination.deliver(found[1], len(data))
         return True
 
     def _receive_cbor(self, data: bytes) -> bool:

@@ -31,10 +31,9 @@ from rwt_protocol.ops import (
 from rwt_protocol.rawjson import RawJson
 
 if TYPE_CHECKING:
-    from anyio.abc import TaskGroup
-
     from rwt_client.line import Line
     from rwt_interfaces.structs import ActionType
+    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
@@ -84,7 +83,7 @@ class OfferedAction:
         action_type: ActionType,
         wire_type: str,
         execute: Execute,
-        tasks: TaskGroup,
+        tasks: TaskStarter,
     ) -> None:
         self.name = name
         self.type = action_type

@@ -19,6 +19,7 @@ from rwt_client.offered_actions import Execute, OfferedAction, OfferedActions
 from rwt_client.params import Parameters
 from rwt_client.publishing import AdvertiseOptions, MessageLike, Publisher, payload_of
 from rwt_client.qos import qos_of
+from rwt_client.raw import RawCallback, RawSubscription
 from rwt_client.reading import Message
 from rwt_client.services import Calls, OfferedService, OfferedServices, ServiceHandler
 from rwt_client.topics import Callback, Compression, Hub, SubscribeOptions, Subscription
@@ -43,7 +44,7 @@ from rwt_protocol.ops import (
 from rwt_protocol.rawjson import RawJson
 
 if TYPE_CHECKING:
-    from anyio.abc import TaskGroup
+    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
@@ -89,7 +90,7 @@ class Robot:
         self,
         url: str,
         line: Line,
-        tasks: TaskGroup,
+        tasks: TaskStarter,
         drained: Callable[[], Awaitable[None]],
         *,
         timeout: float | None,
@@ -169,6 +170,21 @@ class Robot:
             TypeUnavailable: the topic's type is not known.
         """
         return await Subscription(self._hub, name, type_name, self._options(options), callback).start()
+
+    async def subscribe_raw(self, name: str, type_name: str | None, callback: RawCallback) -> RawSubscription:
+        """Call `callback` with each message of a topic as the robot serialises it, and with its stamp.
+
+        For programs that keep or pass on messages: nothing is decoded. See
+        :class:`~rwt_client.raw.RawSubscription`.
+
+        Raises:
+            TypeUnavailable: the topic's type is not known.
+        """
+        message_type = await self.types.message(type_name or await self.types.of_topic(name))
+        binary = self._hub.cbor_offered
+        subscription = RawSubscription(self._line, self.types, name, message_type, callback, binary=binary)
+        subscription.start()
+        return subscription
 
     async def once(
         self,

@@ -19,10 +19,9 @@ from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, Una
 from rwt_protocol.rawjson import RawJson
 
 if TYPE_CHECKING:
-    from anyio.abc import TaskGroup
-
     from rwt_client.line import Line
     from rwt_interfaces.structs import ServiceType
+    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
@@ -129,7 +128,7 @@ class OfferedService:
         service_type: ServiceType,
         wire_type: str,
         handler: ServiceHandler,
-        tasks: TaskGroup,
+        tasks: TaskStarter,
     ) -> None:
         self.name = name
         self.type = service_type

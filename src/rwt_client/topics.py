@@ -24,11 +24,10 @@ from rwt_client.reading import Arrived, Message, MessageReader
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
-    from anyio.abc import TaskGroup
-
     from rwt_client.line import Line
     from rwt_client.types import LiveTypes
     from rwt_interfaces.structs import MessageType
+    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
@@ -83,7 +82,7 @@ class Hub:
 
     __slots__ = ("_topics", "cbor_offered", "line", "tasks", "types")
 
-    def __init__(self, line: Line, types: LiveTypes, tasks: TaskGroup, *, binary: bool) -> None:
+    def __init__(self, line: Line, types: LiveTypes, tasks: TaskStarter, *, binary: bool) -> None:
         self.line = line
         self.types = types
         self.tasks = tasks
@@ -123,6 +122,7 @@ class Subscription:
     Attributes:
         name: the topic.
         received: messages that have arrived.
+        received_bytes: their size as they came over the connection, in bytes.
         dropped: messages that were dropped because nobody took them in time.
         misfits: messages that did not fit the type; each is logged.
     """
@@ -137,6 +137,7 @@ class Subscription:
     ) -> None:
         self.name = name
         self.received = 0
+        self.received_bytes = 0
         self.dropped = 0
         self.misfits = 0
         self._hub = hub
@@ -234,6 +235,7 @@ class Subscription:
     def take(self, arrived: Arrived, size: int) -> None:
         """One message has arrived."""
         self.received += 1
+        self.received_bytes += size
         if self._direct:
             message = self._read(arrived)
             if message is not None:

@@ -53,7 +53,7 @@ class Transforms:
 
     def __init__(
         self, robot: Robot, background: Callable[[Callable[[], Any]], object], timeout: float | None
-    ):
+    ) -> None:
         self.buffer = Buffer()
         self._robot = robot
         self._background = background
@@ -72,8 +72,12 @@ class Transforms:
         if self._stop_listening is not None:
             return
         self._stop_listening = self._robot.on_event(self._on_event)
-        await self._subscribe("/tf_static", _MESSAGE, static=True)
-        await self._subscribe("/tf", _MESSAGE)
+        try:
+            await self._subscribe("/tf_static", _MESSAGE, static=True)
+            await self._subscribe("/tf", _MESSAGE)
+        except ClientError:
+            self.close()
+            raise
 
     async def start_compact(self, rate: float = 10.0, linear: float = 0.01, angular: float = 0.01) -> None:
         """Have the robot's tf2_web_republisher send what changes, in CBOR, instead of all of `/tf`.

@@ -83,9 +83,22 @@ class Tracked:
 
 
 class ActionlibServer:
-    """Serves one action of a node over topics."""
+    """Serves one action of a node over topics.
 
-    def __init__(self, node: Node, participant: Participant, action: str, interface: ActionType) -> None:
+    Args:
+        idle_status: whether the status goes out without any goal, too; on ROS 1 clients wait for it.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        participant: Participant,
+        action: str,
+        interface: ActionType,
+        *,
+        idle_status: bool = True,
+    ) -> None:
+        self._idle_status = idle_status
         self._action = action
         self._interface = interface
         self._participant = participant
@@ -190,6 +203,8 @@ class ActionlibServer:
         over = [t.id for t in self._goals.values() if t.ended is not None and t.forget_at <= now]
         for goal_id in over:
             del self._goals[goal_id]
+        if not self._status.subscriber_count or not (self._goals or self._idle_status):
+            return
         self._status.publish(
             {
                 "header": {"stamp": self._stamp(self._clock.time_ns())},

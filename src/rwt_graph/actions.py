@@ -26,7 +26,15 @@ from enum import Enum, auto
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from rwt_graph.api import ActionInfo, ClientGoal, GoalEvents, GoalStatus, Registration, ServerGoal
+from rwt_graph.api import (
+    ActionInfo,
+    CallObserver,
+    ClientGoal,
+    GoalEvents,
+    GoalStatus,
+    Registration,
+    ServerGoal,
+)
 from rwt_graph.errors import (
     CallFailed,
     GoalRejected,
@@ -284,6 +292,7 @@ class Actions:
 
     def __init__(self) -> None:
         self._servers: dict[str, MemoryActionServer] = {}
+        self.observer: CallObserver | None = None
 
     def advertise(
         self, name: str, interface: ActionType, owner: Owner, on_goal: OnGoal
@@ -315,6 +324,8 @@ class Actions:
             return _refused(goal_id, action, events, ProviderNotFound(f"Action {action} does not exist"))
         if goal_id in server.goals:
             return _refused(goal_id, action, events, GoalRejected(f"goal id {goal_id} is in use on {action}"))
+        if self.observer is not None:
+            events = self._observed(self.observer, server, goal_id, payload, events)
         goal = server.goals[goal_id] = MemoryGoal(server, goal_id, payload, events, client)
         client.add(goal, goal.client_closed)
         try:
@@ -324,6 +335,17 @@ class Actions:
             if goal.status is GoalStatus.UNKNOWN and goal_id in server.goals:
                 goal.reject("internal error")
         return MemoryClientGoal(goal_id, action, goal)
+
+    @staticmethod
+    def _observed(
+        observer: CallObserver, server: MemoryActionServer, goal_id: str, goal: Payload, events: GoalEvents
+    ) -> GoalEvents:
+        info = ActionInfo(server.name, server.type, server.node)
+        try:
+            return observer.on_goal(info, goal_id, goal, events)
+        except Exception:
+            logger.exception("a goal of %s could not be observed", server.name)
+            return events
 
     def cancel(self, action: str, goal_id: str) -> None:
         """Ask to cancel a goal by its id, whoever sent it."""

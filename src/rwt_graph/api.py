@@ -262,6 +262,18 @@ class ClientGoal(ABC):
         """Hear nothing more of the goal; it goes on running."""
 
 
+class CallObserver(ABC):
+    """Hears of every service call and goal in a graph; for introspection. What it raises is logged."""
+
+    @abstractmethod
+    def on_call(self, service: ServiceInfo, request: Payload, on_reply: OnReply) -> OnReply:
+        """A service is called; what is returned is told the answer for `on_reply`, and passes it on."""
+
+    @abstractmethod
+    def on_goal(self, action: ActionInfo, goal_id: str, goal: Payload, events: GoalEvents) -> GoalEvents:
+        """A goal is sent; what is returned hears of it instead of `events`, and passes everything on."""
+
+
 class Participant(ABC):
     """One node's face of the contract: what it creates belongs to it and goes with it.
 
@@ -448,6 +460,14 @@ class Graph(ABC):
     @abstractmethod
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Every node, sorted by name."""
+
+    def observe_calls(self, observer: CallObserver | None) -> bool:
+        """Let `observer` hear of every call and goal from now on, or nobody.
+
+        Returns:
+            Whether this backend can do that; one over a network does not see the calls of others.
+        """
+        return False
 
     @property
     @abstractmethod

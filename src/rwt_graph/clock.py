@@ -219,6 +219,11 @@ class SimulatedClock(Clock):
         self._steady_ns = max(self._steady_ns, target)
         self._announce()
 
+    def until_next(self) -> float | None:
+        """Seconds until the next timer is due; None when there is none."""
+        due = self._timers.next_due()
+        return None if due == math.inf else max(0.0, (due - self._steady_ns) / NANOSECONDS)
+
     def set_time(self, time_ns: int) -> None:
         """Set ROS time. Forwards is an :meth:`advance`; backwards leaves steady time and timers alone."""
         ahead = time_ns - self.time_ns()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Self
 from rwt_graph.actions import Actions
 from rwt_graph.api import (
     ActionInfo,
+    CallObserver,
     ClientGoal,
     GoalEvents,
     Graph,
@@ -196,6 +197,12 @@ class MemoryGraph(Graph):
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Every node, sorted by name."""
         return self._introspection.nodes()
+
+    def observe_calls(self, observer: CallObserver | None) -> bool:
+        """Let `observer` hear of every call and goal from now on, or nobody; gives True."""
+        self.service_table.observer = observer
+        self.action_table.observer = observer
+        return True
 
     @property
     def running(self) -> bool:

@@ -312,7 +312,8 @@ class Node:
     def serve_over_topics(self, action: str, type: str) -> Handle:
         """Offer an action of this node over the topics of ROS 1 besides (ALB-01), for clients of actionlib.
 
-        On ROS 1 :meth:`advertise_action` does so by itself.
+        On ROS 1 :meth:`advertise_action` does so by itself. There the status always goes out; here it does
+        while there are goals.
 
         Args:
             action: one that this node offers; when it is withdrawn, goals that come are left unanswered.
@@ -323,9 +324,12 @@ class Node:
             InvalidGraphName: not a name that ROS allows.
         """
         name, interface = self.resolve(action), self.registry.action(type)
-        return self._run(
-            lambda: Handle(self.graph, name, ActionlibServer(self, self._participant, name, interface))
-        )
+
+        def serve() -> Handle:
+            topics = ActionlibServer(self, self._participant, name, interface, idle_status=False)
+            return Handle(self.graph, name, topics)
+
+        return self._run(serve)
 
     async def send_goal(
         self,

@@ -10,7 +10,7 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rwt_graph.api import OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
+from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
 from rwt_graph.deadlines import Deadlines, Expiring
 from rwt_graph.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 from rwt_graph.ownership import Owner
@@ -131,6 +131,7 @@ class Services:
     def __init__(self, deadlines: Deadlines) -> None:
         self._deadlines = deadlines
         self._providers: dict[str, MemoryProvider] = {}
+        self.observer: CallObserver | None = None
 
     def advertise(self, name: str, interface: ServiceType, owner: Owner, on_call: OnCall) -> MemoryProvider:
         """Offer a service; a provider of the same name is replaced (SVP-07)."""
@@ -151,8 +152,10 @@ class Services:
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: Owner
     ) -> MemoryCall:
         """Call a service."""
-        call = MemoryCall(name, request, on_reply)
         provider = self._providers.get(name)
+        if self.observer is not None and provider is not None:
+            on_reply = self._observed(self.observer, provider.info, request, on_reply)
+        call = MemoryCall(name, request, on_reply)
         if provider is None:
             call.end_with(ProviderNotFound(f"Service {name} does not exist"))
             return call
@@ -167,6 +170,16 @@ class Services:
             else:
                 call.wait(provider, caller, None if timeout is None else self._deadlines.add(call, timeout))
         return call
+
+    @staticmethod
+    def _observed(
+        observer: CallObserver, service: ServiceInfo, request: Payload, on_reply: OnReply
+    ) -> OnReply:
+        try:
+            return observer.on_call(service, request, on_reply)
+        except Exception:
+            logger.exception("a call of %s could not be observed", service.name)
+            return on_reply
 
     def info(self, name: str) -> ServiceInfo | None:
         """A snapshot of one service."""

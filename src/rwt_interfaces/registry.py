@@ -215,11 +215,32 @@ class Registry:
             self._service_part(package, name)
             or self._action_part(package, name)
             or self._wrapper(package, name)
+            or self._introspected(package, name)
         )
 
     def _service_definition(self, package: str, name: str) -> ServiceDefinition | None:
         found = self._read("srv", package, name)
-        return found if isinstance(found, ServiceDefinition) else None
+        return found if isinstance(found, ServiceDefinition) else self._action_service(package, name)
+
+    def _action_service(self, package: str, name: str) -> ServiceDefinition | None:
+        """`X_SendGoal` or `X_GetResult`, which only ROS 2 has."""
+        for which in actionlib.ACTION_SERVICES if self.distro.ros_version == 2 else ():
+            if name.endswith(which):
+                action = self._action_definition(package, name.removesuffix(which))
+                return None if action is None else actionlib.action_service(action, which)
+        return None
+
+    def _introspected(self, package: str, name: str) -> MessageDefinition | None:
+        """`X_Event` of a service or `X_FeedbackMessage` of an action, which only ROS 2 has."""
+        if self.distro.ros_version != 2:
+            return None
+        if name.endswith(actionlib.FEEDBACK_MESSAGE):
+            action = self._action_definition(package, name.removesuffix(actionlib.FEEDBACK_MESSAGE))
+            return None if action is None else actionlib.feedback_message(action)
+        if name.endswith(actionlib.EVENT):
+            service = self._service_definition(package, name.removesuffix(actionlib.EVENT))
+            return None if service is None else actionlib.service_event(service)
+        return None
 
     def _action_definition(self, package: str, name: str) -> ActionDefinition | None:
         found = self._read("action", package, name)
@@ -323,20 +344,29 @@ class Registry:
         """
         definition = self.definition(name)
         package, short = definition.name.split("/")
-        kind: Kind = "msg"
-        if self._read("msg", package, short) is None:
-            if self._service_part(package, short) is not None:
-                kind = "srv"
-            elif self._action_part(package, short) is not None:
-                kind = "action"
-        return three_part(definition.name, kind)
+        return three_part(definition.name, self._kind_of(package, short))
+
+    def _kind_of(self, package: str, short: str) -> Kind:
+        """In which folder of its package the definition of a message is."""
+        if self._read("msg", package, short) is not None:
+            return "msg"
+        service = actionlib.split_part(short.removesuffix(actionlib.EVENT), actionlib.SERVICE_PARTS)
+        asked = service[0] if service else short.removesuffix(actionlib.EVENT)
+        if self._action_service(package, asked) is not None:
+            return "action"
+        if self._service_definition(package, asked) is not None:
+            return "srv"
+        made_by_rule = short.endswith(actionlib.FEEDBACK_MESSAGE)
+        return "action" if made_by_rule or self._action_part(package, short) is not None else "msg"
 
     def type_name(self, interface: MessageType | ServiceType | ActionType) -> str:
         """What this distribution calls a type: ``std_msgs/msg/String`` (ROS 2), ``std_msgs/String`` (1)."""
         if self.distro.ros_version == 1:
             return interface.name
         if isinstance(interface, ServiceType):
-            return three_part(interface.name, "srv")
+            package, short = interface.name.split("/")
+            made_by_rule = self._read("srv", package, short) is None
+            return three_part(interface.name, "action" if made_by_rule else "srv")
         if isinstance(interface, ActionType):
             return three_part(interface.name, "action")
         return self.full_name(interface.name)

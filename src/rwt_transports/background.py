@@ -2,11 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
+from typing import TypeVarTuple, Unpack
 
 import anyio
 from anyio.abc import TaskGroup
+
+Arguments = TypeVarTuple("Arguments")
+
+
+class TaskStarter:
+    """Starts tasks from wherever the event loop's own thread is.
+
+    A task group starts nothing from a callback of the event loop (a socket's, a timer's), since it asks which
+    loop it runs in and outside of a task nobody can say. So a task of its own does it: :meth:`run`.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[Callable[[TaskGroup], object]] = []
+        self._wake: anyio.Event | None = None
+
+    def start_soon(
+        self, function: Callable[[Unpack[Arguments]], Coroutine[object, object, None]], *arguments: *Arguments
+    ) -> None:
+        """Run a coroutine function as a task; before :meth:`run` runs it is kept until then."""
+        self._waiting.append(lambda group: group.start_soon(function, *arguments))
+        if self._wake is not None:
+            self._wake.set()
+
+    async def run(self, group: TaskGroup) -> None:
+        """Start in `group` what comes, until it is cancelled."""
+        while True:
+            waiting, self._waiting = self._waiting, []
+            for start in waiting:
+                start(group)
+            self._wake = anyio.Event()
+            if not self._waiting:
+                await self._wake.wait()
 
 
 @asynccontextmanager

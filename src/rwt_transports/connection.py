@@ -8,11 +8,11 @@ from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 
 import anyio
-from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
 
 from .api import Link, OversizeAware, ValveAware, Wire, WireEvents
+from .background import TaskStarter
 from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from .errors import Refused
 from .extensions import DeflateTerms
@@ -55,7 +55,7 @@ class Reception:
     single: bool = False
     idle_seconds: float = 0.0
     carries: int = 0
-    tasks: TaskGroup | None = None
+    tasks: TaskStarter | None = None
     ended: anyio.Event = field(default_factory=anyio.Event)
     spare: Spare = field(default_factory=Spare)
     connections: set[Connection] = field(default_factory=set)

@@ -14,6 +14,7 @@ import anyio.lowlevel
 from rwt_protocol.frames import Accept
 
 from .api import Driver
+from .background import TaskStarter
 from .close_codes import GOING_AWAY
 from .connection import Reception
 from .drivers.anyio_stream import AnyioDriver
@@ -97,7 +98,8 @@ async def listen(
         mover.serve(target.place, reception.attach) as port,
         anyio.create_task_group() as tasks,
     ):
-        reception.tasks = tasks
+        reception.tasks = TaskStarter()
+        tasks.start_soon(reception.tasks.run, tasks)
         tasks.start_soon(_tick, reception)
         try:
             yield OpenListener(target.with_port(port), reception)

@@ -202,25 +202,33 @@ def test_jitter_stays_within_its_part() -> None:
 
 
 async def _serve(
-    graph: MemoryGraph, url: str, *, task_status: TaskStatus[tuple[str, anyio.CancelScope]]
+    graph: MemoryGraph,
+    url: str,
+    ended: anyio.Event,
+    *,
+    task_status: TaskStatus[tuple[str, anyio.CancelScope]],
 ) -> None:
     with anyio.CancelScope() as scope:
         async with serve(graph, url) as server:
             task_status.started((server.urls[0], scope))
             await anyio.sleep_forever()
+    ended.set()
 
 
 async def test_a_server_that_is_started_again_is_found_again() -> None:
     heard: list[str] = []
     async with MemoryGraph() as graph, anyio.create_task_group() as tasks:
         talker = Node(graph, "talker").advertise("/chatter", "std_msgs/String")
-        url, first = await tasks.start(_serve, graph, "ws://127.0.0.1:0")
+        ended = anyio.Event()
+        url, first = await tasks.start(_serve, graph, "ws://127.0.0.1:0", ended)
         async with connect(url, reconnect=AT_ONCE, ros_version=2, fetch_types=False) as robot:
             await robot.subscribe("/chatter", "std_msgs/String", lambda message: heard.append(message.data))
             await until(lambda: talker.subscriber_count)
             first.cancel()
             await until(lambda: not robot.connected)
-            await tasks.start(_serve, graph, url)
+            # Clients hear of the end before the port is free.
+            await ended.wait()
+            await tasks.start(_serve, graph, url, anyio.Event())
             await until(lambda: talker.subscriber_count)
             talker.publish({"data": "after"})
             await until(lambda: heard)

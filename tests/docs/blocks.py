@@ -12,6 +12,7 @@ A comment stands right before its block and is a list of `key: value`, one a lin
 `run: wire`         lines `> {…}` are sent to the demo robot, lines `< {…}` must come back
 `run: page`         an HTML page, whose script runs against a server as `run: client` does
 `run: pytest`       a test module
+`run: vitest`       a test module of vitest, with the page's files beside it
 `file: NAME`        is written to the page's folder under that name, for the blocks that need it
 `prints: TEXT`      must be printed, in order; a program that runs for ever is then ended
 `call: S A -> V`    a call of service S with arguments A succeeds with at least the values V

@@ -99,7 +99,10 @@ def _command(block: Block, folder: Path, code: str) -> list[str]:
     file = folder / (block.value("file") or f"example.{suffix}")
     file.write_text(code, encoding="utf-8")
     if block.value("run") == "pytest":
-        return [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", file.name]
+        plugins = ["-p", "no:cacheprovider", "-p", "rwt_pytest", "-p", "anyio"]
+        return [sys.executable, "-m", "pytest", "-q", *plugins, file.name]
+    if block.value("run") == "vitest":
+        return ["node", str(_CLIENTS / "node_modules" / "vitest" / "vitest.mjs"), "run", file.name]
     if block.language == "toml":
         return [sys.executable, "-m", "rwt_cli", "serve", "--config", file.name]
     if block.language == "html":
@@ -130,11 +133,11 @@ def test_every_block_says_what_to_do_with_it() -> None:
 
 
 def test_only_known_ways_to_run() -> None:
-    known = {"program", "inside", "client", "server", "wire", "page", "pytest", ""}
+    known = {"program", "inside", "client", "server", "wire", "page", "pytest", "vitest", ""}
     assert {block.value("run") for block in ALL_BLOCKS} <= known
 
 
-@_blocks("program", "inside", "pytest")
+@_blocks("program", "inside", "pytest", "vitest")
 def test_program(block: Block, examples: Examples) -> None:
     port = free_port()
     with examples.start(block, examples.folder_of(block, port), port) as program:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import inspect
 import tomllib
+from collections.abc import Callable
+
+import pytest
 
 import rwt_graph
 from rwt_bridge import Settings
+from rwt_cli.play import add_play_command
+from rwt_cli.record import add_record_command
 from rwt_cli.serve import add_serve_command
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi
@@ -20,12 +26,22 @@ def _page(name: str) -> str:
     return (_REFERENCE / name).read_text(encoding="utf-8")
 
 
-def test_every_option_of_rwt_serve_is_listed() -> None:
+@pytest.mark.parametrize(
+    ("add", "name", "known"),
+    [
+        (add_serve_command, "serve", "--demo"),
+        (add_record_command, "record", "--split"),
+        (add_play_command, "play", "--loop"),
+    ],
+)
+def test_every_option_of_a_command_is_listed(
+    add: Callable[[argparse._SubParsersAction[argparse.ArgumentParser]], None], name: str, known: str
+) -> None:
     commands = argparse.ArgumentParser().add_subparsers()
-    add_serve_command(commands)
-    actions = commands.choices["serve"]._actions
+    add(commands)
+    actions = commands.choices[name]._actions
     options = [option for action in actions for option in action.option_strings]
-    assert "--demo" in options
+    assert known in options
     page = _page("command-line.md")
     assert [option for option in options if f"`{option}" not in page] == []
 
@@ -64,3 +80,12 @@ def test_every_service_of_rosapi_is_listed() -> None:
     assert len(own) > 20
     page = _page("protocol.md")
     assert [name for name in own if f"`{name}`" not in page] == []
+
+
+def test_the_page_of_the_verbs_is_what_the_parsers_say() -> None:
+    path = ROOT / "tools" / "generate_commands.py"
+    spec = importlib.util.spec_from_file_location("generate_commands", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert _page("commands.md") == module.page(), "run python tools/generate_commands.py"

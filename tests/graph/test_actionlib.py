@@ -125,8 +125,11 @@ async def test_an_action_of_ros_2_is_served_over_topics_too(graph: MemoryGraph, 
         server.advertise_action("/fib", "example_interfaces/Fibonacci", count)
         topics = server.serve_over_topics("/fib", ACTION)
         client = Client(graph)
+        await advance(2.0)
+        assert client.status == []
         client.send("one", order=2)
         await advance(0.1)
+        assert client.statuses() == {"one": ActionlibStatus.SUCCEEDED}
         assert client.results() == [("one", ActionlibStatus.SUCCEEDED, "", [0, 1])]
         assert [list(message.feedback.sequence) for message in client.feedback] == [[2]]
         topics.close()

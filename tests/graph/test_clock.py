@@ -178,3 +178,17 @@ async def test_sleeping_on_real_time() -> None:
 
 def test_the_clock_is_an_interface() -> None:
     assert Clock.__abstractmethods__ == {"time_ns", "monotonic", "call_later", "sleep", "drive"}
+
+
+def test_the_time_until_the_next_timer() -> None:
+    clock = SimulatedClock(start_ns=5)
+    assert clock.until_next() is None
+    later = clock.call_later(2.0, lambda: None)
+    sooner = clock.call_later(0.5, lambda: None)
+    assert clock.until_next() == 0.5
+    sooner.cancel()
+    assert clock.until_next() == 2.0
+    clock.advance(1.5)
+    assert clock.until_next() == 0.5
+    later.cancel()
+    assert clock.until_next() is None

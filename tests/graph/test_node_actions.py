@@ -171,22 +171,24 @@ async def test_a_client_that_leaves_hears_so_and_the_goal_runs_on(graph: MemoryG
 
 
 async def test_a_goal_knows_whether_its_feedback_is_wanted(graph: MemoryGraph) -> None:
-    goals: list[ActionGoal] = []
+    goals: dict[int, ActionGoal] = {}
 
     async def run(goal: ActionGoal) -> None:
-        goals.append(goal)
+        goals[goal.request.order] = goal
         await goal.cancel_event.wait()
+
+    def wanted() -> dict[int, bool]:
+        return {order: goal.feedback_wanted for order, goal in goals.items()}
 
     async with graph:
         node = Node(graph, "n")
         node.advertise_action("fib", FIBONACCI, run)
-        with_feedback = await node.send_goal("/fib", {}, lambda message: None)
-        await node.send_goal("/fib", {})
+        with_feedback = await node.send_goal("/fib", {"order": 1}, lambda message: None)
+        await node.send_goal("/fib", {"order": 2})
         await anyio.wait_all_tasks_blocked()
-        assert [goal.feedback_wanted for goal in goals] == [True, False]
+        assert wanted() == {1: True, 2: False}
         with_feedback.abandon()
-        assert not goals[0].feedback_wanted
-        graph.participant("/other").cancel_goal("/fib", goals[0].id)
+        assert wanted() == {1: False, 2: False}
 
 
 async def test_before_the_graph_runs_goals_are_rejected(graph: MemoryGraph) -> None:

@@ -121,7 +121,7 @@ class ChangesOfTree:
     def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
         """The transforms to send, parents first, stamped with their own times."""
         edges = self._edges(buffer)
-        true = dict(_poses(edges, edges.__getitem__))
+        true = _poses(edges)
         due = {frame for frame, edge in edges.items() if self._is_new(edge)}
         while more := self._needed(edges, true, due):
             due |= more
@@ -153,12 +153,21 @@ class ChangesOfTree:
     def _needed(
         self, edges: Mapping[str, StampedTransform], true: Mapping[str, Transform], due: set[str]
     ) -> set[str]:
-        """What has to be sent besides `due` for the first frame that would be wrong; empty when none is."""
-        held = _poses(edges, lambda frame: edges[frame] if frame in due else self._sent[frame])
-        wrong = next((frame for frame, pose in held if self._apart(pose, true[frame])), None)
-        if wrong is None:
-            return set()
-        return {frame for frame in _ancestry(edges, wrong) if self._has_changed(edges[frame])} - due
+        """What has to be sent besides `due` for frames that would be wrong; empty when none is.
+
+        A frame that is put right puts others off that were looked at before: look again.
+        """
+        more: set[str] = set()
+        held: dict[str, Transform] = {}
+        for frame, edge in edges.items():
+            known = edge if frame in due or frame in more else self._sent[frame]
+            held[frame] = held.get(edge.parent, IDENTITY) @ known.transform
+            if self._apart(held[frame], true[frame]):
+                for each in _ancestry(edges, frame):
+                    held[each] = true[each]
+                    if each not in due and self._has_changed(edges[each]):
+                        more.add(each)
+        return more
 
     def _is_new(self, edge: StampedTransform) -> bool:
         sent = self._sent.get(edge.child)
@@ -171,15 +180,12 @@ class ChangesOfTree:
         return a.distance_to(b) > self._request.linear or a.angle_to(b) > self._request.angular
 
 
-def _poses(
-    edges: Iterable[str], edge_of: Callable[[str], StampedTransform]
-) -> Iterable[tuple[str, Transform]]:
+def _poses(edges: Mapping[str, StampedTransform]) -> dict[str, Transform]:
     """Each frame's pose in its root; `edges` has parents first."""
     poses: dict[str, Transform] = {}
-    for frame in edges:
-        edge = edge_of(frame)
+    for frame, edge in edges.items():
         poses[frame] = poses.get(edge.parent, IDENTITY) @ edge.transform
-        yield frame, poses[frame]
+    return poses
 
 
 def _ancestry(edges: Mapping[str, StampedTransform], frame: str) -> Iterable[str]:

@@ -1,0 +1,113 @@
+"""Where a command prints: for people on a terminal, as plain text into a pipe, or as JSON for programs."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Final, Literal, TextIO
+
+Style = Literal["name", "type", "good", "warning", "bad", "faint", "heading"]
+
+_CODES: Final[dict[Style, str]] = {
+    "name": "36", "type": "32", "good": "32", "warning": "33", "bad": "31", "faint": "2", "heading": "1",
+}  # fmt: skip
+_UP_AND_CLEAR: Final = "\x1b[{}F\x1b[J"
+
+
+class OutputClosed(Exception):
+    """Who read the output has gone: there is nobody to tell anything."""
+
+
+class Output:
+    """Standard output.
+
+    Attributes:
+        people: whether people read it: a terminal, and JSON was not asked for.
+        json: whether JSON was asked for.
+    """
+
+    def __init__(self, stream: TextIO, *, people: bool, colour: bool, json: bool) -> None:
+        self.people = people
+        self.json = json
+        self._stream = stream
+        self._colour = colour
+        self._live_lines = 0
+
+    def line(self, text: str = "") -> None:
+        """Print one line; it is there for the reader at once.
+
+        Raises:
+            OutputClosed: nobody reads any more.
+        """
+        self.text(f"{text}\n")
+
+    def text(self, text: str) -> None:
+        """Print some lines.
+
+        Raises:
+            OutputClosed: nobody reads any more.
+        """
+        self._live_lines = 0
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except BrokenPipeError:
+            raise OutputClosed from None
+
+    def record(self, value: object) -> None:
+        """Print a value as one line of JSON."""
+        self.line(json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(", ", ": ")))
+
+    def styled(self, text: str, style: Style) -> str:
+        """`text` in a colour where there are colours. What a terminal would obey is taken out of it."""
+        plain = printable(text) if self.people else text
+        return f"\x1b[{_CODES[style]}m{plain}\x1b[0m" if self._colour and plain else plain
+
+    def columns(self, rows: Iterable[Sequence[str]], styles: Sequence[Style | None]) -> None:
+        """Print rows in aligned columns, each in its style."""
+        table = [tuple(map(printable, row)) for row in rows]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        for row in table:
+            cells = (
+                self._cell(text, width if last is not None else 0, style)
+                for text, width, style, last in zip(row, widths, styles, [*row[1:], None], strict=True)
+            )
+            self.line("  ".join(cells).rstrip())
+
+    def _cell(self, text: str, width: int, style: Style | None) -> str:
+        padding = " " * (width - len(text))
+        return f"{text if style is None else self.styled(text, style)}{padding}"
+
+    def live(self, lines: Sequence[str]) -> None:
+        """Print lines for people in the place of those printed live before."""
+        above = self._live_lines
+        self.text((_UP_AND_CLEAR.format(above) if above else "") + "".join(f"{line}\n" for line in lines))
+        self._live_lines = len(lines)
+
+
+def standard_output(*, json: bool) -> Output:
+    """The program's own output, as it is: see https://no-color.org for ``NO_COLOR``."""
+    stream = sys.stdout
+    if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
+        # A name that the terminal has no letters for is no reason to fail.
+        stream.reconfigure(errors="backslashreplace")
+    people = stream.isatty() and not json
+    colour = people and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    return Output(stream, people=people, colour=colour, json=json)
+
+
+def printable(text: str) -> str:
+    """`text` without what a terminal would take as a command: what a robot is called is not to be trusted."""
+    return (
+        text
+        if text.isprintable()
+        else "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    )
+
+
+def note(text: str) -> None:
+    """Tell people something that is not the answer, on standard error."""
+    print(text, file=sys.stderr, flush=True)

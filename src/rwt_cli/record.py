@@ -1,0 +1,298 @@
+"""`rwt record`: write what a robot publishes to an MCAP file, over its rosbridge server."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import re
+import signal
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import anyio
+import anyio.to_thread
+
+from rwt_cli.errors import CommandError
+from rwt_cli.verbs import (
+    DEFAULT_URL,
+    TOKEN_VARIABLE,
+    URL_VARIABLE,
+    command_error,
+    request_headers,
+    url_of,
+)
+from rwt_nodes.recording import (
+    COMPRESSIONS,
+    ENCODINGS,
+    Compression,
+    Encoding,
+    RecordingError,
+    RecordingWriter,
+    Split,
+    TopicSelection,
+)
+
+if TYPE_CHECKING:
+    from rwt_cli.remote_recorder import RemoteRecorder
+    from rwt_client import Robot
+
+logger = logging.getLogger(__name__)
+
+_EXAMPLES = """\
+examples:
+  rwt record ws://robot:9090 -o run.mcap            everything, until Ctrl-C
+  rwt record ws://robot:9090 --topics /odom '/camera/*' --exclude '*/raw'
+  rwt record ws://robot:9090 --split 1GB            run_0000.mcap, run_0001.mcap, …
+  rwt record ws://robot:9090 --encoding json --max-seconds 60
+the file opens in Foxglove and Lichtblick, and `rwt play` serves it as a robot
+"""
+_LOOK_SECONDS = 1.0
+_PLAIN_PROGRESS_SECONDS = 10.0
+_UNITS = {"kb": 1e3, "mb": 1e6, "gb": 1e9, "s": 1.0, "m": 60.0, "h": 3600.0}
+_SPLIT = re.compile(r"(\d+(?:\.\d+)?) ?(kb|mb|gb|s|m|h)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """What is to be recorded."""
+
+    url: str
+    headers: dict[str, str]
+    path: Path
+    selection: TopicSelection
+    encoding: Encoding
+    compression: Compression
+    split: Split | None
+    overwrite: bool
+    latched: TopicSelection
+    seconds: float | None
+    reconnect: bool
+    verbose: bool
+
+
+def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `record` to the command line."""
+    parser = commands.add_parser(
+        "record",
+        description=__doc__,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "url",
+        nargs="?",
+        metavar="URL",
+        help=f"the robot's server (default ${URL_VARIABLE}, or {DEFAULT_URL})",
+    )
+    parser.add_argument("--token", metavar="TOKEN", help=f"bearer token to show (default ${TOKEN_VARIABLE})")
+    parser.add_argument(
+        "--output", "-o", type=Path, metavar="FILE", help="the file (default rwt_DATE-TIME.mcap)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
+    _add_topics(parser)
+    _add_form(parser)
+    parser.add_argument("--max-seconds", type=float, metavar="S", help="end by itself after so many seconds")
+    parser.add_argument(
+        "--no-reconnect", action="store_true", help="end when the connection is lost; else it is retried"
+    )
+    parser.add_argument("--verbose", "-v", action="store_true", help="tell of every topic")
+    parser.set_defaults(run=_run)
+
+
+def _add_topics(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--topics", nargs="+", action="extend", default=[], metavar="GLOB",
+        help="only topics that fit one of these patterns (default: all)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--exclude", nargs="+", action="extend", default=[], metavar="GLOB", help="no topics that fit these"
+    )
+    parser.add_argument(
+        "--services", action="store_true", help="also service calls, where the robot publishes them as events"
+    )
+    parser.add_argument(
+        "--actions", action="store_true", help="also the topics that carry the robot's actions (ROS 2)"
+    )
+    parser.add_argument(
+        "--latched", nargs="+", action="extend", default=[], metavar="GLOB",
+        help="topics whose last message late joiners get, where the server does not show that",
+    )  # fmt: skip
+
+
+def _add_form(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--encoding",
+        choices=ENCODINGS,
+        default="ros",
+        help="as ROS serialises messages (default), or as JSON",
+    )
+    parser.add_argument(
+        "--compression", choices=COMPRESSIONS, default="zstd", help="of the file (default zstd)"
+    )
+    parser.add_argument(
+        "--split", type=parse_split, metavar="AMOUNT", help="begin a new file at a size (1GB) or a time (10m)"
+    )
+
+
+def parse_split(text: str) -> Split:
+    """When a new file is begun, from text.
+
+    Raises:
+        argparse.ArgumentTypeError: neither a size nor a time.
+    """
+    match = _SPLIT.fullmatch(text.strip())
+    if match is None or float(match[1]) == 0:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is neither a size nor a time: expected for example 500MB, 1GB, 30s or 10m"
+        )
+    amount = float(match[1]) * _UNITS[match[2].lower()]
+    return Split(size=round(amount)) if match[2].lower().endswith("b") else Split(seconds=amount)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from rwt_client import ClientError  # the client is loaded where it is used
+
+    logging.basicConfig(format="%(levelname)s %(message)s", level=logging.WARNING, stream=sys.stderr)
+    # What ends the command is said once, by the command.
+    logging.getLogger("rwt_nodes.recording.writer").setLevel(logging.CRITICAL)
+    if arguments.verbose:
+        logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
+    path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
+    order = _Order(
+        url_of(arguments),
+        request_headers(arguments),
+        path,
+        TopicSelection(
+            tuple(arguments.topics), tuple(arguments.exclude), arguments.services, arguments.actions
+        ),
+        arguments.encoding,
+        arguments.compression,
+        arguments.split,
+        arguments.overwrite,
+        TopicSelection(tuple(arguments.latched), services=True, actions=True),
+        arguments.max_seconds,
+        not arguments.no_reconnect,
+        arguments.verbose,
+    )
+    try:
+        anyio.run(_record, order)
+    except ClientError as error:
+        raise command_error(error) from error
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
+    return 0
+
+
+async def _record(order: _Order) -> None:
+    from rwt_client import Backoff, connect
+
+    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+        reconnect = Backoff() if order.reconnect else None
+        async with connect(order.url, reconnect=reconnect, headers=order.headers) as robot:
+            await _record_robot(robot, order, signals)
+
+
+async def _record_robot(robot: Robot, order: _Order, signals: AsyncIterator[signal.Signals]) -> None:
+    """Record until there is a signal, the connection is over, or the time is."""
+    from rwt_cli.remote_recorder import RemoteRecorder
+
+    if not robot.types.ros_version:
+        raise CommandError(
+            f"{order.url} does not answer rosapi's questions, so its topics cannot be known: "
+            "start rosapi on the robot"
+        )
+    writer = RecordingWriter(
+        order.path,
+        robot.types.registry.distro,
+        order.encoding,
+        compression=order.compression,
+        split=order.split,
+        overwrite=order.overwrite,
+    )
+    recorder = RemoteRecorder(robot, writer, order.selection, order.encoding, _named(order.latched))
+    try:
+        await recorder.look()
+        print(f"recording {order.url} to {writer.paths[0]}", file=sys.stderr, flush=True)
+        over = anyio.Event()
+        robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
+        if not robot.connected and not order.reconnect:
+            over.set()
+        async with anyio.create_task_group() as tasks:
+
+            async def until_signal() -> None:
+                async for _ in signals:
+                    over.set()
+
+            tasks.start_soon(until_signal)
+            with anyio.move_on_after(order.seconds):
+                await _keep_looking(recorder, over)
+            tasks.cancel_scope.cancel()
+    finally:
+        recorder.close()
+        with anyio.CancelScope(shield=True):
+            await anyio.to_thread.run_sync(_finish, writer, order.verbose)
+
+
+def _named(latched: TopicSelection) -> Callable[[str], bool]:
+    """Whether a topic fits `--latched`, of which nothing given means none."""
+    return latched.takes if latched.topics else lambda _: False
+
+
+async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
+    """Look for new topics and tell of the progress, until `over` is set or nothing can be written."""
+    from rwt_client import ClientError
+
+    progress = Progress(recorder.writer)
+    while not over.is_set() and recorder.writer.failure is None:
+        with anyio.move_on_after(_LOOK_SECONDS):
+            await over.wait()
+            return
+        progress.tell(recorder.topics)
+        try:
+            await recorder.look()
+        except ClientError as error:
+            logger.warning("the robot does not tell its topics: %s", error)
+
+
+def _finish(writer: RecordingWriter, verbose: bool) -> None:
+    """End the file, and say what is in it."""
+    writer.close()
+    files = ", ".join(map(str, writer.paths))
+    size = writer.bytes_on_disk / 1e6
+    begin = "\r" if sys.stderr.isatty() else ""
+    print(f"{begin}{writer.messages} messages in {files}, {size:.1f} MB", file=sys.stderr)
+    if writer.dropped:
+        print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
+    for channel in writer.channels if verbose else ():
+        print(f"  {channel.messages:8}  {channel.form.topic}", file=sys.stderr)
+
+
+class Progress:
+    """One line on stderr: rewritten each second for people, a new one every ten for a log."""
+
+    def __init__(self, writer: RecordingWriter) -> None:
+        self._writer = writer
+        self._told_at = time.monotonic()
+
+    def tell(self, topics: int) -> None:
+        """Say how far it is, if it is time to."""
+        is_terminal = sys.stderr.isatty()
+        now = time.monotonic()
+        if not is_terminal and now - self._told_at < _PLAIN_PROGRESS_SECONDS:
+            return
+        self._told_at = now
+        writer = self._writer
+        text = f"{writer.messages} messages of {topics} topics, {writer.content_bytes / 1e6:.1f} MB"
+        if writer.dropped:
+            text += f", {writer.dropped} dropped"
+        print(
+            f"\r{text}" if is_terminal else text, end="" if is_terminal else "\n", file=sys.stderr, flush=True
+        )
+
+
+__all__ = ["Progress", "add_record_command", "parse_split"]

@@ -1,0 +1,133 @@
+"""`rwt recording`: look at recordings, and repair those whose end is missing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rwt_cli.errors import CommandError
+
+if TYPE_CHECKING:
+    from rwt_graph.qos import QoS
+    from rwt_nodes.recording import Recording
+
+_EXAMPLES = """\
+examples:
+  rwt recording info run.mcap
+  rwt recording info --json run_*.mcap old.bag
+  rwt recording recover run.mcap -o whole.mcap
+"""
+
+
+def add_recording_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `recording` to the command line."""
+    parser = commands.add_parser(
+        "recording",
+        description=__doc__,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    actions = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    info = actions.add_parser("info", help="list topics, types, counts and times")
+    info.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP, .bag or folder of rosbag2")
+    info.add_argument("--json", action="store_true", help="as JSON")
+    info.set_defaults(run=_run_info)
+    recover = actions.add_parser(
+        "recover", help="copy what can be read of an MCAP file that was not ended into a complete one"
+    )
+    recover.add_argument("file", type=Path, metavar="FILE")
+    recover.add_argument("--output", "-o", type=Path, required=True, metavar="FILE", help="the complete file")
+    recover.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
+    recover.set_defaults(run=_run_recover)
+
+
+def _run_info(arguments: argparse.Namespace) -> int:
+    from rwt_nodes.recording import RecordingError, open_recording
+
+    try:
+        with open_recording(arguments.files) as recording:
+            print(json.dumps(described(recording), indent=2) if arguments.json else text_of(recording))
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
+    return 0
+
+
+def _run_recover(arguments: argparse.Namespace) -> int:
+    from rwt_nodes.recording import RecordingError
+    from rwt_nodes.recording.errors import require
+
+    try:
+        require("mcap")
+        from rwt_nodes.recording.mcap_files import recover
+
+        found = recover(arguments.file, arguments.output, overwrite=arguments.overwrite)
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
+    count = sum(topic.count or 0 for topic in found.topics)
+    print(f"{count} messages of {len(found.topics)} topics in {arguments.output}")
+    if found.salvage is None:
+        print(f"{arguments.file} was complete", file=sys.stderr)
+    else:
+        lost = f"{found.salvage.damaged} damaged chunks and {found.salvage.lost_bytes} bytes at the end"
+        print(f"{lost} could not be read", file=sys.stderr)
+    return 0
+
+
+def described(recording: Recording) -> dict[str, object]:
+    """What there is to know of a recording, for programs."""
+    return {
+        "files": [str(path) for path in recording.paths],
+        "complete": recording.complete,
+        "ros_version": recording.distro.ros_version,
+        "start_ns": recording.start_ns,
+        "end_ns": recording.end_ns,
+        "topics": [
+            {
+                "name": topic.name,
+                "type": topic.type,
+                "encoding": topic.encoding,
+                "count": topic.count,
+                "latched": any(qos.durability.value == "transient_local" for qos in topic.offered),
+            }
+            for topic in recording.topics
+        ],
+    }
+
+
+def text_of(recording: Recording) -> str:
+    """The same for people."""
+    seconds = (recording.end_ns - recording.start_ns) / 1e9
+    lines = [
+        f"files     {', '.join(map(str, recording.paths))}",
+        f"ROS       {recording.distro.ros_version}",
+        f"start     {_date(recording.start_ns)}",
+        f"end       {_date(recording.end_ns)}",
+        f"duration  {seconds:.3f} s",
+        f"messages  {sum(topic.count or 0 for topic in recording.topics)}",
+        "",
+    ]
+    if not recording.complete:
+        lines.insert(1, "note      not ended properly: `rwt recording recover` makes a complete file of it")
+    width = max((len(topic.name) for topic in recording.topics), default=0)
+    for topic in recording.topics:
+        count = "?" if topic.count is None else topic.count
+        lines.append(f"{count:>9}  {topic.name:<{width}}  {topic.type}{_latched(topic.offered)}")
+    return "\n".join(lines)
+
+
+def _latched(offered: tuple[QoS, ...]) -> str:
+    kept = any(qos.durability.value == "transient_local" for qos in offered)
+    return " (kept for late joiners)" if kept else ""
+
+
+def _date(time_ns: int) -> str:
+    """A time in UTC, to the nanosecond."""
+    seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{nanoseconds:09} UTC ({time_ns})"
+
+
+__all__ = ["add_recording_command", "described", "text_of"]

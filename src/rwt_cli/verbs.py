@@ -1,0 +1,288 @@
+"""What the verbs that talk to a robot share: their options, the connection, and how they fail.
+
+A family of verbs (`rwt topic …`) is one module with a tuple of :class:`Verb`, and a row in
+:data:`rwt_cli.COMMANDS`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import sys
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
+from rwt_cli.output import Output, standard_output
+from rwt_cli.parser import Commands
+
+if TYPE_CHECKING:
+    from rwt_client import ClientError, ConnectionEvent, Robot
+
+DEFAULT_URL: Final = "ws://127.0.0.1:9090"
+URL_VARIABLE: Final = "RWT_URL"
+TOKEN_VARIABLE: Final = "RWT_TOKEN"
+USUAL_TIMEOUT: Final = 10.0
+"""Seconds that connecting, and each answer, may take where ``--timeout`` does not say."""
+
+_MOST_AT_ONCE: Final = 16
+_ROBOT_OPTIONS: Final = "the robot"
+
+T = TypeVar("T")
+
+Arguments = argparse.Namespace
+AddArguments = Callable[[argparse.ArgumentParser], None]
+
+
+def _no_arguments(parser: argparse.ArgumentParser) -> None:
+    """For verbs that have none of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """One verb of a family.
+
+    Attributes:
+        name: as it is typed.
+        help: what it does, in one line.
+        run: does it.
+        example: a command line, or several lines of them, for the help.
+        json: what ``--json`` prints, for the help.
+        add_arguments: adds its own arguments.
+        definitions: whether the definitions of the robot's topics are fetched when connecting.
+        lasting: whether it goes on until Ctrl-C, so that Ctrl-C is a good end; it also waits for a lost
+            connection to come back.
+    """
+
+    name: str
+    help: str
+    run: Callable[[Robot, Arguments, Output], Awaitable[None]]
+    example: str
+    json: str
+    add_arguments: AddArguments = _no_arguments
+    definitions: bool = False
+    lasting: bool = False
+
+
+def add_family(commands: Commands, name: str, description: str, verbs: Sequence[Verb]) -> Commands:
+    """Add a command whose verbs all talk to a robot; returns what further verbs are added to."""
+    family = commands.add_parser(name, description=description)
+    added = family.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for verb in verbs:
+        _add_verb(added, verb)
+    return added
+
+
+def _add_verb(commands: Commands, verb: Verb) -> None:
+    parser = commands.add_parser(
+        verb.name,
+        help=verb.help,
+        description=sentence(verb.help),
+        epilog=epilog(verb.example, verb.json),
+    )
+    verb.add_arguments(parser)
+    add_robot_options(parser)
+    parser.set_defaults(run=lambda arguments: _run(verb, arguments))
+
+
+def sentence(text: str) -> str:
+    """A line of help as a sentence."""
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def epilog(example: str, json: str) -> str:
+    """The end of a verb's help: how it is typed, and what ``--json`` prints."""
+    examples = "\n".join(f"  {line}" for line in example.splitlines())
+    shape = "\n".join(f"  {line}" for line in json.splitlines())
+    return f"example:\n{examples}\n\n--json prints:\n{shape}"
+
+
+def add_robot_options(parser: argparse.ArgumentParser) -> None:
+    """The options that every verb has which talks to a robot."""
+    group = parser.add_argument_group(_ROBOT_OPTIONS)
+    group.add_argument(
+        "--url", metavar="URL", help=f"where it is (default ${URL_VARIABLE}, or {DEFAULT_URL})"
+    )
+    group.add_argument(
+        "--token",
+        metavar="TOKEN",
+        help=f"bearer token to show (default ${TOKEN_VARIABLE}, which others on this machine cannot read)",
+    )
+    group.add_argument(
+        "--timeout",
+        type=seconds,
+        metavar="SECONDS",
+        help=f"how long to wait for the connection and each answer (default {USUAL_TIMEOUT:g}); for a message"
+        " it is waited for ever unless this says otherwise",
+    )
+    group.add_argument("--json", action="store_true", help="print JSON, for programs")
+
+
+def seconds(text: str) -> float:
+    """An option's value in seconds, more than 0."""
+    return _positive(text, "seconds, for example 2.5")
+
+
+def hertz(text: str) -> float:
+    """An option's value in Hz, more than 0."""
+    return _positive(text, "times a second, for example 10")
+
+
+def _positive(text: str, expected: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+    return number
+
+
+def count(text: str) -> int:
+    """An option's value that counts something: 1 or more."""
+    return _whole(text, 1)
+
+
+def count_or_none(text: str) -> int:
+    """An option's value that counts something: 0 or more."""
+    return _whole(text, 0)
+
+
+def _whole(text: str, least: int) -> int:
+    number = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
+    if number < least:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, got {text!r}")
+    return number
+
+
+def url_of(arguments: Arguments) -> str:
+    """Where the robot is."""
+    return arguments.url or os.environ.get(URL_VARIABLE) or DEFAULT_URL
+
+
+def token_of(arguments: Arguments) -> str:
+    """The token to show; empty for none."""
+    return arguments.token or os.environ.get(TOKEN_VARIABLE, "")
+
+
+def request_headers(arguments: Arguments) -> dict[str, str]:
+    """The request headers with which to connect.
+
+    Raises:
+        CommandError: there is a token and no request to put it in, or it cannot stand in one.
+    """
+    token = token_of(arguments)
+    if not token:
+        return {}
+    if not url_of(arguments).lower().startswith(("ws:", "wss:")):
+        raise CommandError("a token needs ws:// or wss://: other transports carry none", CALLED_WRONGLY)
+    if not (token.isascii() and token.isprintable()) or " " in token:
+        raise CommandError("the token has characters that no token has; was it copied whole?", CALLED_WRONGLY)
+    return {"Authorization": f"Bearer {token}"}
+
+
+def connecting(
+    arguments: Arguments, *, definitions: bool = False, lasting: bool = False
+) -> AbstractAsyncContextManager[Robot]:
+    """A connection to the robot that the options name.
+
+    Args:
+        definitions: fetch the definitions of the topics, which win over the standard ones.
+        lasting: come back when the connection is lost.
+    """
+    from rwt_client import connect  # takes a while, and `--help` needs none of it
+    from rwt_client.connection import RECONNECT
+
+    return connect(
+        url_of(arguments),
+        timeout=arguments.timeout or USUAL_TIMEOUT,
+        reconnect=RECONNECT if lasting else None,
+        fetch_types=definitions,
+        headers=request_headers(arguments),
+    )
+
+
+def run_async(program: Callable[[], Awaitable[None]]) -> None:
+    """Run a coroutine function to its end.
+
+    Raises:
+        CommandError: what the client raised, in the words and exit codes of the command line.
+    """
+    import anyio  # takes a while, and `--help` needs none of it
+
+    from rwt_client import ClientError
+
+    try:
+        anyio.run(program)
+    except ClientError as error:
+        raise command_error(error) from error
+
+
+def _run(verb: Verb, arguments: Arguments) -> int:
+    logging.basicConfig(format="rwt: %(message)s", stream=sys.stderr, level=logging.WARNING)
+    output = standard_output(json=arguments.json)
+
+    async def program() -> None:
+        async with connecting(arguments, definitions=verb.definitions, lasting=verb.lasting) as robot:
+            if verb.lasting:
+                robot.on_event(_tell_of_gaps)
+            await verb.run(robot, arguments, output)
+
+    try:
+        run_async(program)
+    except KeyboardInterrupt:
+        if not verb.lasting:
+            raise
+    return 0
+
+
+def _tell_of_gaps(event: ConnectionEvent) -> None:
+    if event.kind == "lost":
+        logging.getLogger("rwt").warning("%s; connecting again", event.text or "the connection was lost")
+    elif event.kind == "restored":
+        logging.getLogger("rwt").warning("connected again")
+
+
+def command_error(error: ClientError) -> CommandError:
+    """An error of the client with its exit code."""
+    from rwt_client import BadAddress, ConnectionLost, MisfitMessage, NoAnswer, TransformUnavailable
+
+    if isinstance(error, BadAddress | MisfitMessage):
+        code = CALLED_WRONGLY
+    elif isinstance(error, ConnectionLost):
+        code = CANNOT_CONNECT
+    else:
+        code = TIMED_OUT if isinstance(error, NoAnswer | TransformUnavailable) else FAILED
+    return CommandError(str(error), code)
+
+
+async def together(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
+    """The answers to questions that are asked side by side, in order.
+
+    Raises:
+        ClientError: one was not answered; the first of them.
+    """
+    import anyio
+
+    from rwt_client import ClientError
+
+    answers: dict[int, T] = {}
+    failures: list[ClientError] = []
+    few = anyio.Semaphore(_MOST_AT_ONCE)
+
+    async def ask(index: int, question: Callable[[], Awaitable[T]]) -> None:
+        async with few:
+            try:
+                answers[index] = await question()
+            except ClientError as error:
+                failures.append(error)
+
+    async with anyio.create_task_group() as tasks:
+        for index, question in enumerate(questions):
+            tasks.start_soon(ask, index, question)
+    if failures:
+        raise failures[0]
+    return [answers[index] for index in range(len(questions))]

@@ -1,0 +1,110 @@
+"""A rosbridge client that understands nothing: it says what it is told to and keeps every frame as it came.
+
+`rwt doctor` looks at the encodings themselves, which a client that decodes all of them would hide.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import anyio
+
+from rwt_client.cbor import Unreadable, read_cbor
+from rwt_protocol.frames import Frame, PeerInfo, Sink
+
+
+@dataclass(frozen=True, slots=True)
+class HeardFrame:
+    """One message of the server.
+
+    Attributes:
+        binary: whether it came as a binary message.
+        size: its length in bytes.
+        op: what it holds; empty for what is neither JSON nor CBOR.
+        time: when it came, on the event loop's clock.
+    """
+
+    binary: bool
+    size: int
+    op: Mapping[str, Any]
+    time: float
+
+    def is_op(self, name: str, **members: object) -> bool:
+        """Whether it is an op of that name with these members."""
+        return self.op.get("op") == name and all(self.op.get(key) == value for key, value in members.items())
+
+
+class WireProbe:
+    """One connection; give :meth:`accept` to :func:`rwt_transports.connect.connect`.
+
+    Attributes:
+        complaints: the texts of `status` messages, as they came.
+        closed_with: the close code and reason, once it is closed by the server.
+    """
+
+    def __init__(self) -> None:
+        self.complaints: list[str] = []
+        self.closed_with: tuple[int, str] | None = None
+        self._sink: Sink | None = None
+        self._heard: deque[HeardFrame] = deque(maxlen=10_000)
+        self._awake = anyio.Event()
+
+    def accept(self, sink: Sink, peer: PeerInfo) -> WireProbe:
+        """The connection has opened."""
+        self._sink = sink
+        return self
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """A message has come; satisfies :class:`rwt_protocol.frames.Endpoint`."""
+        frame = HeardFrame(binary, len(data), _opened(data, binary), anyio.current_time())
+        if frame.is_op("status"):
+            self.complaints.append(str(frame.op.get("msg", "")))
+        self._heard.append(frame)
+        self._awake.set()
+
+    def closed(self, code: int, reason: str) -> None:
+        """The connection is gone."""
+        self.closed_with = (code, reason)
+        self._awake.set()
+
+    def say(self, op: str, **members: object) -> None:
+        """Send an op."""
+        assert self._sink is not None  # Nothing is said before it has opened.
+        self._sink.send(Frame(json.dumps({"op": op, **members}).encode()))
+
+    async def hear(self, wanted: Callable[[HeardFrame], bool], patience: float) -> HeardFrame | None:
+        """The first message from now on, or not yet taken, that is wanted; None if none comes in time.
+
+        Others before it are dropped.
+        """
+        with anyio.move_on_after(patience):
+            while True:
+                while self._heard:
+                    frame = self._heard.popleft()
+                    if wanted(frame):
+                        return frame
+                if self.closed_with is not None:
+                    return None
+                self._awake = anyio.Event()
+                await self._awake.wait()
+        return None
+
+    async def call(self, service: str, patience: float) -> HeardFrame | None:
+        """The answer of a service without arguments; None if none comes in time."""
+        self.say("call_service", service=service, id=f"doctor:{service}", args={})
+        return await self.hear(
+            lambda frame: frame.is_op("service_response", id=f"doctor:{service}") or frame.is_op("status"),
+            patience,
+        )
+
+
+def _opened(data: bytes, binary: bool) -> Mapping[str, Any]:
+    try:
+        found = read_cbor(data) if binary else json.loads(data)
+    except (Unreadable, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}

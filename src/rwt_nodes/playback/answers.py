@@ -1,0 +1,110 @@
+"""Answers service calls as they were answered when the recording was made.
+
+What was asked and answered is in the topics of ROS 2's service introspection, `/NAME/_service_event`. A
+request equal to a recorded one gets the recorded response; one that was asked several times gets its
+responses in order, and then the last again. Any other request fails, saying so.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Final
+
+from rwt_interfaces import InterfaceError, Payload, PayloadError
+from rwt_nodes.playback.publications import read_payload
+from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph, ServiceCall
+    from rwt_interfaces.structs import MessageType, ServiceType
+    from rwt_nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
+
+logger = logging.getLogger(__name__)
+
+_EVENT: Final = "_Event"
+_REQUESTS: Final = (0, 1)
+"""`event_type` of REQUEST_SENT and REQUEST_RECEIVED; the two others are responses."""
+
+
+class RecordedServices:
+    """Offers every service whose calls were recorded with their contents, and that nobody offers yet."""
+
+    def __init__(self, graph: Graph, recording: Recording, selection: TopicSelection, node: str) -> None:
+        self._graph = graph
+        self._recording = recording
+        self._participant = graph.participant(node)
+        for topic in recording.topics:
+            is_call = topic.name.endswith(SERVICE_EVENTS) and ACTION_PARTS not in topic.name
+            if is_call and selection.takes(topic.name):
+                self._offer(topic)
+
+    def _offer(self, topic: RecordedTopic) -> None:
+        name = topic.name.removesuffix(SERVICE_EVENTS)
+        registry = self._graph.registry
+        try:
+            event = registry.message(topic.type)
+            service = registry.service(topic.type.removesuffix(_EVENT))
+        except InterfaceError as error:
+            logger.warning("calls of %s are not answered: %s", name, error)
+            return
+        answers = _Answers(name, service)
+        for message in self._recording.messages([topic.name]):
+            answers.learn(topic, event, message)
+        if answers.known and self._graph.service(name) is None:
+            self._participant.advertise_service(name, service, answers.answer)
+
+    def close(self) -> None:
+        """Withdraw the services."""
+        self._participant.close()
+
+
+class _Answers:
+    """What one service answered, by the CDR of the request."""
+
+    def __init__(self, name: str, service: ServiceType) -> None:
+        self._name = name
+        self._service = service
+        self._open: dict[tuple[bytes, int], bytes] = {}
+        self._responses: dict[bytes, list[Payload]] = {}
+        self._asked: dict[bytes, int] = {}
+
+    @property
+    def known(self) -> int:
+        """How many different requests have an answer."""
+        return len(self._responses)
+
+    def learn(self, topic: RecordedTopic, event: MessageType, message: RecordedMessage) -> None:
+        """Take in one event."""
+        try:
+            told = read_payload(topic.encoding, event, message.data).value()
+            call = (bytes(told.info.client_gid), told.info.sequence_number)  # type: ignore[attr-defined]  # a service event
+            if told.info.event_type in _REQUESTS:  # type: ignore[attr-defined]  # likewise
+                for request in told.request:  # type: ignore[attr-defined]  # likewise
+                    self._open[call] = Payload.from_value(self._service.request, request).cdr()
+                return
+            for response in told.response:  # type: ignore[attr-defined]  # likewise
+                # A call is told of twice where client and server both do it: the second finds nothing open.
+                request = self._open.pop(call, None)
+                if request is not None:
+                    payload = Payload.from_value(self._service.response, response)
+                    self._responses.setdefault(request, []).append(payload)
+        except PayloadError as error:
+            logger.warning("a recorded call of %s is left out: %s", self._name, error)
+
+    def answer(self, call: ServiceCall) -> None:
+        """Answer a call."""
+        try:
+            request = call.request.cdr()
+        except PayloadError as error:
+            call.fail(str(error))
+            return
+        responses = self._responses.get(request)
+        if responses is None:
+            call.fail(f"the recording has no call of {self._name} with this request")
+            return
+        turn = self._asked.get(request, 0)
+        self._asked[request] = turn + 1
+        call.reply(responses[min(turn, len(responses) - 1)])
+
+
+__all__ = ["RecordedServices"]

@@ -1,0 +1,124 @@
+"""How a topic becomes a channel of an MCAP file: schema, encoding, and what is noted beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
+
+from rwt_graph.qos import Durability, History, QoS, Reliability
+from rwt_nodes.recording.json_schemas import json_schema
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+Encoding = Literal["ros", "json"]
+"""How messages are written: as ROS serialises them (CDR, or ROS 1's own form on ROS 1), or as JSON."""
+
+ENCODINGS: Final[tuple[Encoding, ...]] = ("ros", "json")
+
+DEFINITION: Final = "ros_definition"
+"""Key of a `json` channel's metadata: the definition of its type, from which it can be played."""
+
+_HISTORIES: Final = {History.KEEP_LAST: 1, History.KEEP_ALL: 2}
+_RELIABILITIES: Final = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2, Reliability.BEST_AVAILABLE: 4}
+_DURABILITIES: Final = {
+    Durability.TRANSIENT_LOCAL: 1, Durability.VOLATILE: 2, Durability.BEST_AVAILABLE: 4,
+}  # fmt: skip
+"""The numbers of rmw, which every version of rosbag2 reads."""
+
+_INFINITE: Final = (9223372036, 854775807)
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelForm:
+    """What an MCAP file says of one topic.
+
+    Attributes:
+        topic: absolute name.
+        schema_name: the type's name, as its distribution spells it.
+        schema_encoding: ``ros2msg``, ``ros1msg`` or ``jsonschema``.
+        schema: its text.
+        message_encoding: ``cdr``, ``ros1`` or ``json``.
+        metadata: quality of service and more, by key.
+    """
+
+    topic: str
+    schema_name: str
+    schema_encoding: str
+    schema: bytes
+    message_encoding: str
+    metadata: dict[str, str]
+
+
+def channel_form(
+    topic: str, message: MessageType, encoding: Encoding, offered: tuple[QoS, ...] = ()
+) -> ChannelForm:
+    """The channel of one topic.
+
+    Args:
+        offered: what its publishers offer, where that is known.
+    """
+    registry = message.registry
+    text = registry.full_text(message)
+    is_ros1 = registry.distro.ros_version == 1
+    metadata = _latching(offered) if is_ros1 else {"offered_qos_profiles": qos_text(offered)}
+    if is_ros1:
+        metadata["md5sum"] = message.md5
+    else:
+        metadata["topic_type_hash"] = message.rihs01
+    name = registry.type_name(message)
+    if encoding == "json":
+        metadata[DEFINITION] = text
+        return ChannelForm(topic, name, "jsonschema", json_schema(message), "json", metadata)
+    schema, serialised = ("ros1msg", "ros1") if is_ros1 else ("ros2msg", "cdr")
+    return ChannelForm(topic, name, schema, text.encode(), serialised, metadata)
+
+
+def _latching(offered: tuple[QoS, ...]) -> dict[str, str]:
+    """What ROS 1 says instead of quality of service."""
+    latched = any(qos.durability is Durability.TRANSIENT_LOCAL for qos in offered)
+    return {"latching": "1"} if latched else {}
+
+
+def qos_text(offered: tuple[QoS, ...]) -> str:
+    """`offered_qos_profiles` as rosbag2 writes it: a YAML list of profiles."""
+    return "".join(_profile(qos) for qos in offered)
+
+
+def _profile(qos: QoS) -> str:
+    entries = {
+        "history": _HISTORIES[qos.history],
+        "depth": qos.depth,
+        "reliability": _RELIABILITIES[qos.reliability],
+        "durability": _DURABILITIES[qos.durability],
+        "deadline": _duration(qos.deadline),
+        "lifespan": _duration(qos.lifespan),
+        "liveliness": 1,
+        "liveliness_lease_duration": _duration(None),
+        "avoid_ros_namespace_conventions": "false",
+    }
+    lines = [f"{key}: {value}" for key, value in entries.items()]
+    return "- " + "\n  ".join(lines) + "\n"
+
+
+def _duration(seconds: float | None) -> str:
+    whole, rest = divmod(round(seconds * 1_000_000_000), 1_000_000_000) if seconds else _INFINITE
+    return f"\n    sec: {whole}\n    nsec: {rest}"
+
+
+#: What is noted of a topic whose messages are kept for late joiners, where nothing more is known.
+KEPT: Final = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
+
+#: The same of `/tf_static`, on which every publisher's last message counts.
+KEPT_TRANSFORMS: Final = QoS(depth=100, durability=Durability.TRANSIENT_LOCAL)
+
+__all__ = [
+    "DEFINITION",
+    "ENCODINGS",
+    "KEPT",
+    "KEPT_TRANSFORMS",
+    "ChannelForm",
+    "Encoding",
+    "channel_form",
+    "qos_text",
+]

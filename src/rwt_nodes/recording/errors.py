@@ -1,0 +1,40 @@
+"""Everything that recording and playing raise.
+
+* :exc:`RecordingError`
+
+  * :exc:`ExtraMissing`: the libraries of the extra ``mcap`` are not installed.
+  * :exc:`RecordingUnreadable`: not a recording, or not one that can be played.
+  * :exc:`RecordingNotWritten`: the disk is full or the file cannot be written; what was written is readable.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+
+class RecordingError(Exception):
+    """Base of every error of recordings. The text says what, where and what instead."""
+
+
+class ExtraMissing(RecordingError):
+    """A library of the extra ``mcap`` is not installed."""
+
+
+class RecordingUnreadable(RecordingError):
+    """The file is not a recording, or holds nothing that can be played."""
+
+
+class RecordingNotWritten(RecordingError):
+    """The file cannot be written, or not any more."""
+
+
+def require(library: str) -> None:
+    """Raise :exc:`ExtraMissing` unless `library`, ``mcap`` or ``rosbags``, can be imported."""
+    if find_spec(library) is None:
+        raise ExtraMissing(
+            f"recordings need the library {library}, which is not installed:"
+            ' pip install "robot-web-tools[mcap]"'
+        )
+
+
+__all__ = ["ExtraMissing", "RecordingError", "RecordingNotWritten", "RecordingUnreadable", "require"]

@@ -1,0 +1,51 @@
+"""Which topics are recorded or played."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+#: Where ROS 2's service introspection tells of the calls of a service.
+SERVICE_EVENTS = "/_service_event"
+#: What stands between an action's name and the topics and services that carry it on ROS 2.
+ACTION_PARTS = "/_action/"
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSelection:
+    """A choice of topics.
+
+    Attributes:
+        topics: patterns of the shell (``/camera/*``), of which one must fit; none stands for all.
+        exclude: patterns of which none may fit.
+        services: whether topics that tell of service calls are taken.
+        actions: whether the topics of ROS 2's actions are taken.
+    """
+
+    topics: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+    services: bool = False
+    actions: bool = False
+
+    def takes(self, topic: str) -> bool:
+        """Whether a topic is chosen. One that `topics` names in full is, whatever kind it is."""
+        if any(_fits(topic, pattern) for pattern in self.exclude):
+            return False
+        if topic in self.topics:
+            return True
+        if self.topics and not any(_fits(topic, pattern) for pattern in self.topics):
+            return False
+        if ACTION_PARTS in topic:
+            return self.actions
+        return self.services or not topic.endswith(SERVICE_EVENTS)
+
+
+def _fits(topic: str, pattern: str) -> bool:
+    # Every absolute name begins with a slash, which people leave away.
+    return fnmatchcase(topic, pattern if pattern.startswith(("/", "*")) else f"/{pattern}")
+
+
+#: Everything that tells of itself as a topic.
+EVERYTHING = TopicSelection(services=True, actions=True)
+
+__all__ = ["ACTION_PARTS", "EVERYTHING", "SERVICE_EVENTS", "TopicSelection"]

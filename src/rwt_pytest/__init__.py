@@ -1,0 +1,125 @@
+"""The pytest plugin: options, a marker and fixtures for robots in tests.
+
+pytest imports this module at the start of every run, so what the fixtures need is imported when the first
+test asks for one.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from rwt_pytest.world import RobotServer, RobotWorld
+    from rwt_testing import ObservedGraph, ScriptedRobot
+    from rwt_testing.virtual_time import VirtualTime
+
+_SECTION = "rosbridge transcript"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--rwt-distro` and the ini values."""
+    group = parser.getgroup("rwt", "robots for tests (robot-web-tools)")
+    group.addoption(
+        "--rwt-distro",
+        choices=("jazzy", "noetic", "both"),
+        help="ROS distribution of robots in tests, or both, one after the other (default jazzy)",
+    )
+    parser.addini("rwt_distro", "the same as --rwt-distro", default="")
+    parser.addini("rwt_interfaces", "folders of .msg, .srv and .action files", type="paths", default=[])
+    parser.addini(
+        "rwt_settings",
+        "settings of rwt_server, KEY=VALUE on each line, for example limits.connections=2",
+        type="linelist",
+        default=[],
+    )
+    parser.addini(
+        "rwt_transcript_lines", "lines of the transcript in the report of a failing test", default="100"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the marker known."""
+    config.addinivalue_line(
+        "markers",
+        "rwt(distro=None, demo=False, interfaces=(), settings={}): how the robot of this test is: its ROS"
+        " distribution (or both), whether the demo robot takes part, folders of interfaces, server settings",
+    )
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run a test once for each distribution that it wants, where it wants several."""
+    if "rwt_distro" not in metafunc.fixturenames:
+        return
+    from rwt_pytest.wishes import distros_of
+
+    distros = distros_of(metafunc.config, list(metafunc.definition.iter_markers("rwt")))
+    if len(distros) > 1:
+        metafunc.parametrize("rwt_distro", distros, indirect=True)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Add what went over the wire to the report of a failing test."""
+    report = yield
+    worlds = sys.modules.get("rwt_pytest.world")  # Read by the first test that needs it, or never.
+    if worlds is not None and report.failed:
+        from rwt_pytest.wishes import transcript_lines
+
+        for text in worlds.transcripts(transcript_lines(item.config)):
+            report.sections.append((_SECTION, text))
+    return report
+
+
+@pytest.fixture
+def rwt_distro(request: pytest.FixtureRequest) -> str:
+    """The ROS distribution of this test's robot: "jazzy" or "noetic"."""
+    chosen = getattr(request, "param", None)
+    if chosen is not None:
+        return str(chosen)
+    from rwt_pytest.wishes import distros_of
+
+    return distros_of(request.config, list(request.node.iter_markers("rwt")))[0]
+
+
+@pytest.fixture
+def _rwt_world(request: pytest.FixtureRequest, rwt_distro: str) -> Iterator[RobotWorld]:
+    from rwt_pytest.wishes import wishes_of
+    from rwt_pytest.world import open_world
+
+    with ExitStack() as stack:
+        try:
+            world = stack.enter_context(open_world(wishes_of(request, rwt_distro)))
+        except pytest.UsageError as error:
+            pytest.fail(str(error), pytrace=False)
+        yield world
+
+
+@pytest.fixture
+def rwt_graph(_rwt_world: RobotWorld) -> ObservedGraph:
+    """A robot graph that runs in a thread of its own; nodes in it may be used from the test's thread."""
+    return _rwt_world.graph
+
+
+@pytest.fixture
+def rwt_clock(_rwt_world: RobotWorld) -> VirtualTime:
+    """Virtual time: with this, the robot's clock stands still until `rwt_clock.advance(seconds)`."""
+    return _rwt_world.virtual_time
+
+
+@pytest.fixture
+def rwt_robot(_rwt_world: RobotWorld) -> ScriptedRobot:
+    """A robot whose behaviour the test writes down, and which says what it received."""
+    return _rwt_world.robot
+
+
+@pytest.fixture
+def rwt_server(_rwt_world: RobotWorld) -> RobotServer:
+    """A rosbridge server in front of the robot, on a free port: `rwt_server.url`."""
+    return _rwt_world.server

@@ -1,0 +1,118 @@
+"""What a test wants: its markers, the command line and the ini file."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+DISTROS = ("jazzy", "noetic")
+BOTH = "both"
+
+_KEYS = ("distro", "demo", "interfaces", "settings")
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """How a robot and its server should be.
+
+    Attributes:
+        distro: ROS distribution.
+        demo: whether the demo robot takes part.
+        interfaces: folders of interface files.
+        settings: the server's, each by its key with dots, those of the ini file as text.
+        virtual: whether time is simulated.
+    """
+
+    distro: str = DISTROS[0]
+    demo: bool = False
+    interfaces: tuple[Path, ...] = ()
+    settings: Mapping[str, object] = field(default_factory=dict)
+    virtual: bool = False
+
+
+def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ...]:
+    """The distributions with which a test runs.
+
+    Raises:
+        UsageError: an unknown one is asked for.
+    """
+    marked = _marked(marks).get("distro")
+    wished = marked or config.getoption("rwt_distro") or config.getini("rwt_distro") or DISTROS[0]
+    chosen: object = DISTROS if wished == BOTH else wished
+    several = tuple(map(str, chosen)) if isinstance(chosen, list | tuple) else (str(chosen),)
+    for each in several:
+        if each not in DISTROS:
+            known = ", ".join((*DISTROS, BOTH))
+            raise pytest.UsageError(f"rwt: there is no distro {each!r}; known are {known}")
+    return several
+
+
+def wishes_of(request: pytest.FixtureRequest, distro: str) -> Wishes:
+    """Everything that a test wants.
+
+    Raises:
+        UsageError: a marker or an ini value cannot be used.
+    """
+    node: pytest.Item = request.node
+    config = request.config
+    marked = _marked(list(node.iter_markers("rwt")))
+    return Wishes(
+        distro=distro,
+        demo=bool(marked.get("demo", False)),
+        interfaces=(*config.getini("rwt_interfaces"), *_folders(node, marked.get("interfaces", ()))),
+        settings={**_ini_settings(config), **_settings(marked.get("settings", {}))},
+        virtual="rwt_clock" in request.fixturenames,
+    )
+
+
+def _marked(marks: list[pytest.Mark]) -> dict[str, object]:
+    """The arguments of all markers; the closest to the test wins."""
+    wished: dict[str, object] = {}
+    for mark in reversed(marks):
+        if mark.args:
+            raise pytest.UsageError(f"@pytest.mark.rwt takes {', '.join(_KEYS)} by name, not {mark.args!r}")
+        for key in mark.kwargs:
+            if key not in _KEYS:
+                near = difflib.get_close_matches(key, _KEYS, n=1)
+                instead = f"did you mean {near[0]}?" if near else f"known are {', '.join(_KEYS)}"
+                raise pytest.UsageError(f"@pytest.mark.rwt has no argument {key}; {instead}")
+        wished.update(mark.kwargs)
+    return wished
+
+
+def _folders(node: pytest.Item, wished: object) -> tuple[Path, ...]:
+    """Folders as the marker names them, relative to the test's file."""
+    several = wished if isinstance(wished, list | tuple) else (wished,)
+    return tuple(node.path.parent / str(folder) for folder in several)
+
+
+def _settings(wished: object) -> Mapping[str, object]:
+    if not isinstance(wished, Mapping):
+        raise pytest.UsageError(
+            f'@pytest.mark.rwt: settings={{"limits.connections": 2}} is expected, not {wished!r}'
+        )
+    return wished
+
+
+def _ini_settings(config: pytest.Config) -> dict[str, object]:
+    pairs = [str(line).partition("=") for line in config.getini("rwt_settings")]
+    for key, equals, _ in pairs:
+        if not equals:
+            raise pytest.UsageError(f"rwt_settings: expected KEY=VALUE on each line, got {key!r}")
+    return {key.strip(): value.strip() for key, _, value in pairs}
+
+
+def transcript_lines(config: pytest.Config) -> int:
+    """How much of the transcript a failing test shows.
+
+    Raises:
+        UsageError: the ini value is not a whole number.
+    """
+    text = str(config.getini("rwt_transcript_lines"))
+    if not text.isdecimal():
+        raise pytest.UsageError(f"rwt_transcript_lines: expected a whole number, got {text!r}")
+    return int(text)

@@ -1,0 +1,32 @@
+"""What a scripted robot raises.
+
+- :exc:`ScriptError`: a script that cannot be played: an unknown key, field or file, or a misfit message.
+- :exc:`BlockingWait`: a waiting method was called from a coroutine, whose event loop it would hold up.
+
+An expectation that is not met raises :exc:`AssertionError`, as tests expect.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class ScriptError(Exception):
+    """The robot cannot be scripted so; the text says what, where and what instead."""
+
+
+class BlockingWait(RuntimeError):
+    """A method that waits was called on a thread whose event loop would stand still meanwhile."""
+
+
+def instead(name: str, known: Iterable[str]) -> str:
+    """The nearest known name in words, or all of them: ``did you mean `rate`?``."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    if near:
+        return f"did you mean `{near[0]}`?"
+    return f"known are {', '.join(names)}" if names else "none is known here"
+
+
+__all__ = ["BlockingWait", "ScriptError", "instead"]

@@ -1,0 +1,77 @@
+"""Time that passes when a test says so, with everything done that falls due on the way."""
+
+from __future__ import annotations
+
+import anyio
+import anyio.lowlevel
+from anyio.from_thread import BlockingPortal
+
+from rwt_graph.clock import NANOSECONDS, SimulatedClock
+
+#: Turns of the event loop in which most chains of wake-ups come to their end.
+_TURNS = 8
+
+
+class VirtualTime:
+    """Moves a graph's simulated clock from another thread, timer by timer.
+
+    Between two timers every coroutine runs until it waits again, so that robots see all things in the order
+    of their times, however long the way: ten seconds pass in milliseconds.
+
+    Args:
+        clock: the graph's.
+        portal: the graph's event loop.
+    """
+
+    def __init__(self, clock: SimulatedClock, portal: BlockingPortal) -> None:
+        self._clock = clock
+        self._portal = portal
+
+    def advance(self, seconds: float) -> None:
+        """Let `seconds` pass for the robot, and wait until all has happened that does in them.
+
+        Raises:
+            ValueError: `seconds` is negative.
+        """
+        if seconds < 0:
+            raise ValueError(f"time cannot be advanced by {seconds} s")
+        self._portal.call(advance, self._clock, seconds)
+
+    def settle(self) -> None:
+        """Let no time pass, and wait until every coroutine of the robot waits."""
+        self._portal.call(settle)
+
+    def time_ns(self) -> int:
+        """ROS time, nanoseconds since the epoch."""
+        return self._clock.time_ns()
+
+    def monotonic(self) -> float:
+        """Seconds that have passed for the robot."""
+        return self._clock.monotonic()
+
+
+async def advance(clock: SimulatedClock, seconds: float) -> None:
+    """As :meth:`VirtualTime.advance`, on the graph's own event loop."""
+    left_ns = round(seconds * NANOSECONDS)
+    await settle()
+    while True:
+        until = clock.until_next()
+        step_ns = left_ns if until is None else round(until * NANOSECONDS)
+        if until is None or step_ns > left_ns:
+            break
+        clock.advance(step_ns / NANOSECONDS)
+        left_ns -= step_ns
+        await settle()
+    clock.advance(left_ns / NANOSECONDS)
+    await settle()
+
+
+async def settle() -> None:
+    """Wait until every other task waits."""
+    # Mostly these few turns are enough; what is left is waited for, which costs a tenth of a second.
+    for _ in range(_TURNS):
+        await anyio.lowlevel.checkpoint()
+    await anyio.wait_all_tasks_blocked()
+
+
+__all__ = ["VirtualTime", "advance", "settle"]

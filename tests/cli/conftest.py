@@ -1,0 +1,88 @@
+"""The demo robot in a process of its own, and the command line against it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rwt_cli import main
+
+ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """A command that has ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """Its output as one JSON value."""
+        return json.loads(self.out)
+
+    @property
+    def records(self) -> list[Any]:
+        """Its output as JSON lines."""
+        return [json.loads(line) for line in self.out.splitlines()]
+
+
+Rwt = Callable[..., Ended]
+
+
+@contextmanager
+def demo_server(*options: str, url: str = "ws://127.0.0.1:0") -> Iterator[str]:
+    """The demo robot in another process, by its URL."""
+    command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", url, *options]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("RWT_")}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        try:
+            assert process.stdout is not None
+            yield process.stdout.readline().removeprefix("listening on ").strip()
+        finally:
+            process.terminate()
+
+
+@pytest.fixture(scope="session")
+def demo() -> Iterator[str]:
+    """The URL of a demo robot that all tests share: leave it as it was."""
+    with demo_server() as url:
+        yield url
+
+
+@pytest.fixture
+def rwt(demo: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Rwt:
+    """Runs `rwt …` against the demo robot, in this process."""
+    monkeypatch.setenv("RWT_URL", demo)
+    monkeypatch.delenv("RWT_TOKEN", raising=False)
+
+    def run(*words: str) -> Ended:
+        capsys.readouterr()
+        try:
+            code = main(words)
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+        captured = capsys.readouterr()
+        return Ended(code, captured.out, captured.err)
+
+    return run
+
+
+def process(*words: str, url: str, **options: Any) -> subprocess.Popen[str]:
+    """`rwt …` in a process of its own."""
+    environment = {**os.environ, "RWT_URL": url, "PYTHONUNBUFFERED": "1"}
+    command = [sys.executable, "-m", "rwt_cli", *words]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, **options
+    )

@@ -1,0 +1,126 @@
+"""`rwt doctor` against a server that is well, and against some that are not."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import ServerConnection, serve
+
+from rwt_cli.doctor import ENCODINGS
+from tests.cli.conftest import Rwt, demo_server
+
+
+def _verdicts(told: dict[str, Any]) -> dict[str, str]:
+    return {finding["name"]: finding["verdict"] for finding in told["findings"]}
+
+
+def test_a_server_that_is_well(rwt: Rwt, demo: str) -> None:
+    ended = rwt("doctor", demo, "--json")
+    told = ended.json
+    assert (ended.code, told["ok"], told["url"]) == (0, True, demo)
+    verdicts = _verdicts(told)
+    assert list(verdicts)[:4] == ["server", "connection", "rosapi", "ROS"]
+    assert {verdicts[f"encoding {name}"] for name in ENCODINGS} == {"ok"}
+    lines = rwt("doctor").out.splitlines()
+    assert lines[0].startswith("ok       server: rwt ")
+
+
+@pytest.mark.parametrize("distro", ["noetic"])
+def test_ros_1(rwt: Rwt, distro: str) -> None:
+    with demo_server("--distro", distro) as url:
+        told = rwt("doctor", url, "--json").json
+    assert _verdicts(told)["ROS"] == "note"
+    assert _verdicts(told)["encoding cbor-raw"] == "ok"
+
+
+def test_without_rosapi(rwt: Rwt) -> None:
+    with demo_server("--set", "nodes=") as url:
+        ended = rwt("doctor", url)
+    assert ended.code == 1
+    assert "problem  rosapi: refused" in ended.out
+    assert "-> start rosapi beside the server" in ended.out
+    assert "ok       encoding cbor" in ended.out
+
+
+def test_a_token_that_is_missing_or_wrong(rwt: Rwt) -> None:
+    token = "0123456789abcdef0123"
+    settings = ("--set", f"auth.tokens.me.token={token}", "--set", "auth.tokens.me.role=viewer")
+    with demo_server(*settings) as url:
+        ended = rwt("doctor", url)
+        assert (ended.code, "it wants a token: --token or RWT_TOKEN" in ended.out) == (3, True)
+        ended = rwt("doctor", url, "--token", "x" * 20)
+        assert (ended.code, "this token is not good" in ended.out) == (3, True)
+        ended = rwt("doctor", url, "--token", token, "--timeout", "1")
+        assert (ended.code, "problem  encoding json: refused: " in ended.out) == (1, True), ended.out
+
+
+def test_nobody_there(rwt: Rwt) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    ended = rwt("doctor", f"ws://127.0.0.1:{port}")
+    assert (ended.code, "start the server" in ended.out) == (3, True)
+    assert rwt("doctor", "nonsense").code == 2
+
+
+@contextmanager
+def _scripted(answer: Any) -> Iterator[str]:
+    """A server that answers each op with what `answer` makes of it."""
+
+    def handle(wire: ServerConnection) -> None:
+        try:
+            for text in wire:
+                for reply in answer(json.loads(text)):
+                    wire.send(json.dumps(reply))
+        except ConnectionClosed:
+            return
+
+    with serve(handle, "127.0.0.1", 0) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def _old_robot(op: dict[str, Any]) -> list[dict[str, Any]]:
+    """A server of long ago: JSON only, no version, a clock an hour behind."""
+    import time
+
+    if op["op"] == "publish":
+        return [{"op": "publish", "topic": op["topic"], "msg": op["msg"]}]
+    if op["op"] != "call_service":
+        return []
+    answer = {"op": "service_response", "id": op["id"], "service": op["service"]}
+    if op["service"] == "/rosapi/get_time":
+        return [{**answer, "result": True, "values": {"time": {"secs": int(time.time()) - 3600, "nsecs": 0}}}]
+    if op["service"] == "/rosapi/topics":
+        return [{**answer, "result": True, "values": {"topics": [], "types": []}}]
+    return [{**answer, "result": False, "values": "Service does not exist"}]
+
+
+def test_an_old_server_with_a_wrong_clock(rwt: Rwt) -> None:
+    with _scripted(_old_robot) as url:
+        ended = rwt("doctor", url, "--json")
+    verdicts = _verdicts(ended.json)
+    assert (ended.code, verdicts["clock"], verdicts["encoding json"]) == (0, "warning", "ok")
+    assert verdicts["server"] == "note"
+    assert {verdicts[f"encoding {name}"] for name in ENCODINGS if name != "json"} == {"note"}
+    (clock,) = (finding for finding in ended.json["findings"] if finding["name"] == "clock")
+    assert clock["text"].startswith("-3600")
+    assert "NTP" in clock["advice"]
+
+
+def test_a_server_that_never_answers(rwt: Rwt) -> None:
+    with _scripted(lambda op: []) as url:
+        ended = rwt("doctor", url, "--timeout", "0.2", "--json")
+    verdicts = _verdicts(ended.json)
+    assert (ended.code, verdicts["rosapi"], verdicts["encoding json"]) == (1, "problem", "problem")

@@ -1,0 +1,313 @@
+"""`rwt record`, `rwt play` and `rwt recording` as their users meet them: processes, files and signals."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from rwt_cli import main
+from rwt_cli.play import parse_remap, press
+from rwt_cli.record import parse_split
+from rwt_client.blocking import connect
+from rwt_interfaces import JAZZY
+from rwt_nodes.recording import RecordingWriter, open_recording
+from rwt_nodes.recording.mcap_files import McapRecording
+
+OWN = (
+    "--exclude",
+    *("/rosout", "/parameter_events", "/client_count", "/connected_clients", "/tf2_web_republisher/*"),
+)
+# Every distribution with every encoding is compared without a network in tests/nodes/recording.
+FORMS = [("jazzy", "ros"), ("noetic", "json")]
+
+
+@pytest.fixture(autouse=True)
+def logging_as_before() -> Iterator[None]:
+    """Commands that run in this process set up logging for themselves."""
+    root, own = logging.getLogger(), logging.getLogger("rwt_nodes.recording.writer")
+    handlers, levels = root.handlers[:], (root.level, own.level)
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(levels[0])
+    own.setLevel(levels[1])
+
+
+@contextmanager
+def running(*arguments: str, ready: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`rwt` as a process, and the rest of the line of its output that begins with `ready`."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rwt_cli", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        seen = []
+        for line in process.stdout:
+            seen.append(line)
+            if line.startswith(ready):
+                yield process, line.removeprefix(ready).strip()
+                return
+        raise AssertionError("".join(seen))
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def rows(path: Path) -> list[tuple[Any, ...]]:
+    with path.open("rb") as file:
+        return [
+            (channel.topic, schema.name if schema else "", each.log_time, each.publish_time, each.data)
+            for schema, channel, each in make_reader(file).iter_messages()
+        ]
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for something in another process."""
+    deadline = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize(("distro", "encoding"), FORMS)
+def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
+    tmp_path: Path, distro: str, encoding: str
+) -> None:
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    with running("serve", "ws://127.0.0.1:0", "--demo", "--distro", distro, ready="listening on ") as (
+        _,
+        url,
+    ):
+        arguments = (url, "-o", str(first), "--encoding", encoding, "--max-seconds", "1.2", *OWN)
+        assert main(["record", *arguments]) == 0
+    player_arguments = ("play", str(first), "ws://127.0.0.1:0", "--paused", "--speed", "4")
+    with running(*player_arguments, ready="listening on ") as (player, url):
+        again = ("record", url, "-o", str(second), "--encoding", encoding, "--no-reconnect", *OWN)
+        with running(*again, ready="recording ") as (recorder, _):
+            with connect(url) as robot:
+                assert robot.call("/rosbag2_player/is_paused").paused
+                robot.call("/rosbag2_player/resume")
+            assert recorder.wait(timeout=20) == 0
+        assert player.wait(timeout=10) == 0
+    recorded = rows(first)
+    assert len(recorded) > 50
+    assert {"/odom", "/scan", "/map", "/tf_static"} <= {row[0] for row in recorded}
+    # Messages of one time may come in another order: what was kept comes by topic.
+    assert sorted(rows(second)) == sorted(recorded)
+
+
+def test_a_recording_survives_kill_9(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, whole = tmp_path / "run.mcap", tmp_path / "whole.mcap"
+    with (
+        running("serve", "ws://127.0.0.1:0", "--demo", ready="listening on ") as (_, url),
+        running("record", url, "-o", str(path), ready="recording ") as (recorder, _),
+    ):
+        began = path.stat().st_size
+        until(lambda: path.stat().st_size > began + 5000)
+        recorder.send_signal(signal.SIGKILL)
+        recorder.wait(timeout=10)
+    with McapRecording(path) as recording:
+        assert not recording.complete
+        assert {"/odom", "/map"} <= {topic.name for topic in recording.topics}
+        count = len(list(recording.messages()))
+    assert count > 20
+    assert main(["recording", "recover", str(path), "-o", str(whole)]) == 0
+    assert f"{count} messages" in capsys.readouterr().out
+    assert len(rows(whole)) == count
+    assert main(["recording", "info", "--json", str(path)]) == 0
+    assert json.loads(capsys.readouterr().out)["complete"] is False
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, how: signal.Signals) -> None:
+    path = tmp_path / "run.mcap"
+    with (
+        running("serve", "ws://127.0.0.1:0", "--demo", ready="listening on ") as (_, url),
+        running("record", url, "-o", str(path), "--topics", "/odom", "tf*", ready="recording ") as (
+            recorder,
+            _,
+        ),
+    ):
+        time.sleep(0.3)
+        recorder.send_signal(how)
+        output, _ = recorder.communicate(timeout=10)
+        assert recorder.returncode == 0
+    assert f"messages in {path}" in output
+    with open_recording([path]) as recording:
+        assert recording.complete
+        assert [topic.name for topic in recording.topics] == ["/odom", "/tf", "/tf_static"]
+
+
+def test_serve_records_topics_and_calls(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    arguments = ("serve", "ws://127.0.0.1:0", "--demo", "--record", str(path))
+    with running(*arguments, ready="listening on ") as (server, url):
+        with connect(url) as robot:
+            assert robot.call("/add_two_ints", {"a": 20, "b": 22}).sum == 42
+        server.send_signal(signal.SIGINT)
+        server.communicate(timeout=10)
+        assert server.returncode == 0
+    with (
+        running("play", str(path), "ws://127.0.0.1:0", "--paused", ready="listening on ") as (_, url),
+        connect(url) as robot,
+    ):
+        assert robot.call("/add_two_ints", {"a": 20, "b": 22}).sum == 42
+
+
+def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    serve = ("serve", "ws://127.0.0.1:0", "--demo", "--introspection")
+    record = ("--topics", "/late", "/add_two_ints/*", "--services")
+    with (
+        running(*serve, ready="listening on ") as (_, url),
+        running("record", url, "-o", str(path), *record, ready="recording ") as (recorder, _),
+        connect(url) as robot,
+    ):
+        robot.call("/add_two_ints", {"a": 1, "b": 1})
+        late = robot.advertise("/late", "std_msgs/String")
+        until(lambda: bool(robot.api.subscribers("/late")))
+        late.publish({"data": "here"})
+        began = path.stat().st_size
+        until(lambda: path.stat().st_size > began)
+        recorder.send_signal(signal.SIGINT)
+        recorder.communicate(timeout=10)
+    topics = [row[0] for row in rows(path)]
+    assert topics.count("/late") == 1
+    assert topics.count("/add_two_ints/_service_event") == 2
+
+
+def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
+    path, there = tmp_path / "run.mcap", tmp_path / "there.mcap"
+    there.touch()
+    with running("serve", "ws://127.0.0.1:0", "--demo", ready="listening on ") as (_, url):
+        # The shell's limit on a file's size stands for a full disk: the kernel refuses to write.
+        limited = f"ulimit -f 40; exec {sys.executable} -m rwt_cli record {url} --compression none -o {path}"
+        full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=25)
+        again = [sys.executable, "-m", "rwt_cli", "record", url, "-o", str(there)]
+        refused = subprocess.run(again, capture_output=True, text=True, timeout=25)
+    assert full.returncode == 1
+    assert (
+        "cannot be written any more: File too large; what was written until then can be played" in full.stderr
+    )
+    assert len([line for line in full.stderr.splitlines() if "cannot be written" in line]) == 1
+    with open_recording([path]) as recording:
+        assert not recording.complete
+    assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
+    assert "there.mcap is there already" in refused.stderr
+
+
+def test_a_robot_without_rosapi_cannot_be_recorded(tmp_path: Path) -> None:
+    with running("serve", "ws://127.0.0.1:0", "--set", "nodes=[]", ready="listening on ") as (_, url):
+        command = [sys.executable, "-m", "rwt_cli", "record", url, "-o", str(tmp_path / "run.mcap")]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=25)
+    assert done.returncode == 1
+    assert "does not answer rosapi's questions" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"")
+    good = tmp_path / "good.mcap"
+    RecordingWriter(good, JAZZY).close()
+    for arguments, code, text in (
+        (("play",), 2, None),
+        (("play", "ws://127.0.0.1:0"), 2, "expected a recording to play"),
+        (("play", str(path)), 1, "is not a recording"),
+        (("play", str(tmp_path / "gone.mcap")), 1, "there is no such file"),
+        (("record", "ws://127.0.0.1:1", "-o", str(tmp_path / "new.mcap")), 3, "rwt: "),
+        (("play", str(good), "ws://127.0.0.1:0", "--start", "9"), 2, "cannot be played from 9.0 s"),
+        (("play", str(good), "ws://127.0.0.1:0", "--speed", "0"), 2, "at a rate from 0.001 to 1000"),
+        (("play", str(good), "tcp://256.0.0.1:1"), 1, "rwt: "),
+        (("recording", "info", str(path)), 1, "is not a recording"),
+        (("serve", "ws://127.0.0.1:0", "--record", str(path)), 1, "run.mcap is there already"),
+        (("serve", "ws://127.0.0.1:0", "--introspection", "--distro", "noetic"), 2, "is of ROS 2"),
+    ):
+        try:
+            assert main(arguments) == code
+        except SystemExit as ended:
+            assert ended.code == code
+        errors = capsys.readouterr().err
+        assert text is None or text in errors
+    assert not (tmp_path / "new.mcap").exists()
+
+
+def test_split_and_remap_are_read() -> None:
+    assert (parse_split("500MB").size, parse_split("1.5 gb").size) == (500_000_000, 1_500_000_000)
+    assert (parse_split("30s").seconds, parse_split("10m").seconds) == (30.0, 600.0)
+    assert parse_remap("/a:=/b") == ("/a", "/b")
+    for text in ("", "10", "0s", "GB", "-1s", "1 week"):
+        with pytest.raises(Exception, match="neither a size nor a time"):
+            parse_split(text)
+    for text in ("/a", "/a:=", ":=/b"):
+        with pytest.raises(Exception, match="expected OLD:=NEW"):
+            parse_remap(text)
+
+
+def test_keys_control_a_player() -> None:
+    class Player:
+        rate = 1.0
+        done = ""
+
+        def toggle_paused(self) -> None:
+            self.done += "pause "
+
+        def play_next(self) -> bool:
+            self.done += "next "
+            return True
+
+        def set_rate(self, rate: float) -> None:
+            self.rate = rate
+
+    player: Any = Player()
+    for key in ("space", "right", "up", "down", "down"):
+        press(player, key)
+    assert (player.done, round(player.rate, 3)) == ("pause next ", 0.909)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a terminal of Unix")
+def test_space_in_a_terminal_goes_on_until_the_end(tmp_path: Path) -> None:
+    import pty
+
+    path = tmp_path / "run.mcap"
+    RecordingWriter(path, JAZZY).close()
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "rwt_cli", "play", str(path), "ws://127.0.0.1:0", "--paused"]
+    # A session of its own, with the terminal in its foreground, as a shell would start it.
+    program = (
+        "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0);"
+        "os.execv(sys.argv[1], sys.argv[1:])"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *command],
+        stdin=theirs,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith(b"listening on ")
+        assert process.stdout.readline().startswith(b"playing 0 messages")
+        # Until it reads keys it takes lines, and keeps what was typed.
+        os.write(ours, b" ")
+        process.wait(timeout=20)
+        assert process.returncode == 0
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(ours)
+        os.close(theirs)

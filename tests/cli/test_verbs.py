@@ -1,0 +1,514 @@
+"""Each verb against the demo robot: what people see, what programs get, and how it fails."""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+
+import pytest
+
+from rwt_cli import COMMANDS, main, parser_for
+from rwt_cli.live_names import rooted
+from rwt_cli.output import Output
+from rwt_cli.yaml_reader import read_yaml
+from tests.cli.conftest import Rwt, demo_server
+
+_ADD = "example_interfaces/srv/AddTwoInts"
+_TWIST = "geometry_msgs/msg/Twist"
+
+
+# -- topic -------------------------------------------------------------------------------------------------
+
+
+def test_topic_list(rwt: Rwt) -> None:
+    names = rwt("topic", "list").out.splitlines()
+    assert {"/odom", "/scan", "/cmd_vel"} <= set(names)
+    assert names == sorted(names)
+    assert f"/cmd_vel [{_TWIST}]" in rwt("topic", "list", "-t").out.splitlines()
+    assert {"name": "/cmd_vel", "type": _TWIST} in rwt("topic", "list", "--json").json
+
+
+def test_topic_list_counts(rwt: Rwt) -> None:
+    assert int(rwt("topic", "list", "-c").out) == rwt("topic", "list", "-c", "--json").json["count"] > 10
+
+
+def test_topic_list_verbosely(rwt: Rwt) -> None:
+    published, _, subscribed = rwt("topic", "list", "-v").out.partition("Subscribed topics:")
+    assert " * /odom [nav_msgs/msg/Odometry] 1 publisher\n" in published
+    assert f" * /cmd_vel [{_TWIST}] 1 subscriber\n" in subscribed
+    (odom,) = (each for each in rwt("topic", "list", "-v", "--json").json if each["name"] == "/odom")
+    assert (odom["publishers"], odom["subscribers"]) == (1, 0)
+
+
+def test_topic_info(rwt: Rwt) -> None:
+    assert rwt("topic", "info", "odom").out == (
+        "Type: nav_msgs/msg/Odometry\nPublisher count: 1\nSubscription count: 0\n"
+    )
+    said = rwt("topic", "info", "/odom", "--verbose").out
+    assert "Node name: demo_robot\nNode namespace: /\n" in said
+    assert "Endpoint type: PUBLISHER" in said
+    assert rwt("topic", "info", "/odom", "--json").json == {
+        "name": "/odom",
+        "type": "nav_msgs/msg/Odometry",
+        "publishers": ["/demo_robot"],
+        "subscribers": [],
+    }
+
+
+def test_topic_type_and_find(rwt: Rwt) -> None:
+    assert rwt("topic", "type", "/scan").out == "sensor_msgs/msg/LaserScan\n"
+    for spelling in ("sensor_msgs/msg/LaserScan", "sensor_msgs/LaserScan"):
+        assert rwt("topic", "find", spelling).out == "/scan\n"
+    assert rwt("topic", "find", "sensor_msgs/LaserScan", "--json").json == ["/scan"]
+    assert rwt("topic", "find", "sensor_msgs/LaserScan", "-c").out == "1\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("type",), ("info",), ("echo", "--once"), ("hz",), ("bw",), ("delay",)],
+    ids=lambda words: words[0],
+)
+def test_an_unknown_topic_is_one_line_with_the_nearest(rwt: Rwt, words: tuple[str, ...]) -> None:
+    ended = rwt("topic", *words, "/odm")
+    assert (ended.code, ended.err) == (1, "rwt: the robot knows no topic /odm; did you mean /odom?\n")
+
+
+def test_echo_as_yaml(rwt: Rwt) -> None:
+    text, end, rest = rwt("topic", "echo", "/odom", "--once").out.partition("---\n")
+    message = read_yaml(text)
+    assert isinstance(message, dict)
+    assert list(message) == ["header", "child_frame_id", "pose", "twist"]
+    assert (end, rest) == ("---\n", "")
+
+
+def test_echo_as_json_lines(rwt: Rwt) -> None:
+    first, second = rwt("topic", "echo", "/odom", "-n", "2", "--json").records
+    assert first["header"]["frame_id"] == "odom"
+    assert first["header"]["stamp"] != second["header"]["stamp"]
+
+
+def test_echo_one_field(rwt: Rwt) -> None:
+    assert rwt("topic", "echo", "odom", "--once", "--field", "header.frame_id").out == "odom\n---\n"
+    assert rwt("topic", "echo", "odom", "--once", "--field", "pose.covariance[0]", "--json").json >= 0
+    assert rwt("topic", "echo", "odom", "--once", "--field", "header.stamp.sec", "--json").json > 0
+    assert isinstance(
+        rwt("topic", "echo", "/tf", "--once", "--field", "transforms[0].header.frame_id").out, str
+    )
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("pose.pos", "geometry_msgs/PoseWithCovariance has no field pos; did you mean pose?"),
+        ("pose..x", "expected names and indices"),
+        ("child_frame_id.x", "string has no fields"),
+        ("child_frame_id[0]", "string is no array"),
+        ("header.stamp.secs", "did you mean sec?"),
+    ],
+)
+def test_a_field_that_is_not_there(rwt: Rwt, path: str, expected: str) -> None:
+    ended = rwt("topic", "echo", "/odom", "--once", "--field", path)
+    assert ended.code == 2
+    assert expected in ended.err
+
+
+def test_an_index_beyond_the_array(rwt: Rwt) -> None:
+    ended = rwt("topic", "echo", "/scan", "--once", "--field", "ranges[4000]")
+    assert (ended.code, "there are only 360 items" in ended.err) == (2, True) or ended.code == 1
+
+
+def test_echo_on_one_line(rwt: Rwt) -> None:
+    line, end = rwt("topic", "echo", "/odom", "--once", "--flow-style").out.splitlines()
+    assert line.startswith("{header: {stamp: {sec: ")
+    assert end == "---"
+
+
+def test_echo_as_csv(rwt: Rwt) -> None:
+    values = rwt("topic", "echo", "/odom", "--once", "--csv").out.strip().split(",")
+    assert values[2:4] == ["odom", "base_link"]
+    assert len(values) == 4 + 7 + 36 + 6 + 36
+
+
+def test_echo_without_arrays_and_strings(rwt: Rwt) -> None:
+    said = rwt("topic", "echo", "/scan", "--once", "--no-arr", "--no-str").out
+    assert "ranges: '<sequence type: float32, length: 360>'" in said
+    assert "frame_id: '<string length: <5>>'" in said
+    fixed = rwt("topic", "echo", "/odom", "--once", "--no-arr").out
+    assert "covariance: '<array type: float64[36]>'" in fixed
+
+
+def test_long_arrays_are_cut(rwt: Rwt) -> None:
+    said = rwt("topic", "echo", "/scan", "--once", "--field", "ranges").out
+    assert said.count("\n- ") == 128
+    assert said.endswith("- '...'\n---\n")
+    assert rwt("topic", "echo", "/scan", "--once", "--field", "ranges", "-f").out.count("- ") == 360
+    assert rwt("topic", "echo", "/scan", "--once", "--field", "ranges", "-l", "3").out.count("\n") == 5
+
+
+def test_echo_that_hears_nothing_in_time(rwt: Rwt) -> None:
+    ended = rwt("topic", "echo", "/nothing", "std_msgs/msg/String", "--once", "--timeout", "0.2")
+    assert (ended.code, ended.err) == (4, "rwt: no message came on /nothing within 0.2 s\n")
+
+
+def test_pub_as_the_ros2_documentation_writes_it(rwt: Rwt) -> None:
+    ended = rwt("topic", "pub", "--once", "/cmd_vel", _TWIST, "{linear: {x: 0.0}, angular: {z: 0.5}}")
+    assert ended.code == 0
+    assert ended.out.startswith("publisher: beginning loop\npublishing #1: geometry_msgs.msg.Twist(linear=")
+    assert "z=0.5))" in ended.out
+
+
+def test_pub_so_many_times(rwt: Rwt) -> None:
+    ended = rwt("topic", "pub", "-t", "3", "-r", "50", "-p", "2", "/cmd_vel", "{}", "--json")
+    assert [record["number"] for record in ended.records] == [2]
+    assert ended.records[0]["message"]["linear"] == {"x": 0.0, "y": 0.0, "z": 0.0}
+
+
+def test_pub_stamps_headers(rwt: Rwt) -> None:
+    ended = rwt("topic", "pub", "-w", "0", "--once", "/h", "std_msgs/msg/Header", "stamp: now", "--json")
+    assert ended.records[0]["message"]["stamp"]["sec"] > 1_000_000_000
+    ended = rwt(
+        "topic", "pub", "-w", "0", "--once", "/p", "geometry_msgs/PoseStamped", "header: auto", "--json"
+    )
+    assert ended.records[0]["message"]["header"]["stamp"]["sec"] > 1_000_000_000
+
+
+def test_pub_reads_standard_input(rwt: Rwt, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("data: from a pipe\n"))
+    ended = rwt("topic", "pub", "-w", "0", "--once", "/piped", "std_msgs/msg/String", "-")
+    assert "std_msgs.msg.String(data='from a pipe')" in ended.out
+
+
+def test_pub_that_nobody_hears(rwt: Rwt) -> None:
+    ended = rwt("topic", "pub", "--once", "/alone", "std_msgs/msg/Empty", "--timeout", "0.3")
+    assert ended.code == 4
+    assert "Waiting for at least 1 matching subscription(s)" in ended.err
+    assert "nobody has subscribed to /alone within 0.3 s; -w 0 publishes without" in ended.err
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        (("/cmd_vel", "{liner: {x: 1}}"), 2, 'has no field "liner"; it has linear, angular'),
+        (("/cmd_vel", "{linear: {x: fast}}"), 2, 'linear.x: expected float64, got "fast"'),
+        (
+            ("/cmd_vel", "{linear: {x: 1}"),
+            2,
+            "the message: line 1, column 1: what begins here has no closing }",
+        ),
+        (("/cmd_vel", _TWIST, "3"), 2, "expected fields"),
+        (("/cmd_vel", _TWIST, "{linear:", "1}"), 2, "the message goes in quotes"),
+        (("/new", "std_msgs/msg/Strin", "{}"), 1, "did you mean std_msgs/String?"),
+        (("/new", "{}"), 1, "the robot knows no topic /new"),
+        (("/cmd_vel", "std_msgs/msg/String", "{}"), 1, "geometry_msgs"),
+    ],
+)
+def test_pub_that_cannot_be(rwt: Rwt, words: tuple[str, ...], code: int, expected: str) -> None:
+    ended = rwt("topic", "pub", "--once", *words)
+    assert expected in ended.err
+    assert ended.code == code
+    assert len(ended.err.splitlines()) == 1
+
+
+def test_rates(rwt: Rwt) -> None:
+    said = rwt("topic", "hz", "/odom", "-n", "1").out
+    assert said.startswith("average rate: ")
+    assert "\n\tmin: " in said
+    (record,) = rwt("topic", "hz", "/odom", "-n", "1", "--json").records
+    assert 5 < record["rate"] < 40
+
+
+def test_bandwidth_of_several(rwt: Rwt) -> None:
+    said = rwt("topic", "bw", "/odom", "/scan", "-n", "1").out
+    assert said.startswith("topic: /odom\n")
+    assert "topic: /scan\n" in said
+    assert "\tMessage size mean: " in said
+    (record,) = rwt("topic", "bw", "/odom", "-n", "1", "--interval", "0.5", "--json").records
+    assert 500 < record["mean_bytes"] < 1000
+
+
+def test_delay(rwt: Rwt) -> None:
+    (record,) = rwt("topic", "delay", "/odom", "-n", "1", "--json").records
+    assert -1 < record["delay"] < 5
+    ended = rwt("topic", "delay", "/chatter", "-n", "1")
+    assert (ended.code, "std_msgs/msg/String has no header" in ended.err) == (1, True)
+
+
+def test_rates_of_a_silent_topic(rwt: Rwt) -> None:
+    ended = rwt("topic", "hz", "/cmd_vel", "-n", "1", "--interval", "0.1")
+    assert ended.out == "no messages on /cmd_vel yet\n"
+    (record,) = rwt("topic", "hz", "/cmd_vel", "-n", "1", "--interval", "0.1", "--json").records
+    assert record == {"topic": "/cmd_vel", "messages": 0}
+
+
+# -- service -----------------------------------------------------------------------------------------------
+
+
+def test_service_list_type_find(rwt: Rwt) -> None:
+    assert "/add_two_ints" in rwt("service", "list").out.splitlines()
+    assert f"/add_two_ints [{_ADD}]" in rwt("service", "list", "-t").out.splitlines()
+    assert {"name": "/add_two_ints", "type": _ADD} in rwt("service", "list", "--json").json
+    assert rwt("service", "type", "add_two_ints").out == f"{_ADD}\n"
+    assert rwt("service", "find", _ADD).out == "/add_two_ints\n"
+    assert int(rwt("service", "list", "-c").out) > 20
+
+
+def test_service_call(rwt: Rwt) -> None:
+    for words in ((_ADD, "{a: 1, b: 2}"), ("{a: 1, b: 2}",), ("a: 1\nb: 2",), ('{"a": 1, "b": 2}',)):
+        assert rwt("service", "call", "/add_two_ints", *words).out == (
+            "requester: making request: example_interfaces.srv.AddTwoInts_Request(a=1, b=2)\n\n"
+            "response:\nexample_interfaces.srv.AddTwoInts_Response(sum=3)\n\n"
+        )
+    assert rwt("service", "call", "/add_two_ints", _ADD, "--json").json == {"sum": 0}
+
+
+def test_service_call_that_fails(rwt: Rwt) -> None:
+    ended = rwt("service", "call", "/ad_two_ints", "{a: 1}")
+    assert (ended.code, ended.err) == (
+        1,
+        "rwt: the robot knows no service /ad_two_ints; did you mean /add_two_ints?\n",
+    )
+    assert rwt("service", "call", "/add_two_ints", "{a: 1.5}").code == 2
+    ended = rwt("service", "call", "/rosapi/topic_type", "rosapi/srv/TopicType", "{topic: [1]}")
+    assert (ended.code, "expected string" in ended.err) == (2, True)
+
+
+# -- action ------------------------------------------------------------------------------------------------
+
+
+def test_action_list_type_info(rwt: Rwt) -> None:
+    kind = "example_interfaces/action/Fibonacci"
+    assert rwt("action", "list").out == "/fibonacci\n/navigate_to_pose\n/tf2_web_republisher\n"
+    assert f"/fibonacci [{kind}]" in rwt("action", "list", "-t").out
+    assert rwt("action", "list", "-c", "--json").json == {"count": 3}
+    assert rwt("action", "type", "/fibonacci").out == f"{kind}\n"
+    assert rwt("action", "info", "/fibonacci").out == (
+        f"Action: /fibonacci\nType: {kind}\nAction servers: 1\n    /demo_robot\n"
+    )
+    info = rwt("action", "info", "/fibonacci", "--json").json
+    assert info == {"name": "/fibonacci", "type": kind, "servers": ["/demo_robot"]}
+
+
+def test_send_goal(rwt: Rwt) -> None:
+    said = rwt("action", "send_goal", "/fibonacci", "example_interfaces/action/Fibonacci", "{order: 1}").out
+    assert said == (
+        "Sending goal:\n    order: 1\n\nResult:\n    sequence:\n    - 0\n    - 1\n\n"
+        "Goal finished with status: SUCCEEDED\n"
+    )
+
+
+def test_send_goal_with_feedback(rwt: Rwt) -> None:
+    records = rwt("action", "send_goal", "/fibonacci", "order: 2", "--feedback", "--json").records
+    assert records == [
+        {"feedback": {"sequence": [0, 1, 1]}},
+        {"status": "SUCCEEDED", "result": {"sequence": [0, 1, 1]}},
+    ]
+
+
+def test_send_goal_that_fails(rwt: Rwt) -> None:
+    ended = rwt("action", "send_goal", "/fibonacci", "{order: -1}")
+    assert (ended.code, "order must be 0 to 46" in ended.err) == (1, True)
+    ended = rwt("action", "send_goal", "/fibonaci", "{order: 1}")
+    assert (ended.code, "did you mean /fibonacci?" in ended.err) == (1, True)
+
+
+def test_a_goal_that_takes_too_long_is_canceled(rwt: Rwt) -> None:
+    ended = rwt("action", "send_goal", "/fibonacci", "{order: 40}", "--timeout", "0.5")
+    assert ended.code == 4
+    assert "canceling the goal" in ended.err
+
+
+# -- param -------------------------------------------------------------------------------------------------
+
+
+def test_param_list(rwt: Rwt) -> None:
+    assert "/demo_robot:\n  command_timeout\n" in rwt("param", "list").out
+    assert rwt("param", "list", "/demo_robot").out.startswith("  command_timeout\n")
+    assert "max_speed" in rwt("param", "list", "--json").json["/demo_robot"]
+    assert "did you mean /demo_robot?" in rwt("param", "list", "/demo_robt").err
+
+
+def test_param_get_and_set(rwt: Rwt) -> None:
+    before = rwt("param", "get", "/demo_robot", "scan_noise", "--hide-type").out.strip()
+    try:
+        assert rwt("param", "set", "/demo_robot", "scan_noise", "0.25").out == "Set parameter successful\n"
+        assert rwt("param", "get", "demo_robot", "scan_noise").out == "Double value is: 0.25\n"
+        assert rwt("param", "get", "/demo_robot:scan_noise", "--json").json == {
+            "name": "/demo_robot:scan_noise",
+            "value": 0.25,
+        }
+    finally:
+        assert rwt("param", "set", "/demo_robot:scan_noise", before).code == 0
+
+
+def test_param_that_is_refused(rwt: Rwt) -> None:
+    ended = rwt("param", "set", "/demo_robot", "max_speed", "fast")
+    assert (ended.code, "expected double, got string" in ended.err) == (1, True)
+    ended = rwt("param", "get", "/demo_robot", "max_sped")
+    assert (ended.code, "did you mean /demo_robot max_speed?" in ended.err) == (1, True)
+    assert rwt("param", "delete", "/demo_robot", "max_speed").code == 1
+
+
+def test_param_dump_and_load(rwt: Rwt, tmp_path: Path) -> None:
+    file = tmp_path / "demo.yaml"
+    assert rwt("param", "dump", "/demo_robot", "-o", str(file)).out == ""
+    assert file.read_text() == rwt("param", "dump", "/demo_robot").out
+    dumped = rwt("param", "dump", "/demo_robot", "--json").json["parameters"]
+    file.write_text(file.read_text().replace("max_speed: 0.8", "max_speed: 0.3"))
+    try:
+        ended = rwt("param", "load", "/demo_robot", str(file))
+        assert ended.code == 0, ended.err
+        assert "Set parameter max_speed successful\n" in ended.out
+        assert rwt("param", "get", "/demo_robot", "max_speed").out == "Double value is: 0.3\n"
+    finally:
+        rwt("param", "set", "/demo_robot", "max_speed", str(dumped["max_speed"]))
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "expected"),
+    [
+        (
+            "/demo_robot:\n  ros__parameters:\n    max_speed: fast\n",
+            1,
+            "1 of 1 parameters of /demo_robot were not set",
+        ),
+        ("/other:\n  ros__parameters:\n    a: 1\n", 2, "has nothing for /demo_robot; it has ['/other']"),
+        ("/demo_robot:\n  a: 1\n", 2, "expected `ros__parameters:` below `/demo_robot:`"),
+        ("[1]", 2, "expected `/demo_robot:`"),
+        ("a: [", 2, "line 1, column 4"),
+    ],
+)
+def test_param_file_that_cannot_be_loaded(
+    rwt: Rwt, tmp_path: Path, text: str, code: int, expected: str
+) -> None:
+    file = tmp_path / "demo.yaml"
+    file.write_text(text)
+    ended = rwt("param", "load", "/demo_robot", str(file))
+    assert ended.code == code
+    assert expected in ended.err
+
+
+def test_param_file_for_any_node_and_with_groups(rwt: Rwt, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "/**:\n  ros__parameters:\n    group:\n      no_such: 1\n"
+    monkeypatch.setattr(sys, "stdin", io.StringIO(text))
+    ended = rwt("param", "load", "/demo_robot", "-", "--json")
+    assert (ended.code, ended.json["set"]) == (1, 0)
+    assert ended.json["failed"][0].startswith("group.no_such: ")
+    assert "No such file" not in rwt("param", "load", "/demo_robot", "/no/such/file").out
+
+
+# -- node --------------------------------------------------------------------------------------------------
+
+
+def test_node_list_and_info(rwt: Rwt) -> None:
+    assert {"/demo_robot", "/rosapi"} <= set(rwt("node", "list").out.splitlines())
+    assert "/demo_robot" in rwt("node", "list", "--json").json
+    said = rwt("node", "info", "demo_robot").out
+    assert said.startswith(f"/demo_robot\n  Subscribers:\n    /cmd_vel: {_TWIST}\n\n  Publishers:\n")
+    assert f"  Service Servers:\n    /add_two_ints: {_ADD}\n" in said
+    assert "  Action Servers:\n    /fibonacci: example_interfaces/action/Fibonacci\n" in said
+    info = rwt("node", "info", "/demo_robot", "--json").json
+    assert info["subscribers"] == [{"name": "/cmd_vel", "type": _TWIST}]
+    assert "did you mean /demo_robot?" in rwt("node", "info", "/demo_robo").err
+
+
+# -- all ---------------------------------------------------------------------------------------------------
+
+
+def test_ros_1(rwt: Rwt) -> None:
+    with demo_server("--distro", "noetic") as url:
+        there = ("--url", url)
+        assert rwt("topic", "type", "/odom", *there).out == "nav_msgs/Odometry\n"
+        assert rwt("param", "get", "/demo_robot/max_speed", *there).out == "Double value is: 0.8\n"
+        assert rwt("param", "get", "/demo_robot", "max_speed", *there).out == "Double value is: 0.8\n"
+        assert "max_speed" in rwt("param", "dump", "/demo_robot", "--json", *there).json["parameters"]
+        assert rwt("service", "call", "/add_two_ints", "{a: 1, b: 2}", "--json", *there).json == {"sum": 3}
+        goal = rwt("action", "send_goal", "/fibonacci", "{order: 0}", "--json", *there).records[-1]
+        assert goal == {"status": "SUCCEEDED", "result": {"sequence": [0, 1]}}
+        assert rwt("action", "info", "/fibonacci", "--json", *there).json["servers"] == ["/demo_robot"]
+        assert "secs:" in rwt("topic", "echo", "/odom", "--once", *there).out
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("tpic",), "unknown command 'tpic'; did you mean topic?"),
+        (("topic", "lst"), "unknown command 'lst'; did you mean list?"),
+        (("topic", "list", "--showtypes"), "--showtypes"),
+        (("topic", "echo", "/odom", "--qos-history", "keep_lst"), "did you mean keep_last?"),
+        (("topic", "echo"), "TOPIC"),
+        (("topic", "pub", "/a", "-r", "0"), "expected times a second, for example 10, got '0'"),
+        (("topic", "echo", "/a", "-n", "none"), "expected a whole number of at least 1, got 'none'"),
+    ],
+)
+def test_called_wrongly_is_one_line_and_2(rwt: Rwt, words: tuple[str, ...], expected: str) -> None:
+    ended = rwt(*words)
+    assert ended.code == 2
+    assert expected in ended.err
+    assert len(ended.err.splitlines()) == 1
+    assert ended.out == ""
+
+
+@pytest.mark.parametrize(
+    ("url", "code"), [("ws://127.0.0.1:1", 3), ("nothing:x", 2), ("ws://", 2), ("tcp://127.0.0.1:1", 3)]
+)
+def test_no_connection(rwt: Rwt, url: str, code: int) -> None:
+    ended = rwt("topic", "list", "--url", url)
+    assert ended.code == code
+    assert len(ended.err.splitlines()) == 1
+
+
+def test_a_token_is_shown_and_needed(rwt: Rwt, monkeypatch: pytest.MonkeyPatch) -> None:
+    token = "0123456789abcdef0123"
+    settings = ("--set", f"auth.tokens.me.token={token}", "--set", "auth.tokens.me.role=admin")
+    with demo_server(*settings) as url:
+        assert rwt("topic", "type", "/odom", "--url", url).code == 3
+        assert rwt("topic", "type", "/odom", "--url", url, "--token", "x" * 20).code == 3
+        assert rwt("topic", "type", "/odom", "--url", url, "--token", token).code == 0
+        monkeypatch.setenv("RWT_TOKEN", token)
+        assert rwt("topic", "type", "/odom", "--url", url).code == 0
+        assert rwt("topic", "list", "--url", "tcp://127.0.0.1:1").code == 2
+        assert rwt("topic", "list", "--token", "two words").code == 2
+
+
+def test_a_robot_without_rosapi(rwt: Rwt) -> None:
+    with demo_server("--set", "nodes=") as url:
+        ended = rwt("topic", "list", "--url", url)
+        assert (ended.code, "the robot does not answer questions" in ended.err) == (1, True)
+
+
+def test_every_command_and_verb_has_help_with_an_example(rwt: Rwt) -> None:
+    said = rwt("--help").out
+    for command in COMMANDS:
+        assert f"    {command.name} " in said or f"    {command.name}\n" in said
+    for family, verbs in (
+        ("topic", "list info type echo pub hz bw delay find"),
+        ("service", "list type call find"),
+        ("action", "list info type send_goal"),
+        ("param", "list get set delete dump load"),
+        ("node", "list info"),
+        ("interface", "list show generate"),
+    ):
+        for verb in verbs.split():
+            help = rwt(family, verb, "--help").out
+            assert f"example:\n  rwt {family} {verb}" in help
+            assert "--json prints:" in help
+    assert parser_for("*").prog == "rwt"
+
+
+def test_names_may_lack_their_slash() -> None:
+    assert (rooted("odom"), rooted("/odom")) == ("/odom", "/odom")
+
+
+def test_what_a_robot_is_called_is_no_command_to_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    stream = io.StringIO()
+    people = Output(stream, people=True, colour=True, json=False)
+    people.columns([("/a\x1b[2J", "b")], ("name", None))
+    people.line(people.styled("/c\x07", "name"))
+    assert stream.getvalue() == "\x1b[36m/a\ufffd[2J\x1b[0m  b\n\x1b[36m/c\ufffd\x1b[0m\n"
+    plain = Output(stream, people=False, colour=False, json=False)
+    assert plain.styled("/a", "name") == "/a"
+    assert main(["topic", "echo", "/a", "--url", "no\x1b[2J\nurl"]) == 2
+    errors = capsys.readouterr().err
+    assert "\x1b" not in errors
+    assert len(errors.splitlines()) == 1

@@ -1,0 +1,51 @@
+"""A program on `asyncio.run`: callbacks of the loop then have nothing that tells which loop it is."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from rwt_bridge import serve
+from rwt_client import connect
+from rwt_graph import MemoryGraph
+from rwt_nodes import Rosapi
+from rwt_transports.http import HttpRequest, HttpResponse
+
+
+async def _page(request: HttpRequest, may_subscribe: object) -> HttpResponse:
+    await asyncio.sleep(0)
+    return HttpResponse(b"a page")
+
+
+async def _beep(request: Any) -> dict[str, object]:
+    await asyncio.sleep(0)
+    return {"success": True, "message": "beep"}
+
+
+async def _count(goal: Any) -> dict[str, object]:
+    await asyncio.sleep(0)
+    return {"sequence": list(range(goal.request.order))}
+
+
+async def _all() -> list[object]:
+    async with MemoryGraph() as graph, serve(graph, "ws://127.0.0.1:0", pages={"/page": _page}) as server:
+        robot = graph.node("robot")
+        with Rosapi(graph):
+            robot.advertise_service("/beep", "std_srvs/Trigger", _beep)
+            async with connect(server.urls[0]) as client:
+                await client.advertise_service("/boop", "std_srvs/Trigger", _beep)
+                await client.advertise_action("/count", "example_interfaces/Fibonacci", _count)
+                own: Any = await client.call("/beep")
+                offered: Any = await robot.call_service("/boop", {})
+                goal = await robot.send_goal("/count", {"order": 3})
+                _, result = await goal.result()
+        reader, writer = await asyncio.open_connection("127.0.0.1", int(server.urls[0].rpartition(":")[2]))
+        writer.write(b"GET /page HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        answer = await reader.read()
+        writer.close()
+    sequence: Any = result
+    return [own.message, offered.message, list(sequence.sequence), answer.rpartition(b"\n")[2]]
+
+
+def test_coroutine_handlers_and_pages_run() -> None:
+    assert asyncio.run(_all()) == ["beep", "beep", [0, 1, 2], b"a page"]

@@ -1,0 +1,129 @@
+"""Service calls and goals: told of on topics, recorded, and answered again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+
+from rwt_graph import ActionGoal, MemoryGraph, Message, Node, ServiceFailed, SimulatedClock
+from rwt_interfaces import NOETIC, Registry
+from rwt_nodes.introspection import Introspection, NotObservable
+from rwt_nodes.playback import Player, PlayOptions
+from rwt_nodes.recording import Recorder, open_recording
+from tests.nodes.recording.robots import OWN, START_NS, graph_at, of_topic, rows
+
+EVENTS = "/add/_service_event"
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"
+
+
+def add(request: Any) -> dict[str, object]:
+    if request.a < 0:
+        raise ServiceFailed("only natural numbers")
+    return {"sum": request.a + request.b}
+
+
+@pytest.mark.anyio
+async def test_a_call_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
+    graph, clock = graph_at()
+    told: list[Any] = []
+    async with graph:
+        with Node(graph, "robot") as node:
+            introspection = Introspection(graph)
+            node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
+            node.subscribe(EVENTS, told.append, "example_interfaces/srv/AddTwoInts_Event")
+            clock.advance(1.0)
+            await node.call_service("/add", {"a": 1, "b": 2})
+            with pytest.raises(ServiceFailed):
+                await node.call_service("/add", {"a": -1, "b": 2})
+            introspection.close()
+            introspection.close()
+            await node.call_service("/add", {"a": 5, "b": 5})
+    found = [
+        (each.info.event_type, [r.a for r in each.request], [r.sum for r in each.response]) for each in told
+    ]
+    assert found == [(1, [1], []), (2, [], [3]), (1, [-1], [])]
+    assert told[0].info.sequence_number == told[1].info.sequence_number != told[2].info.sequence_number
+    assert (told[0].info.stamp.sec, told[0].info.stamp.nanosec) == divmod(START_NS + 10**9, 10**9)
+
+
+def test_what_cannot_be_told_of_is_said() -> None:
+    with pytest.raises(NotObservable, match="ROS 1 has no service introspection"):
+        Introspection(MemoryGraph(Registry(NOETIC)))
+
+
+@pytest.mark.anyio
+async def test_recorded_calls_are_answered_again(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    graph, _ = graph_at()
+    async with graph:
+        with Node(graph, "robot") as node, Recorder(graph, path, OWN) as recorder:
+            introspection = Introspection(graph, on_topic=recorder.look)
+            totals = iter((10, 20))
+            node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
+            node.advertise_service("/total", "example_interfaces/AddTwoInts", lambda _: {"sum": next(totals)})
+            for numbers in ({"a": 1, "b": 2}, {"a": 3, "b": 4}):
+                await node.call_service("/add", numbers)
+            for _ in range(2):
+                await node.call_service("/total")
+            introspection.close()
+    assert len(of_topic(rows(path), EVENTS)) == 4
+    with open_recording([path]) as recording:
+        graph = MemoryGraph(clock=SimulatedClock(recording.start_ns))
+        async with graph:
+            with Player(graph, recording), Node(graph, "client") as node:
+                assert (await node.call_service("/add", {"a": 3, "b": 4})).sum == 7
+                assert (await node.call_service("/add", {"a": 1, "b": 2})).sum == 3
+                assert [(await node.call_service("/total")).sum for _ in range(3)] == [10, 20, 20]
+                with pytest.raises(
+                    ServiceFailed, match="the recording has no call of /add with this request"
+                ):
+                    await node.call_service("/add", {"a": 9, "b": 9})
+            with Player(graph, recording, PlayOptions(answer_services=False)):
+                assert graph.service("/add") is None
+
+
+@pytest.mark.anyio
+async def test_a_goal_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    graph, _ = graph_at()
+
+    async def execute(goal: ActionGoal) -> dict[str, object]:
+        goal.publish_feedback({"sequence": [0, 1]})
+        return {"sequence": [0, 1, 1]}
+
+    heard: list[Message] = []
+    async with graph:
+        with Node(graph, "robot") as node, Recorder(graph, path, OWN) as recorder:
+            introspection = Introspection(graph, on_topic=recorder.look)
+            accept = lambda goal: goal.order > 0 or "too small"  # noqa: E731 - said here what it is for
+            node.advertise_action("/fibonacci", "example_interfaces/Fibonacci", execute, accept)
+            with anyio.fail_after(10):
+                handle = await node.send_goal("/fibonacci", {"order": 3}, heard.append)
+                await handle.result()
+                with pytest.raises(Exception, match="too small"):
+                    await node.send_goal("/fibonacci", {"order": 0})
+            introspection.close()
+    assert [each.sequence for each in heard] == [[0, 1]]
+    registry = Registry()
+    found: dict[str, list[Any]] = {}
+    for topic, type_name, _, _, _, data in rows(path):
+        found.setdefault(topic, []).append(registry.message(type_name).from_cdr(data))
+    feedback = found["/fibonacci/_action/feedback"]
+    assert [(each.goal_id.uuid.hex(), each.feedback.sequence) for each in feedback] == [(handle.id, [0, 1])]
+    states = [[goal.status for goal in each.status_list] for each in found["/fibonacci/_action/status"]]
+    assert states == [[2], [4]]
+    sending = found["/fibonacci/_action/send_goal/_service_event"]
+    assert [[r.goal.order for r in each.request] for each in sending] == [[3], [], [0], []]
+    assert [[r.accepted for r in each.response] for each in sending] == [[], [True], [], [False]]
+    results = found["/fibonacci/_action/get_result/_service_event"]
+    assert [[(r.status, r.result.sequence) for r in each.response] for each in results] == [
+        [],
+        [(4, [0, 1, 1])],
+    ]

@@ -1,0 +1,129 @@
+"""Writes docs/reference/commands.md from the parsers of the command line.
+
+Run it after a change of a verb: ``python tools/generate_commands.py``. A test compares.
+"""
+
+# ruff: noqa: E501 - a row of a Markdown table is one line
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from rwt_cli import COMMANDS, parser_for
+
+TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"
+
+_ELSEWHERE = ("serve", "hub", "record", "play", "recording", "conformance", "config")
+_ROBOT_OPTIONS = ("--url", "--token", "--timeout", "--json", "--help")
+
+_HEAD = """\
+# Verbs of the command line
+
+This page is made from the program by `tools/generate_commands.py`. [The tour](../how-to/command-line.md) shows the verbs
+at work; `rwt serve`, `rwt hub`, `rwt record`, `rwt play`, `rwt recording`, `rwt conformance` and `rwt config` have
+[a page of their own](command-line.md).
+
+Names, options and output are those of the `ros2` tool where it has them. A name may lack its first slash, a type may be
+`std_msgs/String` or `std_msgs/msg/String`, and messages and values are YAML or JSON.
+
+## Options of every verb that talks to a robot
+
+| option | meaning |
+|---|---|
+| `--url URL` | Where the robot is: `ws://`, `wss://`, `tcp://`, `tcps://`, `unix:///PATH` or `stdio:COMMAND`. Default: the variable `RWT_URL`, else `ws://127.0.0.1:9090`. |
+| `--token TOKEN` | Bearer token to show, with `ws://` and `wss://`. Default: the variable `RWT_TOKEN`, which others on the machine cannot read. |
+| `--timeout SECONDS` | How long to wait for the connection and for each answer, default 10. For a message, a subscription and the end of a goal it is waited for ever unless this says otherwise. |
+| `--json` | Print JSON: one value, or of what goes on one value a line. Octets are base64 and NaN is null, as rosbridge sends them. |
+| `--help`, `-h` | Say all this in short. |
+
+Colours, aligned columns and rates that are drawn in place are for terminals; into a pipe or a file goes plain text.
+`NO_COLOR` turns colours off everywhere. Notes and errors go to standard error, an error as one line.
+
+## Exit codes
+
+| code | when |
+|---|---|
+| 0 | It is done. Also what goes on until Ctrl-C (`topic echo`, `pub`, `hz`, `bw`, `delay`) after Ctrl-C. |
+| 1 | It failed: the robot knows no such name or says no, a goal was aborted, a parameter was not set, `rwt doctor` found a problem. |
+| 2 | It was called wrongly: an unknown option, a message that cannot be read or does not fit its type, a URL that is none. |
+| 3 | There is no connection, or it was lost. |
+| 4 | Nothing came in time. |
+| 130 | Ctrl-C ended what had not ended by itself; a goal is canceled. |
+| 141 | Who read the output has gone, as in `rwt topic echo /odom \\| head -n 1`. |
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    return "\n".join(_lines())
+
+
+def _lines() -> Iterator[str]:
+    yield _HEAD
+    top = _subcommands(parser_for("*"))
+    for command in COMMANDS:
+        if command.name in _ELSEWHERE:
+            continue
+        parser = top[command.name]
+        verbs = {name: verb for name, verb in _subcommands(parser).items() if name != "words"}
+        yield f"## rwt {command.name}\n"
+        yield f"{_prose(parser.description)}\n"
+        if not verbs:
+            yield from _verb(parser)
+        for name, verb in verbs.items():
+            yield f"### rwt {command.name} {name}\n"
+            yield f"{_prose(verb.description)}\n"
+            yield from _verb(verb)
+
+
+def _subcommands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            return dict(action.choices)
+    return {}
+
+
+def _verb(parser: argparse.ArgumentParser) -> Iterator[str]:
+    rows = [_row(action) for action in parser._actions if not _is_common(action)]
+    if rows:
+        yield "| argument | meaning |\n|---|---|"
+        yield from rows
+        yield ""
+    example, _, shape = (parser.epilog or "").partition("\n\n--json prints:\n")
+    if example:
+        code = "\n".join(line.removeprefix("  ") for line in example.splitlines()[1:])
+        yield f"<!-- not run: the tour runs its like -->\n```sh\n{code}\n```\n"
+    if shape:
+        code = "\n".join(line.removeprefix("  ") for line in shape.splitlines())
+        yield f"`--json` prints\n\n<!-- not run: output -->\n```text\n{code}\n```\n"
+
+
+def _is_common(action: argparse.Action) -> bool:
+    return isinstance(action, argparse._SubParsersAction) or bool(
+        set(action.option_strings) & set(_ROBOT_OPTIONS)
+    )
+
+
+def _row(action: argparse.Action) -> str:
+    value = action.metavar if isinstance(action.metavar, str) else None
+    if value is None and action.choices is not None:
+        value = "{" + ",".join(map(str, action.choices)) + "}"
+    names = [f"`{name}`" for name in action.option_strings[:-1]]
+    names += (
+        [f"`{' '.join(filter(None, [action.option_strings[-1], value if action.nargs != 0 else None]))}`"]
+        if (action.option_strings)
+        else [f"`{value}`"]
+    )
+    help = re.sub(r"[<>|]", lambda found: f"\\{found[0]}", action.help or "")
+    return f"| {', '.join(names)} | {help[:1].upper()}{help[1:]}. |".replace("||", "|")
+
+
+def _prose(text: str | None) -> str:
+    return " ".join((text or "").split())
+
+
+if __name__ == "__main__":
+    TARGET.write_text(page(), encoding="utf-8")
