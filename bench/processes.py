@@ -89,8 +89,9 @@ class Server:
     def _drain(self) -> None:
         """Read on, so that a talkative server never waits for a full pipe."""
         assert self._process.stdout is not None
-        for _ in self._process.stdout:
-            pass
+        with self._process.stdout as lines:
+            for _ in lines:
+                pass
 
     @property
     def fate(self) -> str:

@@ -161,8 +161,15 @@ async def _play(recording: Recording, order: _Order) -> None:
                 player = nodes.enter_context(closing(Player(graph, recording, order.options)))
             except ValueError as error:
                 raise CommandError(str(error), exit_code=2) from error
-            pages = start_nodes(graph, order.settings.nodes, nodes)
-            async with serve(graph, *order.settings.listen, settings=order.settings, pages=pages) as server:
+            shown = start_nodes(graph, order.settings, nodes)
+            async with serve(
+                graph,
+                *order.settings.listen,
+                settings=order.settings,
+                pages=shown.pages,
+                sections=shown.sections,
+                figures=shown.figures,
+            ) as server:
                 _announce(server.urls, recording)
                 if not order.paused:
                     player.resume()

@@ -15,7 +15,7 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import Settings, SettingsError
 from rwt_bridge.settings_sources import Given, from_text, load_settings
-from rwt_cli.nodes import start_nodes
+from rwt_cli.nodes import Shown, start_nodes
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
@@ -26,9 +26,8 @@ from rwt_testing.expectations import PATIENCE, refuse_on_an_event_loop
 from rwt_testing.virtual_time import VirtualTime
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    pass
 
-    from rwt_bridge.pages import Page
 
 #: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -119,7 +118,7 @@ class RobotWorld:
         graph: ObservedGraph,
         portal: BlockingPortal,
         stack: ExitStack,
-        pages: Mapping[str, Page],
+        shown: Shown,
     ) -> None:
         self.wishes = wishes
         self.graph = graph
@@ -127,7 +126,7 @@ class RobotWorld:
         self._settings = settings
         self._portal = portal
         self._stack = stack
-        self._pages = pages
+        self._shown = shown
 
     @property
     def virtual_time(self) -> VirtualTime:
@@ -151,7 +150,13 @@ class RobotWorld:
     def server(self) -> RobotServer:
         """The server, listening."""
         running = serve(
-            self.graph, _ANY_PORT, settings=self._settings, pages=self._pages, around=self.wire.around
+            self.graph,
+            _ANY_PORT,
+            settings=self._settings,
+            pages=self._shown.pages,
+            sections=self._shown.sections,
+            figures=self._shown.figures,
+            around=self.wire.around,
         )
         server = self._stack.enter_context(self._portal.wrap_async_context_manager(running))
         return RobotServer(server.urls[0], self.wire)
@@ -175,10 +180,10 @@ def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
         stack.enter_context(portal.wrap_async_context_manager(graph))
         nodes = ExitStack()
         stack.callback(portal.call, nodes.close)
-        pages = portal.call(start_nodes, graph, settings.nodes, nodes)
+        shown = portal.call(start_nodes, graph, settings, nodes)
         if wishes.demo:
             portal.call(_start_demo, graph, nodes)
-        world = RobotWorld(wishes, settings, graph, portal, stack, pages)
+        world = RobotWorld(wishes, settings, graph, portal, stack, shown)
         _OPEN.append(world)
         try:
             yield world

@@ -322,8 +322,8 @@ def test_a_goal_that_takes_too_long_is_canceled(rwt: Rwt) -> None:
 
 
 def test_param_list(rwt: Rwt) -> None:
-    assert "/demo_robot:\n  command_timeout\n" in rwt("param", "list").out
-    assert rwt("param", "list", "/demo_robot").out.startswith("  command_timeout\n")
+    assert "/demo_robot:\n  camera_rate\n  command_timeout\n" in rwt("param", "list").out
+    assert rwt("param", "list", "/demo_robot").out.startswith("  camera_rate\n")
     assert "max_speed" in rwt("param", "list", "--json").json["/demo_robot"]
     assert "did you mean /demo_robot?" in rwt("param", "list", "/demo_robt").err
 

@@ -20,7 +20,6 @@ from rwt_nodes.video.errors import VideoError
 if TYPE_CHECKING:
     from rwt_graph import Node
     from rwt_graph.api import Sample
-    from rwt_graph.clock import Timer
     from rwt_interfaces.payload import Payload
     from rwt_nodes.video.encoded import Encoded, Encoder
     from rwt_nodes.video.tally import Counts
@@ -106,6 +105,7 @@ class Broadcast:
         limiter: bounds the worker threads of all broadcasts.
         counts: what is counted.
         on_end: called once when the last viewer has left, or when there is nothing to see.
+        now: seconds that never go back. Real time, whatever clock the robot has: so is what viewers live in.
 
     Attributes:
         viewers: who looks.
@@ -119,11 +119,12 @@ class Broadcast:
         limiter: anyio.CapacityLimiter,
         counts: Counts,
         on_end: Callable[[Broadcast], None],
+        now: Callable[[], float] = anyio.current_time,
     ) -> None:
         self.wish = wish
         self.counts = counts
         self.viewers: list[Viewer] = []
-        self._clock = node.clock
+        self._now = now
         self._log = node.log
         self._make_encoder = make_encoder
         self._encoder: Encoder | None = None
@@ -132,9 +133,9 @@ class Broadcast:
         self._newest: Payload | None = None  # not encoded yet
         self._last: Payload | None = None  # encoded
         self._shown: Encoded | None = None
-        self._key_due: Timer | None = None
         self._key_wanted = True
-        self._key_at = -_KEY_PAUSE
+        self._key_asked = False
+        self._key_at = now()
         self._wake = anyio.Event()
         self._over = False
         node.graph.spawn(self._run, f"pictures of {wish.topic}")
@@ -168,8 +169,6 @@ class Broadcast:
             return
         self._over = True
         self._subscription.close()
-        if self._key_due is not None:
-            self._key_due.cancel()
         for viewer in self.viewers:
             viewer.end(failure)
         self._on_end(self)
@@ -180,14 +179,15 @@ class Broadcast:
         self._wake.set()
 
     def ask_for_key(self) -> None:
-        """A viewer has to begin again, and not at once: everybody pays for a key picture."""
-        if self._key_due is None and not self._key_wanted and not self._over:
-            pause = max(0.0, self._key_at + _KEY_PAUSE - self._clock.monotonic())
-            self._key_due = self._clock.call_later(pause, self._want_key)
+        """A viewer has to begin again, though not at once: everybody pays for a key picture."""
+        self._key_asked = True
 
-    def _want_key(self) -> None:
-        self._key_due = None
-        self._key_wanted = True
+    def _takes_key(self, now: float) -> bool:
+        """Whether the next picture is a key picture."""
+        key = self._key_wanted or (self._key_asked and now >= self._key_at + _KEY_PAUSE)
+        if key:
+            self._key_wanted = self._key_asked = False
+        return key
 
     def _take(self, sample: Sample) -> None:
         """A message: the newest takes the place of one that nobody had room for."""
@@ -226,15 +226,18 @@ class Broadcast:
             self.end(error)
 
     async def _encode(self, payload: Payload) -> Encoded | None:
-        key, self._key_wanted = self._key_wanted, False
-        at_ms = int(self._clock.monotonic() * 1000)
+        now = self._now()
+        key, at_ms = self._takes_key(now), int(now * 1000)
 
         def work() -> Encoded | None:
             if self._encoder is None:
                 self._encoder = self._make_encoder()
             return self._encoder.encode(payload, at_ms, key=key)
 
-        return await anyio.to_thread.run_sync(work, limiter=self._limiter)
+        encoded = await anyio.to_thread.run_sync(work, limiter=self._limiter)
+        if encoded is None and key:
+            self._key_wanted = True
+        return encoded
 
     def _show(self, picture: Encoded | None) -> None:
         if picture is None:
@@ -243,6 +246,6 @@ class Broadcast:
         self.counts.encoded += 1
         self._shown = picture
         if picture.key:
-            self._key_at = self._clock.monotonic()
+            self._key_at = self._now()
         for viewer in tuple(self.viewers):
             viewer.put(picture)

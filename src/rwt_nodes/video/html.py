@@ -15,15 +15,22 @@ _VIEWER = """<!doctype html>
 {element}
 """
 
+_FILM = """<video src="{source}" autoplay muted playsinline preload="none"></video>
+<script>
+// A browser gathers some seconds before it begins, and would stay behind: play faster until caught up.
+const film = document.querySelector("video");
+film.onprogress = film.ontimeupdate = () => {{
+  const parts = film.buffered;
+  const behind = parts.length ? parts.end(parts.length - 1) - film.currentTime : 0;
+  film.playbackRate = behind > 1 ? 2 : behind > 0.4 ? 1.2 : 1;
+}};
+</script>"""
+
 
 def viewer_page(topic: str, query: str, *, film: bool) -> bytes:
     """The page of `/stream_viewer`: it shows `/stream` with the same query."""
     source = escape(f"/stream?{query}")
-    element = (
-        f'<video src="{source}" autoplay muted playsinline preload="none"></video>'
-        if film
-        else f'<img src="{source}" alt="{escape(topic)}">'
-    )
+    element = _FILM.format(source=source) if film else f'<img src="{source}" alt="{escape(topic)}">'
     return _VIEWER.format(topic=escape(topic), element=element).encode()
 
 

@@ -8,15 +8,13 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rwt_nodes.video.errors import PictureUnreadable
-
-if TYPE_CHECKING:
-    from rwt_nodes.video.wish import Wish
+from rwt_nodes.video.wish import MOST_PIXELS, Wish
 
 Bytes = NDArray[np.uint8]
 #: Samples as they come: rows x columns x values of a pixel, one or two bytes each, or floats.
@@ -103,6 +101,9 @@ def read_compressed(message: CompressedImage) -> Bytes:
     start = max(data.find(b"\x89PNG"), 0) if "compressedDepth" in message.format else 0
     try:
         image = Image.open(io.BytesIO(data[start:] if start else data))
+        if image.width * image.height > MOST_PIXELS**2:
+            # A few kilobytes can unfold into gigabytes.
+            raise PictureUnreadable(f"a compressed picture of {image.width}x{image.height} is too large")
         image.load()
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         raise PictureUnreadable(f'a compressed picture of format "{message.format}" cannot be read') from None

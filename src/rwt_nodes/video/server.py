@@ -136,12 +136,11 @@ class WebVideoServer:
         return HttpResponse(picture.data, content_type=picture.media_type, headers=headers)
 
     async def _one_picture(self, wish: Wish) -> Encoded:
-        viewer = self._join(wish)
-        timer = self._node.clock.call_later(PATIENCE, viewer.end)
+        viewer, picture = self._join(wish), None
         try:
-            picture = await viewer.next()
+            with anyio.move_on_after(PATIENCE):
+                picture = await viewer.next()
         finally:
-            timer.cancel()
             viewer.leave()
         if picture is not None:
             return picture
@@ -158,12 +157,12 @@ class WebVideoServer:
             RequestRefused: there is none, or it may not be shown.
         """
         _check_codec(wish)
-        clock, graph = self._node.clock, self._node.graph
-        until = clock.monotonic() + PATIENCE
+        graph = self._node.graph
+        until = anyio.current_time() + PATIENCE
         while (topic := meant_topic(graph, wish, may_subscribe)) is None:
-            if clock.monotonic() >= until:
+            if anyio.current_time() >= until:
                 raise not_found(graph, wish.topic, may_subscribe)
-            await clock.sleep(_LOOK_EVERY)
+            await anyio.sleep(_LOOK_EVERY)
         return on_topic(graph, wish, topic)
 
     def _check_room(self, wish: Wish) -> None:

@@ -14,7 +14,7 @@ from urllib.parse import parse_qsl
 from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, SENSOR_DATA, QoS
 from rwt_nodes.video.errors import RequestRefused
 
-#: The largest width and height that may be asked for; a picture of it takes 50 MB while it is made.
+#: The largest width and height that may be asked for; squared, what a compressed picture may unfold into.
 MOST_PIXELS: Final = 4096
 TYPES: Final = ("mjpeg", "png", "ros_compressed", "vp8", "vp9", "h264")
 PRESETS: Final = (

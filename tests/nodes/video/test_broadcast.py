@@ -87,7 +87,13 @@ async def _studio(query: str, film: bool) -> AsyncIterator[Studio]:
         pictures = camera.advertise("/a", "sensor_msgs/Image")
         encoder, counts, ended = CountingEncoder(film), Counts(), list[Broadcast]()
         broadcast = Broadcast(
-            node, read_wish(query), lambda: encoder, anyio.CapacityLimiter(2), counts, ended.append
+            node,
+            read_wish(query),
+            lambda: encoder,
+            anyio.CapacityLimiter(2),
+            counts,
+            ended.append,
+            clock.monotonic,
         )
 
         def publish(number: int) -> None:

@@ -167,6 +167,12 @@ def test_any_bytes_are_a_compressed_picture_or_refused(data: bytes) -> None:
         read_compressed(message)
 
 
+def test_a_picture_that_unfolds_into_gigabytes_is_refused() -> None:
+    message: Any = payload(_compressed(np.zeros((4097, 4097), np.uint8), "PNG")).value()
+    with pytest.raises(PictureUnreadable, match="4097x4097 is too large"):
+        read_compressed(message)
+
+
 def test_half_of_a_picture_is_refused() -> None:
     whole = _compressed(RGB, "PNG")
     cut: Any = payload({**whole, "data": whole["data"][: len(whole["data"]) // 2]}).value()
