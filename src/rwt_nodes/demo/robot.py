@@ -73,9 +73,6 @@ class DemoRobot:
         self._state = StatePublisher(self._node, self._drive, self._arm, chassis, self._world.start)
         self._scans = ScanPublisher(self._node, self._drive, self._lidar)
         self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis))
-        # The camera's picture is 480 rows high, and two tiles of 3 m reach through a room.
-        self._depth_cloud = DepthCloudEncoder(graph, crop_size=480, max_depth_per_tile=3.0)
-        self._thin_cloud = CloudDecimator(graph, "/camera/depth/points", stride=4, voxel=0.05)
         self._fibonacci = Fibonacci(self._node)
         self._battery_states = BatteryPublisher(self._node, self._battery)
         self._diagnostics = Diagnostics(self._node, self._drive, self._battery, self._navigation)
@@ -98,6 +95,9 @@ class DemoRobot:
         self._node.create_timer(CONTROL_PERIOD, self._step)
         self._scans.start()
         self._node.create_timer(REPORT_PERIOD, self._report)
+        # The camera's picture is 480 rows high, and two tiles of 3 m reach through a room.
+        self._depth_cloud = DepthCloudEncoder(self._node.graph, crop_size=480, max_depth_per_tile=3.0)
+        self._thin_cloud = CloudDecimator(self._node.graph, "/camera/depth/points", stride=4, voxel=0.05)
 
     def _report(self) -> None:
         self._battery_states.publish()
