@@ -235,6 +235,35 @@ class DialSettings(Table):
     ] = None
 
 
+class ZenohSettings(Table):
+    """How a graph over Zenoh is joined with those of other processes. Used with `graph = "zenoh"`."""
+
+    listen: Annotated[
+        tuple[str, ...], Field(description="endpoints to be found at, like `tcp/0.0.0.0:7447`")
+    ] = ()
+    connect: Annotated[
+        tuple[str, ...],
+        Field(description="endpoints of peers or routers; one that is not there yet is tried again"),
+    ] = ()
+    mode: Annotated[
+        Literal["peer", "client", "router"] | None,
+        Field(
+            description="`client` leaves all to the router it is connected to; not set: the file's, or peer"
+        ),
+    ] = None
+    multicast: Annotated[
+        bool | None,
+        Field(description="whether peers are looked for on the local network; not set: the file's, or no"),
+    ] = None
+    config: Annotated[
+        Path | None,
+        Field(description="Zenoh's own configuration file (JSON5), for TLS, access control and the rest"),
+    ] = None
+    domain: Annotated[
+        int, Field(ge=0, le=2**32 - 1, description="ROS_DOMAIN_ID: graphs of different domains do not meet")
+    ] = 0
+
+
 def _with_known_roles(settings: Settings) -> Settings:
     named = {"auth.default_role": settings.auth.default_role, "auth.rosauth_role": settings.auth.rosauth_role}
     named |= {f"auth.tokens.{name}.role": token.role for name, token in settings.auth.tokens.items()}
@@ -257,6 +286,10 @@ class Settings(Table):
     ] = "jazzy"
     interfaces: Annotated[
         tuple[Path, ...], Field(description="folders of `.msg`, `.srv` and `.action` files")
+    ] = ()
+    packages: Annotated[
+        tuple[Path, ...],
+        Field(description="folders of ROS packages whose meshes are served under `/packages/`"),
     ] = ()
     demo: Annotated[bool, Field(description="whether the demo robot takes part")] = False
     nodes: Annotated[
@@ -292,6 +325,11 @@ class Settings(Table):
     origins: OriginSettings = OriginSettings()
     tls: TlsSettings = TlsSettings()
     dial: DialSettings = DialSettings()
+    graph: Annotated[
+        Literal["memory", "zenoh"],
+        Field(description="`zenoh` joins the graph with those of other processes; needs the extra `zenoh`"),
+    ] = "memory"
+    zenoh: ZenohSettings = ZenohSettings()
 
     @model_validator(mode="after")
     def _reachable(self) -> Settings:

@@ -7,6 +7,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rwt_cli.backends import make_graph
 from rwt_cli.errors import CommandError
 from rwt_graph.memory import MemoryGraph
 
@@ -30,7 +31,9 @@ def stage(
         between the transports and the bridge. It raises :exc:`CommandError` for a script that is wrong.
     """
     if script is None:
-        return MemoryGraph(registry=registry), lambda nodes: None
+        return make_graph(settings, registry), lambda nodes: None
+    if settings.graph != "memory":
+        raise CommandError("--script needs a graph in memory, not --graph zenoh", exit_code=2)
     from rwt_testing.errors import ScriptError
     from rwt_testing.observed_graph import ObservedGraph
     from rwt_testing.script import ScriptControl

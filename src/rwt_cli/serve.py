@@ -14,11 +14,13 @@ import anyio
 from rwt_bridge.serve import serve
 from rwt_bridge.settings import SettingsError
 from rwt_bridge.settings_sources import DEFAULT
+from rwt_cli.backends import add_backend_options, backend_options
 from rwt_cli.config import add_settings_options, settings_of
 from rwt_cli.errors import CommandError
 from rwt_cli.logs import FORMATS, log_to_stderr
 from rwt_cli.nodes import start_nodes
 from rwt_cli.script import stage
+from rwt_graph.errors import GraphError
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
@@ -26,8 +28,9 @@ from rwt_transports.dial import check_dial_url
 from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Mapping
 
+    from rwt_bridge.pages import Page
     from rwt_bridge.serve import Server
     from rwt_bridge.settings import Settings
     from rwt_graph.api import Graph
@@ -42,7 +45,10 @@ examples:
   rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
+  rwt serve --packages /opt/ros/jazzy/share with meshes for viewers, under /packages/
   rwt serve --script robot.toml            a robot for tests, which answers what the file says
+  rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
+                                           joined with other servers, or with a ROS 2 graph
 """
 
 
@@ -83,11 +89,19 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         help="folder with .msg, .srv and .action files; may be given several times",
     )
     parser.add_argument(
+        "--packages",
+        action="append",
+        type=Path,
+        metavar="DIR",
+        help="folder of ROS packages, whose meshes are served under /packages/; may be given several times",
+    )
+    parser.add_argument(
         "--record", type=Path, metavar="FILE", help="write all topics, calls and goals to an MCAP file"
     )
     parser.add_argument(
         "--introspection", action="store_true", help="publish calls and goals on topics, as ROS 2 can"
     )
+    add_backend_options(parser)
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
     parser.add_argument(
@@ -104,7 +118,7 @@ def _run(arguments: argparse.Namespace) -> int:
     try:
         settings = _settings(arguments)
         anyio.run(_serve, settings, arguments)
-    except TransportError as error:
+    except (TransportError, GraphError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
         raise CommandError(str(error), exit_code=2) from error
@@ -118,7 +132,9 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "demo": arguments.demo,
         "distro": arguments.distro,
         "interfaces": tuple(arguments.interfaces or ()) or None,
+        "packages": tuple(arguments.packages or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
+        **backend_options(arguments),
     }
     loaded = settings_of(arguments, given)
     settings = loaded.settings
@@ -144,11 +160,24 @@ def _registry(settings: Settings) -> Registry:
     return registry
 
 
+def _package_pages(settings: Settings) -> Mapping[str, Page]:
+    """The files of packages, where there are some to serve."""
+    if not settings.packages:
+        return {}
+    from rwt_nodes.packages import Packages, PackagesError  # Its code is read only where it runs.
+
+    try:
+        return Packages(settings.packages).pages
+    except PackagesError as error:
+        raise CommandError(f"--packages {error}", exit_code=2) from error
+
+
 async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
     graph, start_script = stage(arguments.script, _registry(settings), settings)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
             shown = start_nodes(graph, settings, nodes)
+            shown.pages.update(_package_pages(settings))
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
             if arguments.record is not None or arguments.introspection:

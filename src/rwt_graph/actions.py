@@ -35,6 +35,7 @@ from rwt_graph.api import (
     Registration,
     ServerGoal,
 )
+from rwt_graph.elsewhere import ActionsElsewhere, Carrier, GoalWatcher
 from rwt_graph.errors import (
     CallFailed,
     GoalRejected,
@@ -127,8 +128,10 @@ class MemoryGoal(ServerGoal):
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether the client takes feedback now."""
-        return self.listening and self._events is not None and self._events.on_feedback is not None
+        """Whether the client, or anybody in another process, takes feedback now."""
+        if self.listening and self._events is not None and self._events.on_feedback is not None:
+            return True
+        return self._server.watcher is not None and self._server.watcher.feedback_wanted
 
     def _step(self, event: GoalEvent) -> None:
         after = TRANSITIONS.get((self._status, event))
@@ -136,7 +139,10 @@ class MemoryGoal(ServerGoal):
             raise InvalidTransition(
                 f"goal {self.id} of {self.action} is {self._status.name}: {event.name} is not possible"
             )
+        changed = after is not self._status
         self._status = after
+        if changed and self._server.watcher is not None:
+            self._server.watcher.changed(self.id)
 
     def accept(self) -> None:
         """UNKNOWN → ACCEPTED → EXECUTING; then a cancel that came early."""
@@ -159,13 +165,12 @@ class MemoryGoal(ServerGoal):
         """Send feedback. Ignored before the goal was accepted and once it has ended (ACT-06)."""
         events = self._events
         running = self._status is not GoalStatus.UNKNOWN and not self._status.is_terminal
-        if (
-            running
-            and self.listening
-            and events is not None
-            and (on_feedback := events.on_feedback) is not None
-        ):
+        if not running:
+            return
+        if self.listening and events is not None and (on_feedback := events.on_feedback) is not None:
             self._tell(lambda: on_feedback(feedback))
+        if self._server.watcher is not None:
+            self._server.watcher.fed_back(self.id, feedback)
 
     def finish(self, status: GoalStatus, result: Payload, reason: str = "") -> None:
         """End the goal as SUCCEEDED, CANCELED or ABORTED. Raises :exc:`InvalidTransition`."""
@@ -189,6 +194,9 @@ class MemoryGoal(ServerGoal):
         self.reason = reason
         events, self._events = self._events, None
         self._client.drop(self)
+        if self._server.watcher is not None:
+            result = None if isinstance(outcome, CallFailed) else outcome
+            self._server.watcher.ended(self.id, self._status, result, reason)
         if events is not None:
             self._tell(lambda: events.on_result(self._status, outcome))
 
@@ -271,7 +279,8 @@ class MemoryActionServer(Registration):
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
         self.closed = False
-        self.cancel_service: Registration | None = None
+        self.carrier: Carrier | None = None
+        self.watcher: GoalWatcher | None = None
         self._actions = actions
 
     def close(self) -> None:
@@ -281,8 +290,8 @@ class MemoryActionServer(Registration):
         self.closed = True
         self._owner.drop(self)
         self._actions.withdrawn(self)
-        if self.cancel_service is not None:
-            self.cancel_service.close()
+        if self.carrier is not None:
+            self.carrier.close()
         while self.goals:
             self.goals.popitem()[1].lose()
 
@@ -291,6 +300,7 @@ class Actions:
     """Every action of one graph."""
 
     def __init__(self) -> None:
+        self.elsewhere: ActionsElsewhere | None = None
         self._servers: dict[str, MemoryActionServer] = {}
         self.observer: CallObserver | None = None
 
@@ -313,15 +323,26 @@ class Actions:
 
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str | None, client: Owner
-    ) -> MemoryClientGoal:
-        """Send a goal."""
+    ) -> ClientGoal:
+        """Send a goal; a server of this process comes before those of others."""
         if goal_id is None:
             goal_id = uuid4().hex
         elif not _GOAL_ID.match(goal_id):
             raise InvalidGraphName(f"{goal_id[:80]!r} is not a goal id: it must be 32 lower-case hex digits")
         server = self._servers.get(action)
-        if server is None:
-            return _refused(goal_id, action, events, ProviderNotFound(f"Action {action} does not exist"))
+        if server is not None:
+            return self.send_here(server, payload, events, goal_id, client)
+        if self.elsewhere is not None:
+            sent = self.elsewhere.send(action, payload, events, goal_id, client)
+            if sent is not None:
+                return sent
+        return _refused(goal_id, action, events, ProviderNotFound(f"Action {action} does not exist"))
+
+    def send_here(
+        self, server: MemoryActionServer, payload: Payload, events: GoalEvents, goal_id: str, client: Owner
+    ) -> MemoryClientGoal:
+        """Send a goal to a server of this process."""
+        action = server.name
         if goal_id in server.goals:
             return _refused(goal_id, action, events, GoalRejected(f"goal id {goal_id} is in use on {action}"))
         if self.observer is not None:
@@ -347,25 +368,34 @@ class Actions:
             logger.exception("a goal of %s could not be observed", server.name)
             return events
 
-    def cancel(self, action: str, goal_id: str) -> None:
+    def cancel(self, action: str, goal_id: str, client: Owner) -> None:
         """Ask to cancel a goal by its id, whoever sent it."""
         server = self._servers.get(action)
         goal = None if server is None else server.goals.get(goal_id)
         if goal is not None:
             goal.request_cancel()
+        elif server is None and self.elsewhere is not None:
+            self.elsewhere.cancel(action, goal_id, client)
 
     def info(self, name: str) -> ActionInfo | None:
         """A snapshot of one action."""
         server = self._servers.get(name)
-        return None if server is None else ActionInfo(name, server.type, server.node)
+        if server is not None:
+            return ActionInfo(name, server.type, server.node)
+        return None if self.elsewhere is None else self.elsewhere.info(name)
 
     def names(self) -> list[str]:
         """Every action's name, sorted."""
-        return sorted(self._servers)
+        if self.elsewhere is None:
+            return sorted(self._servers)
+        return sorted(self._servers.keys() | self.elsewhere.names())
 
     def of_node(self, node: str) -> tuple[str, ...]:
         """The names of what a node offers, sorted."""
-        return tuple(sorted(s.name for s in self._servers.values() if s.node == node))
+        names = {s.name for s in self._servers.values() if s.node == node}
+        if self.elsewhere is not None:
+            names |= self.elsewhere.of_node(node)
+        return tuple(sorted(names))
 
 
 def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> MemoryClientGoal:

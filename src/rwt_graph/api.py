@@ -45,11 +45,14 @@ if TYPE_CHECKING:
 class Sample(Struct, frozen=True, eq=False, gc=False):
     """A payload in the graph. One is made per publish: a msgspec Struct, which costs a fifth of a dataclass.
 
+    The payload may have come from another process unread; who reads it may be told then that it does not fit
+    (:exc:`PayloadError`).
+
     Attributes:
         topic: absolute name.
         payload: the message; shared by all receivers, never changed.
         stamp_ns: the graph clock's time of publishing, nanoseconds since the epoch.
-        node: absolute name of the publishing node.
+        node: absolute name of the publishing node; empty when it is not known, in another process.
         expires_ns: the clock's time after which it is not delivered any more (lifespan); 0 for never.
     """
 
@@ -248,7 +251,8 @@ class ClientGoal(ABC):
     @property
     @abstractmethod
     def reason(self) -> str:
-        """Why the server ended the goal as it did; empty while it runs or when nothing was said."""
+        """Why the server ended the goal as it did; empty while it runs or when nothing was said, as by
+        servers of other programs in a graph over a network."""
 
     @abstractmethod
     def cancel(self) -> None:
@@ -319,7 +323,9 @@ class Participant(ABC):
         type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
-        """Offer a service. A provider of the same name is replaced; its calls in flight fail (SVP-07)."""
+        """Offer a service. A provider of the same name in this process is replaced; its calls in flight fail
+        (SVP-07). One in another process stays, and each process calls its own first.
+        """
 
     @abstractmethod
     def call_service(
@@ -339,7 +345,8 @@ class Participant(ABC):
         type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
-        """Offer an action. A server of the same name is replaced (ACT-18)."""
+        """Offer an action. A server of the same name in this process is replaced (ACT-18); as for
+        services."""
 
     @abstractmethod
     def send_goal(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Self
 
-from rwt_graph.actions import Actions
+from rwt_graph.actions import Actions, MemoryActionServer
 from rwt_graph.api import (
     ActionInfo,
     CallObserver,
@@ -28,6 +28,7 @@ from rwt_graph.api import (
 from rwt_graph.cancel_service import cancel_service
 from rwt_graph.clock import Clock, WallClock
 from rwt_graph.deadlines import Deadlines
+from rwt_graph.elsewhere import Carrier
 from rwt_graph.errors import NotRunning
 from rwt_graph.introspection import Introspection
 from rwt_graph.names import validate
@@ -49,10 +50,10 @@ if TYPE_CHECKING:
 class MemoryParticipant(Participant):
     """One node's face of the graph; keeps what the node created until it is closed."""
 
-    def __init__(self, graph: MemoryGraph, name: str) -> None:
+    def __init__(self, graph: MemoryGraph, name: str, *, private: bool = False) -> None:
         self.name = name
         self._graph = graph
-        self._owner = Owner(name)
+        self.owner = Owner(name, private=private)
         self._closed = False
 
     def _check_open(self) -> None:
@@ -67,7 +68,7 @@ class MemoryParticipant(Participant):
     ) -> Publisher:
         """Become a publisher of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
         self._check_open()
-        return self._graph.topic_table.advertise(validate(topic), type, qos, self._owner)
+        return self._graph.topic_table.advertise(validate(topic), type, qos, self.owner)
 
     def subscribe(
         self,
@@ -78,7 +79,7 @@ class MemoryParticipant(Participant):
     ) -> Subscription:
         """Become a subscriber of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
         self._check_open()
-        return self._graph.topic_table.subscribe(validate(topic), on_sample, type, qos, self._owner)
+        return self._graph.topic_table.subscribe(validate(topic), on_sample, type, qos, self.owner)
 
     def advertise_service(
         self,
@@ -88,14 +89,14 @@ class MemoryParticipant(Participant):
     ) -> Registration:
         """Offer a service. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
-        return self._graph.service_table.advertise(validate(service), type, self._owner, on_call)
+        return self._graph.service_table.advertise(validate(service), type, self.owner, on_call)
 
     def call_service(
         self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
     ) -> PendingCall:
         """Call a service. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
-        return self._graph.service_table.call(service, request, on_reply, timeout, self._owner)
+        return self._graph.service_table.call(service, request, on_reply, timeout, self.owner)
 
     def advertise_action(
         self,
@@ -106,11 +107,9 @@ class MemoryParticipant(Participant):
         """Offer an action. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
         graph = self._graph
-        server = graph.action_table.advertise(validate(action), type, self._owner, on_goal)
+        server = graph.action_table.advertise(validate(action), type, self.owner, on_goal)
         if graph.distro.ros_version == 2:
-            cancel = graph.registry.service("action_msgs/CancelGoal")
-            name = f"{action}/_action/cancel_goal"
-            server.cancel_service = self.advertise_service(name, cancel, cancel_service(server, cancel))
+            server.carrier = graph.carry_action(self, server)
         return server
 
     def send_goal(
@@ -118,17 +117,17 @@ class MemoryParticipant(Participant):
     ) -> ClientGoal:
         """Send a goal. Raises :exc:`InvalidGraphName` for a bad id, :exc:`NotRunning` after `close`."""
         self._check_open()
-        return self._graph.action_table.send(action, goal, events, goal_id, self._owner)
+        return self._graph.action_table.send(action, goal, events, goal_id, self.owner)
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
         """Ask to cancel a goal that anybody sent, by its id."""
-        self._graph.action_table.cancel(action, goal_id)
+        self._graph.action_table.cancel(action, goal_id, self.owner)
 
     def close(self) -> None:
         """Close everything that this node created, and leave the graph."""
         if not self._closed:
             self._closed = True
-            self._owner.release_all()
+            self.owner.release_all()
             self._graph.left(self)
 
 
@@ -151,7 +150,8 @@ class MemoryGraph(Graph):
         self._introspection = Introspection(self.topic_table, self.service_table, self.action_table)
         self._runtime = Runtime(self.clock)
         self._participants: dict[MemoryParticipant, None] = {}
-        self._system = SystemTopics(self, MemoryParticipant(self, SystemTopics.node_name(self.distro)))
+        private = MemoryParticipant(self, SystemTopics.node_name(self.distro), private=True)
+        self._system = SystemTopics(self, private)
 
     def participant(self, name: str) -> Participant:
         """Join as a node of that absolute name."""
@@ -165,6 +165,12 @@ class MemoryGraph(Graph):
         if participant in self._participants:
             del self._participants[participant]
             self._introspection.left(participant.name)
+
+    def carry_action(self, participant: MemoryParticipant, server: MemoryActionServer) -> Carrier:
+        """Offer what ROS 2 has beside an action; called once for each action server."""
+        cancel = self.registry.service("action_msgs/CancelGoal")
+        name = f"{server.name}/_action/cancel_goal"
+        return participant.advertise_service(name, cancel, cancel_service(server, cancel))
 
     def node(self, name: str, namespace: str = "/") -> Node:
         """A :class:`~rwt_graph.node.Node` of this graph."""

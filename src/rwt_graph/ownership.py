@@ -10,10 +10,12 @@ class Owner:
 
     Attributes:
         name: absolute name of the node.
+        private: whether the node and what it makes stay unknown to other processes.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *, private: bool = False) -> None:
         self.name = name
+        self.private = private
         self._release: dict[object, Callable[[], None]] = {}
 
     def __len__(self) -> int:

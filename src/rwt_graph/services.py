@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
 from rwt_graph.deadlines import Deadlines, Expiring
+from rwt_graph.elsewhere import ServicesElsewhere
 from rwt_graph.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 from rwt_graph.ownership import Owner
 
@@ -24,6 +25,12 @@ logger = logging.getLogger(__name__)
 OnCall = Callable[[ServiceCall], None]
 
 
+class Answering(Protocol):
+    """Whoever has calls open; here or in another process."""
+
+    open: set[MemoryCall]
+
+
 class MemoryCall(ServiceCall, PendingCall, Expiring):
     """One request, as both sides see it."""
 
@@ -33,7 +40,7 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
         self.service = service
         self.request = request
         self._on_reply: OnReply | None = on_reply
-        self._provider: MemoryProvider | None = None
+        self._provider: Answering | None = None
         self._due: set[Expiring] | None = None
 
     @property
@@ -41,7 +48,7 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
         """Whether the call was answered, timed out or was abandoned by its caller."""
         return self._on_reply is None
 
-    def wait(self, provider: MemoryProvider, caller: Owner, due: set[Expiring] | None) -> None:
+    def wait(self, provider: Answering, caller: Owner, due: set[Expiring] | None) -> None:
         """Note where the call is kept while it is open."""
         self._provider = provider
         self._caller = caller
@@ -104,7 +111,7 @@ class MemoryProvider(Registration):
         self.node = owner.name
         # Made once: a bridge asks for it before every call.
         self.info = ServiceInfo(name, interface, owner.name)
-        self._owner = owner
+        self.owner = owner
         self.on_call = on_call
         self.open: set[MemoryCall] = set()
         self.closed = False
@@ -115,7 +122,7 @@ class MemoryProvider(Registration):
         if self.closed:
             return
         self.closed = True
-        self._owner.drop(self)
+        self.owner.drop(self)
         self._services.withdrawn(self)
         while self.open:
             self.open.pop().end_with(self.gone())
@@ -129,7 +136,8 @@ class Services:
     """Every service of one graph."""
 
     def __init__(self, deadlines: Deadlines) -> None:
-        self._deadlines = deadlines
+        self.deadlines = deadlines
+        self.elsewhere: ServicesElsewhere | None = None
         self._providers: dict[str, MemoryProvider] = {}
         self.observer: CallObserver | None = None
 
@@ -141,24 +149,27 @@ class Services:
         if old is not None:
             logger.warning("service %s of node %s replaces the one of node %s", name, owner.name, old.node)
             old.close()
+        if self.elsewhere is not None:
+            self.elsewhere.offered(provider)
         return provider
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Forget a provider that closed, unless it was replaced already."""
         if self._providers.get(provider.name) is provider:
             del self._providers[provider.name]
+        if self.elsewhere is not None:
+            self.elsewhere.withdrawn(provider)
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: Owner
-    ) -> MemoryCall:
-        """Call a service."""
+    ) -> PendingCall:
+        """Call a service; one of this process comes before those of others."""
         provider = self._providers.get(name)
-        if self.observer is not None and provider is not None:
+        if provider is None:
+            return self._call_elsewhere(name, request, on_reply, timeout, caller)
+        if self.observer is not None:
             on_reply = self._observed(self.observer, provider.info, request, on_reply)
         call = MemoryCall(name, request, on_reply)
-        if provider is None:
-            call.end_with(ProviderNotFound(f"Service {name} does not exist"))
-            return call
         try:
             provider.on_call(call)
         except Exception:
@@ -168,7 +179,18 @@ class Services:
             if provider.closed:
                 call.end_with(provider.gone())
             else:
-                call.wait(provider, caller, None if timeout is None else self._deadlines.add(call, timeout))
+                call.wait(provider, caller, None if timeout is None else self.deadlines.add(call, timeout))
+        return call
+
+    def _call_elsewhere(
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: Owner
+    ) -> PendingCall:
+        if self.elsewhere is not None:
+            sent = self.elsewhere.call(name, request, on_reply, timeout, caller)
+            if sent is not None:
+                return sent
+        call = MemoryCall(name, request, on_reply)
+        call.end_with(ProviderNotFound(f"Service {name} does not exist"))
         return call
 
     @staticmethod
@@ -184,15 +206,26 @@ class Services:
     def info(self, name: str) -> ServiceInfo | None:
         """A snapshot of one service."""
         provider = self._providers.get(name)
-        return None if provider is None else provider.info
+        if provider is not None:
+            return provider.info
+        return None if self.elsewhere is None else self.elsewhere.info(name)
+
+    def here(self) -> tuple[MemoryProvider, ...]:
+        """Every service of this process."""
+        return tuple(self._providers.values())
 
     def names(self) -> list[str]:
         """Every service's name, sorted."""
-        return sorted(self._providers)
+        if self.elsewhere is None:
+            return sorted(self._providers)
+        return sorted(self._providers.keys() | self.elsewhere.names())
 
     def of_node(self, node: str) -> tuple[str, ...]:
         """The names of what a node offers, sorted."""
-        return tuple(sorted(p.name for p in self._providers.values() if p.node == node))
+        names = {p.name for p in self._providers.values() if p.node == node}
+        if self.elsewhere is not None:
+            names |= self.elsewhere.of_node(node)
+        return tuple(sorted(names))
 
 
 __all__ = ["MemoryCall", "MemoryProvider", "Services"]

@@ -7,6 +7,10 @@ nothing.
 `publish` is the hot path of the whole server: one `Sample`, then one call per subscriber. The subscribers
 are a tuple that is replaced when one joins or leaves, so a callback may join and leave as it likes.
 Every reliability and deadline is met by a function call, so no combination of QoS is refused.
+
+A topic may have endpoints in other processes too (:mod:`rwt_graph.elsewhere`). Publishers there hold its type
+as those here do. Subscribers there do not: they may have taken it from us, and two processes would hold it
+for each other for ever. They only keep a publisher of another type from being the first.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from typing import TYPE_CHECKING
 
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
 from rwt_graph.clock import NANOSECONDS, Clock
+from rwt_graph.elsewhere import RemoteEndpoint, TopicsElsewhere
 from rwt_graph.errors import TypeConflict
 from rwt_graph.ownership import Owner
 from rwt_graph.qos import Durability, History, QoS
@@ -47,11 +52,28 @@ class Topic:
         self.type: MessageType | None = None
         self.publishers: tuple[MemoryPublisher, ...] = ()
         self.subscribers: tuple[MemorySubscription, ...] = ()
+        self.remote_publishers: tuple[RemoteEndpoint, ...] = ()
+        self.remote_subscribers: tuple[RemoteEndpoint, ...] = ()
 
     @property
     def empty(self) -> bool:
         """Whether nobody is left."""
-        return not self.publishers and not self.subscribers
+        return not (self.publishers or self.subscribers or self.remote_publishers or self.remote_subscribers)
+
+    @property
+    def known_type(self) -> MessageType | None:
+        """The type, or what subscribers elsewhere take for it."""
+        if self.type is not None:
+            return self.type
+        return next((s.type for s in self.remote_subscribers if s.type is not None), None)
+
+    def publishing_nodes(self) -> set[str]:
+        """The names of the nodes that publish it."""
+        return {p.node for p in self.publishers} | {p.node for p in self.remote_publishers}
+
+    def subscribing_nodes(self) -> set[str]:
+        """The names of the nodes that subscribe it."""
+        return {s.node for s in self.subscribers} | {s.node for s in self.remote_subscribers}
 
     def establish(self, wanted: MessageType, registry: Registry) -> None:
         """Give the topic its type, or check that it is this one.
@@ -59,18 +81,22 @@ class Topic:
         Raises:
             TypeConflict: it is another one.
         """
-        if self.type is None:
-            self.type = wanted
-        elif self.type is not wanted and self.type.name != wanted.name:
+        known = self.known_type
+        if known is not None and known is not wanted and known.name != wanted.name:
             raise TypeConflict(
                 f"tried to register topic {self.name} with type {registry.type_name(wanted)} "
-                f"but it is already established with type {registry.type_name(self.type)}"
+                f"but it is already established with type {registry.type_name(known)}"
             )
+        if self.type is None:
+            self.type = wanted
 
-    def release(self) -> None:
-        """Free the type when nobody holds it any more."""
-        if not self.publishers and not any(s.typed for s in self.subscribers):
-            self.type = None
+    def settle(self) -> None:
+        """Free the type when nobody holds it any more, and take what a publisher elsewhere has."""
+        if self.publishers or any(s.typed for s in self.subscribers):
+            return
+        held = [p.type for p in self.remote_publishers if p.type is not None]
+        if self.type not in held:
+            self.type = held[0] if held else None
 
 
 class Kept:
@@ -105,13 +131,15 @@ class MemoryPublisher(Publisher):
         self.type = interface
         self.qos = qos
         self.node = owner.name
-        self._owner = owner
+        self.owner = owner
         self._topics = topics
         self._state: Topic | None = topic
         self._now = topics.clock.time_ns
         self._lifespan_ns = round((qos.lifespan or 0) * NANOSECONDS)
         kept = qos.durability is Durability.TRANSIENT_LOCAL
         self.kept: Kept | None = Kept(qos, topics.clock) if kept else None
+        #: Takes every sample to other processes; set by a backend that has some.
+        self.outward: OnSample | None = None
 
     def publish(self, payload: Payload) -> None:
         """Hand one message to every subscriber, in the order of the calls."""
@@ -130,11 +158,14 @@ class MemoryPublisher(Publisher):
                 subscriber.on_sample(sample)
             except Exception:
                 logger.exception("a subscriber of %s failed", self.topic)
+        if self.outward is not None:
+            self.outward(sample)
 
     @property
     def subscriber_count(self) -> int:
         """How many subscribers are known now."""
-        return 0 if self._state is None else len(self._state.subscribers)
+        state = self._state
+        return 0 if state is None else len(state.subscribers) + len(state.remote_subscribers)
 
     def close(self) -> None:
         """Leave the topic; samples kept for late joiners go with the publisher."""
@@ -142,7 +173,7 @@ class MemoryPublisher(Publisher):
         if state is not None:
             self.kept = None
             state.publishers = tuple(p for p in state.publishers if p is not self)
-            self._owner.drop(self)
+            self.owner.drop(self)
             self._topics.left(state)
 
 
@@ -157,7 +188,7 @@ class MemorySubscription(Subscription):
         self.typed = typed
         self.qos = qos
         self.node = owner.name
-        self._owner = owner
+        self.owner = owner
         self._topics = topics
         self._state: Topic | None = topic
 
@@ -171,19 +202,28 @@ class MemorySubscription(Subscription):
         if self._state is None:
             return ()
         kept = [p.kept.samples() for p in self._state.publishers if p.kept is not None]
+        kept += [p.kept.samples() for p in self._state.remote_publishers if p.kept is not None]
         if len(kept) == 1:
             return kept[0]
         return tuple(sorted((s for samples in kept for s in samples), key=lambda s: s.stamp_ns))
 
+    @property
+    def wants_kept(self) -> bool:
+        """Whether it is given what was published before it came."""
+        return self.qos.durability is not Durability.VOLATILE
+
     def replay(self) -> None:
         """Deliver the history, unless the subscriber only wants what is new."""
-        if self.qos.durability is Durability.VOLATILE:
-            return
-        for sample in self.history():
-            try:
-                self.on_sample(sample)
-            except Exception:
-                logger.exception("a subscriber of %s failed", self.topic)
+        if self.wants_kept:
+            for sample in self.history():
+                self.deliver(sample)
+
+    def deliver(self, sample: Sample) -> None:
+        """Give the subscriber one sample."""
+        try:
+            self.on_sample(sample)
+        except Exception:
+            logger.exception("a subscriber of %s failed", self.topic)
 
     def close(self) -> None:
         """Leave the topic; no callback comes after this."""
@@ -191,7 +231,7 @@ class MemorySubscription(Subscription):
         if state is not None:
             self.on_sample = _ignore
             state.subscribers = tuple(s for s in state.subscribers if s is not self)
-            self._owner.drop(self)
+            self.owner.drop(self)
             self._topics.left(state)
 
 
@@ -201,6 +241,7 @@ class Topics:
     def __init__(self, registry: Registry, clock: Clock) -> None:
         self.registry = registry
         self.clock = clock
+        self.elsewhere: TopicsElsewhere | None = None
         self._topics: dict[str, Topic] = {}
 
     def advertise(self, name: str, interface: MessageType, qos: QoS, owner: Owner) -> MemoryPublisher:
@@ -211,6 +252,7 @@ class Topics:
         publisher = MemoryPublisher(self, topic, interface, qos, owner)
         owner.add(publisher, publisher.close)
         topic.publishers = (*topic.publishers, publisher)
+        self._changed(topic)
         return publisher
 
     def subscribe(
@@ -230,25 +272,64 @@ class Topics:
         owner.add(subscription, subscription.close)
         topic.subscribers = (*topic.subscribers, subscription)
         subscription.replay()
+        self._changed(topic)
         return subscription
 
     def left(self, topic: Topic) -> None:
         """Note that an endpoint of `topic` has gone."""
-        topic.release()
+        topic.settle()
         if topic.empty:
             self._topics.pop(topic.name, None)
+        self._changed(topic)
+
+    def _changed(self, topic: Topic) -> None:
+        if self.elsewhere is not None:
+            self.elsewhere.changed(topic)
+
+    def all(self) -> tuple[Topic, ...]:
+        """Every topic."""
+        return tuple(self._topics.values())
+
+    def remote_joined(self, name: str, endpoint: RemoteEndpoint, *, publishes: bool) -> None:
+        """Another process has an endpoint of a topic."""
+        topic = self._topics.setdefault(name, Topic(name))
+        if publishes:
+            topic.remote_publishers = (*topic.remote_publishers, endpoint)
+        else:
+            topic.remote_subscribers = (*topic.remote_subscribers, endpoint)
+        self._settled(topic)
+
+    def remote_left(self, name: str, endpoint: RemoteEndpoint) -> None:
+        """Another process has that endpoint no more."""
+        topic = self._topics.get(name)
+        if topic is None:
+            return
+        topic.remote_publishers = tuple(p for p in topic.remote_publishers if p is not endpoint)
+        topic.remote_subscribers = tuple(s for s in topic.remote_subscribers if s is not endpoint)
+        self._settled(topic)
+        if topic.empty:
+            self._topics.pop(name, None)
+
+    def _settled(self, topic: Topic) -> None:
+        before = topic.type
+        topic.settle()
+        if topic.type is not before:
+            self._changed(topic)
 
     def info(self, name: str) -> TopicInfo | None:
         """A snapshot of one topic."""
         topic = self._topics.get(name)
         if topic is None:
             return None
-        type_name = "" if topic.type is None else self.registry.type_name(topic.type)
+        known = topic.known_type
+        type_name = "" if known is None else self.registry.type_name(known)
+        publishers = tuple(EndpointInfo(p.node, type_name, p.qos) for p in topic.publishers)
+        subscribers = tuple(EndpointInfo(s.node, type_name, s.qos) for s in topic.subscribers)
         return TopicInfo(
             name,
-            topic.type,
-            tuple(EndpointInfo(p.node, type_name, p.qos) for p in topic.publishers),
-            tuple(EndpointInfo(s.node, type_name, s.qos) for s in topic.subscribers),
+            known,
+            publishers + tuple(EndpointInfo(p.node, p.type_name, p.qos) for p in topic.remote_publishers),
+            subscribers + tuple(EndpointInfo(s.node, s.type_name, s.qos) for s in topic.remote_subscribers),
         )
 
     def names(self) -> list[str]:
@@ -257,9 +338,9 @@ class Topics:
 
     def of_node(self, node: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The names of what a node publishes, and of what it subscribes."""
-        publishing = (t.name for t in self._topics.values() if any(p.node == node for p in t.publishers))
-        subscribing = (t.name for t in self._topics.values() if any(s.node == node for s in t.subscribers))
+        publishing = (t.name for t in self._topics.values() if node in t.publishing_nodes())
+        subscribing = (t.name for t in self._topics.values() if node in t.subscribing_nodes())
         return tuple(sorted(publishing)), tuple(sorted(subscribing))
 
 
-__all__ = ["KEEP_ALL_LIMIT", "MemoryPublisher", "MemorySubscription", "Topics"]
+__all__ = ["KEEP_ALL_LIMIT", "Kept", "MemoryPublisher", "MemorySubscription", "Topic", "Topics"]

@@ -6,6 +6,7 @@ import hashlib
 import json
 from typing import Protocol
 
+from rwt_interfaces.actionlib import EVENT
 from rwt_interfaces.definitions import Field, FieldType, MessageDefinition, ServiceDefinition
 from rwt_interfaces.names import three_part
 from rwt_interfaces.parser import format_type
@@ -82,6 +83,30 @@ def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
     """
     nested: dict[str, dict[str, object]] = {}
     described = _described(lookup.full_name(definition.name), definition.fields, lookup, nested)
+    return _hashed(described, nested)
+
+
+def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Lookup) -> str:
+    """ROS 2's type hash of a service, which is described as a message of three: its request, its response
+    and the event with which a service reports on itself.
+
+    Args:
+        full_name: three-part, ``std_srvs/srv/SetBool``.
+
+    Raises:
+        UnknownType: a nested message is not known.
+    """
+    parts = {
+        "request": definition.request.name,
+        "response": definition.response.name,
+        "event": f"{definition.name}{EVENT}",
+    }
+    fields = tuple(Field(f"{part}_message", FieldType(name)) for part, name in parts.items())
+    nested: dict[str, dict[str, object]] = {}
+    return _hashed(_described(full_name, fields, lookup, nested), nested)
+
+
+def _hashed(described: dict[str, object], nested: dict[str, dict[str, object]]) -> str:
     text = json.dumps(
         {
             "type_description": described,

@@ -122,6 +122,17 @@ class Payload:
         return cls(message_type, None, message_type.from_cdr(data))
 
     @classmethod
+    def relayed_cdr(cls, message_type: MessageType, data: bytes) -> Payload:
+        """Take a message as it came in CDR, and do not look at it: one that nobody reads costs nothing.
+
+        Whoever asks for another form than :meth:`cdr` is told then that it does not fit, by a
+        :exc:`PayloadError`.
+        """
+        payload = cls(message_type, None, None)
+        payload._binary = {"cdr": data}
+        return payload
+
+    @classmethod
     def from_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Take a message as it came in ROS 1's own form, without a length prefix.
 
@@ -157,10 +168,14 @@ class Payload:
         return made
 
     def value(self) -> msgspec.Struct:
-        """The message as its type's Struct. It is shared: treat it as read-only."""
+        """The message as its type's Struct. It is shared: treat it as read-only.
+
+        Raises:
+            PayloadError: the message was relayed as CDR, and does not fit.
+        """
         message = self._message
         if message is None:
-            message = self._message = self.type.json.decode(self._text())
+            message = self._message = self._decoded()
         elif message.__class__ is not self.type.struct:
             message = self._message = self._own_struct(message)
         return message
@@ -182,6 +197,8 @@ class Payload:
     def _known(self) -> msgspec.Struct:
         return self._message if self._message is not None else self.value()
 
-    def _text(self) -> RawText:
-        assert self._json is not None  # A payload has its text or its message from the start.
-        return self._json
+    def _decoded(self) -> msgspec.Struct:
+        if self._json is not None:
+            return self.type.json.decode(self._json)
+        assert self._binary is not None  # A payload has its text, its message or its CDR from the start.
+        return self.type.from_cdr(self._binary["cdr"])

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from rwt_interfaces import hashes, shapes
-from rwt_interfaces.definitions import MessageDefinition
+from rwt_interfaces.definitions import MessageDefinition, ServiceDefinition
 from rwt_interfaces.numbers import float32
 from rwt_interfaces.shapes import Shape, Slot
 
@@ -150,6 +150,13 @@ class ServiceType:
 
     def __repr__(self) -> str:
         return f"<ServiceType {self.name}>"
+
+    @property
+    def rihs01(self) -> str:
+        """ROS 2's type hash, ``RIHS01_`` and 64 hexadecimal digits; computed anew each time."""
+        registry = self.request.registry
+        definition = ServiceDefinition(self.name, self.request.definition, self.response.definition)
+        return hashes.service_rihs01(definition, registry.type_name(self), registry)
 
 
 class ActionType:

@@ -90,8 +90,13 @@ class Introspection(CallObserver):
     def _topics_of(self, action: ActionInfo) -> None:
         for part, kind in (("send_goal", "SendGoal"), ("get_result", "GetResult")):
             self._events_of(f"{action.name}/_action/{part}", f"{action.type.name}_{kind}")
-        self._feedback_of(action)
-        self._status_of(action)
+        if not self._is_carried(action):
+            self._feedback_of(action)
+            self._status_of(action)
+
+    def _is_carried(self, action: ActionInfo) -> bool:
+        """Whether the action's server has the topics of ROS 2 itself, as it has over a network."""
+        return self._graph.service(f"{action.name}/_action/send_goal") is not None
 
     def _events_of(self, service: str, type_name: str) -> Publisher:
         return self._publisher(f"{service}/_service_event", f"{type_name}_Event")
@@ -158,6 +163,8 @@ class Introspection(CallObserver):
 
     def tell_status(self, action: ActionInfo, goal_id: str, status: GoalStatus) -> None:
         """Tell how all goals of an action are that have not ended, and this one."""
+        if self._is_carried(action):
+            return
         goals = self._statuses.setdefault(action.name, {})
         accepted_at = goals.get(goal_id, (status, self._graph.clock.time_ns()))[1]
         goals[goal_id] = (status, accepted_at)
@@ -172,6 +179,8 @@ class Introspection(CallObserver):
 
     def tell_feedback(self, action: ActionInfo, goal_id: str, feedback: Payload) -> None:
         """Tell of a goal's feedback."""
+        if self._is_carried(action):
+            return
         publisher = self._feedback_of(action)
         content = {"goal_id": uuid(goal_id), "feedback": feedback.value()}
         publisher.publish(Payload.from_value(publisher.type, content))

@@ -204,7 +204,7 @@ def test_timeouts_of_many_calls_take_one_timer_and_leave_nothing() -> None:
         call.reply(response)
     assert len(answers) == 1000
     assert isinstance(participant, MemoryParticipant)
-    assert len(participant._owner) == 1
+    assert len(participant.owner) == 1
 
 
 class Item(Expiring):

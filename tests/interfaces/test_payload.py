@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import struct as struct_module
 import subprocess
 import sys
 from array import array
 from dataclasses import dataclass, field
 from functools import partial
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -217,6 +219,25 @@ def test_each_form_is_made_once() -> None:
     assert arrived.value() is arrived.value()
 
 
+def test_relayed_cdr_is_passed_on_as_it_is_and_read_when_asked() -> None:
+    data = Payload.from_value(STRING, {"data": "hi"}).cdr()
+    relayed = Payload.relayed_cdr(STRING, data)
+    assert relayed.cdr() is data
+    assert relayed.detach() is relayed
+    assert relayed.json() == b'{"data":"hi"}'
+    assert relayed.value() == Payload.from_value(STRING, {"data": "hi"}).value()
+    assert relayed.cdr() is data
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00\x01\x00\x00", b"\x00\x01\x00\x00\xff\xff\xff\xffhi", b"hi"])
+def test_relayed_cdr_that_does_not_fit_is_refused_when_it_is_read(data: bytes) -> None:
+    relayed = Payload.relayed_cdr(STRING, data)
+    assert relayed.cdr() is data
+    for form in (relayed.value, relayed.json, relayed.cbor):
+        with pytest.raises(PayloadError):
+            form()
+
+
 def test_detaching_copies_a_view_and_nothing_else() -> None:
     frame = bytearray(b'{"msg":{"data":"hello"}}')
     payload = Payload.from_json(STRING, memoryview(frame)[7:-1])
@@ -253,3 +274,12 @@ print([name for name in ("numpy", "cbor2", "pydantic_core", "PIL") if name in sy
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+def test_messages_are_made_while_another_thread_imports_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The module is there before its names are."""
+    monkeypatch.setitem(sys.modules, "numpy", ModuleType("numpy"))
+    numbers = make("std_msgs/Float64MultiArray", {"data": [1.0, 2.0]}).cdr()
+    assert numbers.endswith(struct_module.pack("<2d", 1.0, 2.0))
+    with pytest.raises(PayloadError, match="expected bool, got 1"):
+        make("std_msgs/Bool", {"data": 1})

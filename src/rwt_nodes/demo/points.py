@@ -16,9 +16,9 @@ _STEP = 4 * len(_FIELDS)
 
 
 def point_cloud(
-    header: Message, depths: NDArray[np.uint16], colours: NDArray[np.uint8], lens: Lens
+    header: Message, depths: NDArray[np.uint16], colours: NDArray[np.uint8], lens: Lens, skip: int
 ) -> Message:
-    """`sensor_msgs/PointCloud2`, as organised as the picture; NaN where no depth was measured.
+    """`sensor_msgs/PointCloud2`, organised as the picture; NaN where no depth was measured.
 
     Points are in the optical frame: x to the right, y down, z forwards, metres. `rgb` is the bytes blue,
     green, red and 0 taken as a float, as PCL has it.
@@ -28,13 +28,17 @@ def point_cloud(
         depths: rows x columns, millimetres; 0 is unknown.
         colours: rows x columns x red, green, blue.
         lens: that both were taken through.
+        skip: every so many rows and columns become points.
     """
+    down, across = (
+        (np.arange(0, count, skip, dtype=np.float32) - np.float32(centre)) / np.float32(lens.focal)
+        for count, centre in zip(depths.shape, (lens.cy, lens.cx), strict=True)
+    )
+    depths, colours = depths[::skip, ::skip], colours[::skip, ::skip]
     rows, columns = depths.shape
     points = np.empty((rows, columns, len(_FIELDS)), "<f4")
     z = depths.astype(np.float32) * np.float32(0.001)
     z[depths == 0] = np.nan
-    across = (np.arange(columns, dtype=np.float32) - np.float32(lens.cx)) / np.float32(lens.focal)
-    down = (np.arange(rows, dtype=np.float32) - np.float32(lens.cy)) / np.float32(lens.focal)
     np.multiply(z, across, out=points[:, :, 0])
     np.multiply(z, down[:, None], out=points[:, :, 1])
     points[:, :, 2] = z

@@ -13,6 +13,7 @@ from rwt_nodes.demo.cameras import CameraPublisher
 from rwt_nodes.demo.diagnostics import Diagnostics
 from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
 from rwt_nodes.demo.fibonacci import Fibonacci
+from rwt_nodes.demo.goal_marker import GoalMarker
 from rwt_nodes.demo.lidar import Lidar
 from rwt_nodes.demo.navigation import Navigation
 from rwt_nodes.demo.parameters import declare_tunables
@@ -48,8 +49,9 @@ class DemoRobot:
     `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`,
     `/tf`, `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`,
     `/diagnostics`, `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors`
-    and `/fibonacci`. Its parameters are in :data:`rwt_nodes.demo.parameters.TUNABLES`. Two nodes beside it
-    make `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.
+    and `/fibonacci`. An interactive marker under `/goal_marker` sends it where it is dropped. Its parameters
+    are in :data:`rwt_nodes.demo.parameters.TUNABLES`. Two nodes beside it make `/depthcloud_encoded` and
+    `/camera/depth/points/decimated` of what its camera sees.
 
     Args:
         graph: where it lives; all its timing is the graph's clock.
@@ -68,6 +70,7 @@ class DemoRobot:
         self._navigation = Navigation(
             self._node, self._drive, Planner(self._world, chassis.radius), self._world.start
         )
+        self._goal_marker = GoalMarker(self._node, self._world.start)
         self._arm = Arm()
         self._arm_controller = ArmController(self._node, self._arm)
         self._state = StatePublisher(self._node, self._drive, self._arm, chassis, self._world.start)
@@ -96,8 +99,10 @@ class DemoRobot:
         self._scans.start()
         self._node.create_timer(REPORT_PERIOD, self._report)
         # The camera's picture is 480 rows high, and two tiles of 3 m reach through a room.
-        self._depth_cloud = DepthCloudEncoder(self._node.graph, crop_size=480, max_depth_per_tile=3.0)
-        self._thin_cloud = CloudDecimator(self._node.graph, "/camera/depth/points", stride=4, voxel=0.05)
+        self._depth_cloud = DepthCloudEncoder(
+            self._node.graph, crop_size=480, target_resolution=256, max_depth_per_tile=3.0
+        )
+        self._thin_cloud = CloudDecimator(self._node.graph, "/camera/depth/points", stride=2, voxel=0.05)
 
     def _report(self) -> None:
         self._battery_states.publish()

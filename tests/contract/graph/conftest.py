@@ -11,8 +11,11 @@ import pytest
 from rwt_graph import MemoryGraph, Message, SimulatedClock
 from rwt_graph.api import GoalEvents, GoalStatus, Graph
 from rwt_graph.errors import CallFailed
+from rwt_graph.zenoh import ZenohGraph
+from rwt_graph.zenoh import topics as zenoh_topics
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
+from tests.contract.graph.zenoh_pair import PairedGraph
 
 
 class Harness(ABC):
@@ -64,12 +67,39 @@ class MemoryHarness(Harness):
         await anyio.wait_all_tasks_blocked()
 
 
+class LoneZenohHarness(MemoryHarness):
+    """A graph over Zenoh that nobody has joined: everything happens in memory."""
+
+    def __init__(self) -> None:
+        self.clock = SimulatedClock(start_ns=1_000_000_000)
+        self.graph = ZenohGraph(Registry(), self.clock)
+
+
+class ZenohHarness(Harness):
+    """Two graphs over Zenoh: providers in one, consumers in the other."""
+
+    def __init__(self) -> None:
+        self.clock = SimulatedClock(start_ns=1_000_000_000)
+        self.graph = self._pair = PairedGraph(Registry(), self.clock)
+
+    async def settle(self) -> None:
+        await self._pair.ripple.settle()
+
+
 #: A backend over the network adds itself here.
-BACKENDS: dict[str, Callable[[], Harness]] = {"memory": MemoryHarness}
+BACKENDS: dict[str, Callable[[], Harness]] = {
+    "memory": MemoryHarness,
+    "zenoh": ZenohHarness,
+    "zenoh-alone": LoneZenohHarness,
+}
 
 
 @pytest.fixture(params=sorted(BACKENDS))
-async def harness(request: pytest.FixtureRequest, anyio_backend: object) -> AsyncIterator[Harness]:
+async def harness(
+    request: pytest.FixtureRequest, anyio_backend: object, monkeypatch: pytest.MonkeyPatch
+) -> AsyncIterator[Harness]:
+    # Everything in the order in which it came, so that `settle` can tell when it has.
+    monkeypatch.setattr(zenoh_topics, "belongs_to_action", lambda _topic: True)
     made = BACKENDS[request.param]()
     async with made.graph:
         yield made

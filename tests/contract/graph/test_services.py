@@ -122,6 +122,7 @@ async def test_without_a_timeout_a_call_waits(
 ) -> None:
     calls: list[ServiceCall] = []
     harness.graph.participant("/p").advertise_service("/s", trigger, calls.append)
+    await harness.settle()
     harness.graph.participant("/c").call_service("/s", harness.request(), replies)
     await harness.advance(100_000)
     assert replies == []

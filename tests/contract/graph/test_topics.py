@@ -103,9 +103,9 @@ async def test_a_subscriber_without_a_type_takes_what_there_is_and_holds_nothing
     publisher.close()
     await harness.settle()
     assert type_of(subscription) is None
-    a.advertise("/t", registry.message("std_msgs/Int32")).publish(
-        harness.message("std_msgs/Int32", {"data": 1})
-    )
+    numbers = a.advertise("/t", registry.message("std_msgs/Int32"))
+    await harness.settle()
+    numbers.publish(harness.message("std_msgs/Int32", {"data": 1}))
     await harness.settle()
     assert received == ["std_msgs/String", "std_msgs/Int32"]
 
@@ -177,6 +177,7 @@ async def test_a_callback_that_raises_is_logged_and_disturbs_nobody(
 
     a.subscribe("/t", fail)
     a.subscribe("/t", received)
+    await harness.settle()
     with caplog.at_level(logging.ERROR):
         publisher.publish(harness.text("x"))
         await harness.settle()
@@ -199,6 +200,7 @@ async def test_joining_and_leaving_from_within_a_callback(harness: Harness) -> N
     first = a.subscribe("/t", swap)
     victim_received = Received()
     victim = a.subscribe("/t", victim_received)
+    await harness.settle()
     publisher.publish(harness.text("1"))
     await harness.settle()
     publisher.publish(harness.text("2"))

@@ -1,0 +1,173 @@
+"""The graph of this process, joined with those of others."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, Self
+
+import anyio
+import anyio.to_thread
+
+from rwt_graph.action_carrier import ActionCarrier
+from rwt_graph.memory import MemoryGraph, MemoryParticipant
+from rwt_graph.names import resolve
+from rwt_graph.node import Node
+from rwt_graph.remote_goals import RemoteActions
+from rwt_graph.zenoh.discovery import Discovery
+from rwt_graph.zenoh.errors import ZenohError
+from rwt_graph.zenoh.link import Link, NodeNumbers, Presence
+from rwt_graph.zenoh.services import ZenohServices
+from rwt_graph.zenoh.session import Mode, ZenohOptions, ZenohSession
+from rwt_graph.zenoh.topics import ZenohTopics
+
+if TYPE_CHECKING:
+    from rwt_graph.actions import MemoryActionServer
+    from rwt_graph.api import Participant
+    from rwt_graph.clock import Clock
+    from rwt_graph.ownership import Owner
+    from rwt_interfaces.registry import Registry
+
+
+logger = logging.getLogger(__name__)
+
+
+class ZenohGraph(MemoryGraph):
+    """A graph whose nodes are in this process and in others.
+
+    What happens between nodes of this process happens in memory, as in a :class:`MemoryGraph`. Until it is
+    entered it is alone; leaving it closes the Zenoh session, whatever the reason. `/rosout` and `/clock` of
+    the graph itself, and the global tree of parameters, stay in the process; those of its nodes do not.
+
+    Differences to one process that cannot be hidden: what others do is known a moment later; a service or
+    action that two processes offer is not replaced but offered twice, and each calls its own first; of two
+    processes that establish a topic with different types at the same moment neither is refused, and they do
+    not hear each other.
+
+    Args:
+        registry: the interfaces; of a ROS 2 distribution, whose types they share with every other process.
+        clock: the wall clock by default.
+        listen, connect, domain, multicast, config, mode: see :class:`ZenohOptions`.
+        namespace: what relative node names given to :meth:`node` are relative to: one for each robot of a
+            fleet.
+
+    Raises:
+        ZenohError: the registry is of ROS 1, which has no such wire.
+        InvalidGraphName: `namespace` is not one that ROS allows.
+    """
+
+    def __init__(
+        self,
+        registry: Registry | None = None,
+        clock: Clock | None = None,
+        *,
+        listen: Sequence[str] = (),
+        connect: Sequence[str] = (),
+        domain: int = 0,
+        multicast: bool | None = None,
+        config: str | PathLike[str] | None = None,
+        mode: Mode | None = None,
+        namespace: str = "/",
+    ) -> None:
+        self.options = ZenohOptions(tuple(listen), tuple(connect), mode, multicast, config, domain)
+        self.namespace = namespace if namespace == "/" else resolve(namespace)
+        super().__init__(registry, clock)
+        if self.distro.ros_version == 1:
+            raise ZenohError(
+                f"a graph of {self.distro.name} cannot be joined over Zenoh: the wire is that of ROS 2; "
+                "use the graph in memory, or a ROS 2 distribution"
+            )
+        self._session = ZenohSession()
+        self._link: Link | None = None
+        self._numbers = NodeNumbers()
+        self._present: dict[Owner, Presence] = {}
+        self._zenoh_topics = ZenohTopics(self.topic_table)
+        self._zenoh_services = ZenohServices(self.service_table, self.registry, self.clock.time_ns)
+        self._discovery = Discovery(
+            self.topic_table, self._zenoh_topics, self._zenoh_services, self._introspection
+        )
+        self.topic_table.elsewhere = self._zenoh_topics
+        self.service_table.elsewhere = self._zenoh_services
+        self.action_table.elsewhere = RemoteActions(
+            self.topic_table, self.service_table, self._zenoh_services, self.registry
+        )
+
+    def node(self, name: str, namespace: str | None = None) -> Node:
+        """A :class:`~rwt_graph.node.Node` of this graph, in the graph's namespace by default."""
+        return Node(self, name, self.namespace if namespace is None else namespace)
+
+    def participant(self, name: str) -> Participant:
+        """Join as a node of that absolute name."""
+        participant = super().participant(name)
+        assert isinstance(participant, MemoryParticipant)  # What a MemoryGraph makes.
+        if self._link is not None:
+            self._present[participant.owner] = self._link.declare_node(participant.owner)
+        return participant
+
+    def left(self, participant: MemoryParticipant) -> None:
+        """Forget a participant that closed."""
+        super().left(participant)
+        presence = self._present.pop(participant.owner, None)
+        if presence is not None and self._link is not None:
+            presence.end()
+        self._numbers.forget(participant.owner)
+
+    def carry_action(self, participant: MemoryParticipant, server: MemoryActionServer) -> ActionCarrier:
+        """Offer what ROS 2 has beside an action."""
+        return ActionCarrier(participant, server, self.action_table, self.clock)
+
+    async def __aenter__(self) -> Self:
+        """Run on the current event loop, and join the others.
+
+        Raises:
+            ZenohError: an endpoint or the configuration file cannot be used.
+            NotRunning: the graph was entered before.
+        """
+        await super().__aenter__()
+        try:
+            await self._join()
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    async def _join(self) -> None:
+        session = await anyio.to_thread.run_sync(self._session.open, self.options)
+        link = Link(session, self.options.domain, self._numbers, self.run_on_graph)
+        alive = await anyio.to_thread.run_sync(self._discovery.look_around, link)
+        self._say_who_is_there(link)
+        self._discovery.open(link, alive)
+        self._link = link
+        for participant in self._participants:
+            self._present[participant.owner] = link.declare_node(participant.owner)
+        self._zenoh_topics.open(link)
+        self._zenoh_services.open(link)
+
+    def _say_who_is_there(self, link: Link) -> None:
+        met, asked = link.count_others(), ", ".join(self.options.connect)
+        if asked and not met:
+            logger.warning("nobody is at %s yet; it is tried again until somebody is", asked)
+        else:
+            logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
+
+    async def __aexit__(self, *exc: object) -> None:
+        """Stop handlers and timers, close every participant, and leave the others."""
+        try:
+            self._close_participants()
+        finally:
+            self._leave()
+            try:
+                with anyio.CancelScope(shield=True):
+                    await anyio.to_thread.run_sync(self._session.close)
+            finally:
+                await super().__aexit__(*exc)
+
+    def _leave(self) -> None:
+        self._link = None
+        self._discovery.close()
+        self._zenoh_topics.close()
+        self._zenoh_services.close()
+
+
+__all__ = ["ZenohGraph"]

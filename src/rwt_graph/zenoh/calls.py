@@ -1,0 +1,192 @@
+"""A call of a service in another process, from the asking to the answer."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from rwt_graph.errors import ProviderGone
+from rwt_graph.rmw.attachment import Attachment
+from rwt_graph.rmw.keys import data_key
+from rwt_graph.services import MemoryCall
+from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_graph.api import OnReply
+    from rwt_graph.rmw.tokens import Endpoint
+    from rwt_graph.zenoh.link import Link, Presence
+    from rwt_interfaces.structs import MessageType
+
+#: What is written beside the text of an error reply: the provider failed, or it is gone.
+FAILED, GONE = "failed", "gone"
+
+#: Seconds after which Zenoh itself gives up on a query. Timeouts are kept by the graph's clock.
+_ZENOH_TIMEOUT = 10**8
+
+_NOTE = struct.Struct("<16sq")
+
+
+def abandoned_key(domain: int, session: str) -> str:
+    """Where a process is told that nobody waits for an answer of it any more.
+
+    It is this project's own: rmw_zenoh's clients say nothing, and its providers answer in vain.
+    """
+    return f"@rwt/{domain}/abandoned/{session}"
+
+
+def read_abandoned(note: bytes) -> tuple[bytes, int]:
+    """The client's GID and the number of its request; of no client when the note is not one."""
+    if len(note) != _NOTE.size:
+        return b"", 0
+    gid, number = _NOTE.unpack(note)
+    return gid, number
+
+
+class RemoteCall(MemoryCall):
+    """One request to another process, as its caller sees it."""
+
+    __slots__ = ("_failure", "_response", "abandon")
+
+    def __init__(self, service: str, request: Payload, on_reply: OnReply, response: MessageType) -> None:
+        super().__init__(service, request, on_reply)
+        self._response = response
+        self._failure: ProviderGone | None = None
+        #: Called when the call ends without an answer: timed out, cancelled, or its caller is gone.
+        self.abandon: Callable[[], object] | None = None
+
+    def _end(self) -> OnReply | None:
+        abandon, self.abandon = self.abandon, None
+        if abandon is not None:
+            abandon()
+        return super()._end()
+
+    def answered(self, body: bytes) -> None:
+        """A response came."""
+        self.abandon = None
+        try:
+            self.reply(Payload.from_cdr(self._response, body))
+        except PayloadError:
+            self.fail(f"the answer of {self.service} is not a {self._response.name}")
+
+    def refused(self, text: str, kind: str) -> None:
+        """A provider says that it failed, or that it goes away: then another may answer yet."""
+        if kind == GONE:
+            self._failure = ProviderGone(text)
+        else:
+            self.abandon = None
+            self.fail(text)
+
+    def over(self) -> None:
+        """No answer can come any more."""
+        self.abandon = None
+        text = f"Service {self.service} went away without an answer"
+        self.end_with(self._failure or ProviderGone(text))
+
+
+class Client:
+    """One node's client of one service.
+
+    Programs make a service known before they take requests, and the two may travel apart. A request that
+    comes between waits for the provider; sent at once, it would have no answer.
+    """
+
+    def __init__(self, link: Link, end: Endpoint, presence: Presence, time_ns: Callable[[], int]) -> None:
+        self._link = link
+        self._presence = presence
+        self._time_ns = time_ns
+        self._number = 0
+        self._unsent: dict[RemoteCall, set[str]] = {}
+        self._listener: zenoh.MatchingListener[None] | None = None
+        self._querier = link.session.declare_querier(
+            data_key(link.domain, end.name, end.dds_type, end.type_hash),
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=_ZENOH_TIMEOUT,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+
+    def ask(
+        self, service: str, request: Payload, on_reply: OnReply, response: MessageType, sessions: set[str]
+    ) -> RemoteCall:
+        """Send a request.
+
+        Args:
+            sessions: those that may answer, and are told when nobody waits any more.
+        """
+        call = RemoteCall(service, request, on_reply, response)
+        if self._somebody_answers():
+            self._send(call, sessions)
+        else:
+            self._unsent[call] = sessions
+            call.abandon = partial(self._unsent.pop, call, None)
+            self._await_somebody()
+        return call
+
+    def _somebody_answers(self) -> bool:
+        found: bool = self._querier.matching_status.matching  # type: ignore[attr-defined] # The stub says bool.
+        return found
+
+    def _await_somebody(self) -> None:
+        if self._listener is None:
+            handler = zenoh.handlers.Callback(self._matched, indirect=False)
+            self._listener = self._querier.declare_matching_listener(handler)
+        # It may have come between the look and the listening.
+        self._send_waiting()
+
+    def _matched(self, _status: zenoh.MatchingStatus) -> None:
+        """On a thread of Zenoh's."""
+        self._link.run_on_graph(self._send_waiting)
+
+    def _send_waiting(self) -> None:
+        if self._unsent and self._somebody_answers():
+            unsent, self._unsent = self._unsent, {}
+            for call, sessions in unsent.items():
+                self._send(call, sessions)
+
+    def _send(self, call: RemoteCall, sessions: set[str]) -> None:
+        self._number = number = self._number + 1
+        token = zenoh.CancellationToken()
+        call.abandon = partial(self._abandon, number, token, sessions)
+        self._querier.get(
+            zenoh.handlers.Callback(partial(self._replied, call), partial(self._over, call), indirect=False),
+            payload=call.request.cdr(),
+            attachment=Attachment(number, self._time_ns(), self._presence.gid).encode(),
+            cancellation_token=token,
+        )
+
+    def _replied(self, call: RemoteCall, reply: zenoh.Reply) -> None:
+        """On a thread of Zenoh's."""
+        error = reply.err
+        if error is None:
+            assert reply.ok is not None  # A reply is one of the two.
+            body = reply.ok.payload.to_bytes()
+            self._link.run_on_graph(partial(call.answered, body))
+            return
+        text = error.payload.to_bytes().decode(errors="replace")
+        kind = str(error.encoding).partition(";")[2]
+        self._link.run_on_graph(partial(call.refused, text, kind))
+
+    def _over(self, call: RemoteCall) -> None:
+        """On a thread of Zenoh's."""
+        self._link.run_on_graph(call.over)
+
+    def _abandon(self, number: int, token: zenoh.CancellationToken, sessions: set[str]) -> None:
+        token.cancel()
+        note = _NOTE.pack(self._presence.gid, number)
+        for session in sessions:
+            self._link.session.put(abandoned_key(self._link.domain, session), note)
+
+    def close(self) -> None:
+        """Ask nothing more."""
+        self._presence.end()
+        if self._listener is not None:
+            self._listener.undeclare()
+        self._querier.undeclare()
+
+
+__all__ = ["FAILED", "GONE", "Client", "RemoteCall", "abandoned_key", "read_abandoned"]

@@ -1,0 +1,149 @@
+"""Who else is there: liveliness tokens of other processes become endpoints in this graph's tables."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from rwt_graph.elsewhere import RemoteEndpoint
+from rwt_graph.errors import InvalidGraphName
+from rwt_graph.names import validate
+from rwt_graph.rmw.errors import WireError
+from rwt_graph.rmw.gid import gid_of
+from rwt_graph.rmw.keys import type_name
+from rwt_graph.rmw.tokens import Endpoint, Kind, Token, all_tokens, parse
+from rwt_interfaces.errors import InterfaceError
+
+if TYPE_CHECKING:
+    from rwt_graph.introspection import Introspection
+    from rwt_graph.topics import Topics
+    from rwt_graph.zenoh.link import Link
+    from rwt_graph.zenoh.services import ZenohServices
+    from rwt_graph.zenoh.topics import ZenohTopics
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+#: How long the first look around may take, in seconds.
+_FIRST_LOOK = 2.0
+
+
+class Discovery:
+    """Keeps the tables of a graph true to the tokens that are alive."""
+
+    def __init__(
+        self, topics: Topics, zenoh_topics: ZenohTopics, services: ZenohServices, nodes: Introspection
+    ) -> None:
+        self._topics = topics
+        self._zenoh_topics = zenoh_topics
+        self._services = services
+        self._nodes = nodes
+        self._link: Link | None = None
+        # What to do when a token dies, by its key.
+        self._alive: dict[str, Callable[[], None]] = {}
+        self._warned: set[tuple[str, str]] = set()
+
+    def look_around(self, link: Link) -> list[str]:
+        """The tokens that are alive now; blocks for their answers."""
+        replies = link.session.liveliness().get(all_tokens(link.domain), timeout=_FIRST_LOOK)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    def open(self, link: Link, alive: list[str]) -> None:
+        """Take what :meth:`look_around` saw, and hear from now on who comes and goes."""
+        self._link = link
+        for key in alive:
+            self._born(key)
+        # Called on Zenoh's receiving thread itself: a token must not be overtaken by its owner's samples.
+        handler = zenoh.handlers.Callback(partial(self._heard, link), indirect=False)
+        self._subscriber = link.session.liveliness().declare_subscriber(
+            all_tokens(link.domain), handler, history=True
+        )
+
+    def close(self) -> None:
+        """Hear nothing more."""
+        self._link = None
+
+    def _heard(self, link: Link, sample: zenoh.Sample) -> None:
+        act = self._born if sample.kind == zenoh.SampleKind.PUT else self._died
+        link.run_on_graph(partial(act, str(sample.key_expr)))
+
+    def _born(self, key: str) -> None:
+        link = self._link
+        if link is None or key in self._alive:
+            return
+        try:
+            token = parse(key)
+            validate(token.node)
+            if token.endpoint is not None:
+                validate(token.endpoint.name)
+        except (WireError, InvalidGraphName) as error:
+            logger.info("a token of another process is left out: %s", error)
+            return
+        if token.session != link.id:
+            self._alive[key] = self._add(token, key)
+
+    def _died(self, key: str) -> None:
+        forget = self._alive.pop(key, None)
+        if forget is not None:
+            forget()
+
+    def _add(self, token: Token, key: str) -> Callable[[], None]:
+        """Put what a token tells of in its table; returns how to take it out."""
+        end = token.endpoint
+        if end is None:
+            self._nodes.joined(token.node)
+            return partial(self._nodes.left, token.node)
+        if token.kind is Kind.SERVICE:
+            return self._services.found(token, end, key)
+        if token.kind is Kind.CLIENT:
+            return partial(self._services.client_left, gid_of(key))
+        return self._add_endpoint(token, end, key)
+
+    def _add_endpoint(self, token: Token, end: Endpoint, key: str) -> Callable[[], None]:
+        publishes = token.kind is Kind.PUBLISHER
+        name, known = self._type_of(end, token)
+        endpoint = RemoteEndpoint(token.node, name, known, end.qos)
+        if publishes:
+            self._zenoh_topics.publishers[gid_of(key)] = endpoint
+        self._topics.remote_joined(end.name, endpoint, publishes=publishes)
+
+        def forget() -> None:
+            self._zenoh_topics.publishers.pop(gid_of(key), None)
+            self._topics.remote_left(end.name, endpoint)
+
+        return forget
+
+    def _type_of(self, end: Endpoint, token: Token) -> tuple[str, MessageType | None]:
+        """The type's name, and the type if it is known here by the same definition."""
+        registry = self._topics.registry
+        try:
+            name = type_name(end.dds_type)
+            known = registry.message(name)
+        except WireError:
+            return end.dds_type, None
+        except InterfaceError:
+            self._warn_once(end, "its definition is not known here: give it with --interfaces", token)
+            return name, None
+        if known.rihs01 != end.type_hash:
+            self._warn_once(end, f"it is defined otherwise there ({end.type_hash})", token)
+            return name, None
+        return name, known
+
+    def _warn_once(self, end: Endpoint, why: str, token: Token) -> None:
+        what = (end.dds_type, end.type_hash)
+        if what not in self._warned:
+            self._warned.add(what)
+            logger.warning(
+                "%s of node %s cannot be exchanged, it has type %s: %s",
+                end.name,
+                token.node,
+                end.dds_type,
+                why,
+            )
+
+
+__all__ = ["Discovery"]

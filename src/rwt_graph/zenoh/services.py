@@ -1,0 +1,265 @@
+"""Services across processes: those of this process as queryables, those of others through queries."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from rwt_graph.api import ServiceInfo
+from rwt_graph.errors import CallFailed, ProviderGone
+from rwt_graph.ownership import Owner
+from rwt_graph.rmw import attachment
+from rwt_graph.rmw.attachment import Attachment
+from rwt_graph.rmw.errors import WireError
+from rwt_graph.rmw.keys import data_key, dds_type, type_name
+from rwt_graph.rmw.tokens import Endpoint, Kind, Token
+from rwt_graph.services import MemoryCall
+from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
+from rwt_interfaces.errors import InterfaceError, PayloadError
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_graph.api import OnReply, PendingCall
+    from rwt_graph.services import MemoryProvider, Services
+    from rwt_graph.zenoh.link import Link, Presence
+    from rwt_interfaces.registry import Registry
+    from rwt_interfaces.structs import ServiceType
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """What is declared for a service of this process."""
+
+    presence: Presence
+    queryable: zenoh.Queryable[None]
+
+    def end(self) -> None:
+        """Be known no more, and take no more requests."""
+        self.presence.end()
+        self.queryable.undeclare()
+
+
+@dataclass(eq=False, slots=True)
+class RemoteService:
+    """A service of other processes, which may be more than one that offer it.
+
+    Attributes:
+        open: the calls that wait for an answer.
+        offers: who offers it, by the keys of their tokens; the first is who is asked.
+    """
+
+    open: set[MemoryCall] = field(default_factory=set)
+    offers: dict[str, tuple[Token, Endpoint, ServiceInfo]] = field(default_factory=dict)
+
+    @property
+    def first(self) -> tuple[Token, Endpoint, ServiceInfo]:
+        """Who came first of those that are there."""
+        return next(iter(self.offers.values()))
+
+
+class ZenohServices:
+    """Offers the services of this process, and knows those of others."""
+
+    def __init__(self, services: Services, registry: Registry, time_ns: Callable[[], int]) -> None:
+        self._services = services
+        self._registry = registry
+        self._time_ns = time_ns
+        self._link: Link | None = None
+        self._offers: dict[MemoryProvider, Offer] = {}
+        self._remote: dict[str, RemoteService] = {}
+        # Requests of other processes that are not answered yet, by client and number.
+        self._asked: dict[bytes, dict[int, MemoryCall]] = {}
+        self._clients: dict[tuple[Owner, str, str], Client] = {}
+        self._callers = Owner("/_elsewhere", private=True)
+
+    def open(self, link: Link) -> None:
+        """Declare what there is."""
+        self._link = link
+        handler = zenoh.handlers.Callback(partial(self._on_abandoned, link), indirect=False)
+        key = abandoned_key(link.domain, link.id)
+        self._abandonments = link.session.declare_subscriber(
+            key, handler, allowed_origin=zenoh.Locality.REMOTE
+        )
+        for provider in self._services.here():
+            self.offered(provider)
+
+    def close(self) -> None:
+        """Declare nothing more; what is declared goes with the session."""
+        self._link = None
+        for service in tuple(self._remote.values()):
+            self._lose(service, "the connection to it was closed")
+
+    # Services of this process
+
+    def offered(self, provider: MemoryProvider) -> None:
+        """A service is offered here."""
+        link = self._link
+        if link is None or provider.owner.private:
+            return
+        names = self._type_of(provider.type)
+        key = data_key(link.domain, provider.name, *names)
+        handler = zenoh.handlers.Callback(partial(self._on_query, link, provider, key), indirect=False)
+        queryable = link.session.declare_queryable(
+            key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE
+        )
+        presence = link.declare(Kind.SERVICE, provider.owner, Endpoint(provider.name, *names))
+        self._offers[provider] = Offer(presence, queryable)
+
+    def withdrawn(self, provider: MemoryProvider) -> None:
+        """It is not any more."""
+        offer = self._offers.pop(provider, None)
+        link = self._link
+        if offer is not None and link is not None:
+            # After its open calls were answered, which is what follows now.
+            link.run_on_graph(offer.end)
+
+    def _on_query(self, link: Link, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
+        """On a thread of Zenoh's."""
+        link.run_on_graph(partial(self._serve, provider, key, query))
+
+    def _serve(self, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
+        raw, body = query.attachment, query.payload
+        try:
+            sent = attachment.decode(b"" if raw is None else raw.to_bytes())
+            request = Payload.from_cdr(provider.type.request, b"" if body is None else body.to_bytes())
+        except (WireError, PayloadError) as error:
+            logger.info("a request to %s from another process is refused: %s", provider.name, error)
+            name = self._registry.type_name(provider.type.request)
+            _refuse(query, f"the request to {provider.name} is not a {name}", FAILED)
+            return
+        answer = partial(self._answer, key, query, sent)
+        if provider.closed:
+            answer(provider.gone())
+            return
+        # A provider that is not closed is the one that has the name here.
+        call = self._services.call(provider.name, request, answer, None, self._callers)
+        if isinstance(call, MemoryCall) and not call.done:
+            self._asked.setdefault(sent.gid, {})[sent.sequence] = call
+
+    def _answer(self, key: str, query: zenoh.Query, sent: Attachment, answer: Payload | CallFailed) -> None:
+        self._forget(sent)
+        if isinstance(answer, CallFailed):
+            _refuse(query, str(answer), GONE if isinstance(answer, ProviderGone) else FAILED)
+            return
+        echo = Attachment(sent.sequence, self._time_ns(), sent.gid)
+        query.reply(key, answer.cdr(), attachment=echo.encode())
+        query.drop()
+
+    def _forget(self, sent: Attachment) -> None:
+        calls = self._asked.get(sent.gid)
+        if calls is not None:
+            calls.pop(sent.sequence, None)
+            if not calls:
+                del self._asked[sent.gid]
+
+    def _on_abandoned(self, link: Link, sample: zenoh.Sample) -> None:
+        """On a thread of Zenoh's."""
+        link.run_on_graph(partial(self._abandon, sample.payload.to_bytes()))
+
+    def _abandon(self, note: bytes) -> None:
+        gid, number = read_abandoned(note)
+        call = self._asked.get(gid, {}).pop(number, None)
+        if call is not None:
+            call.cancel()
+
+    def client_left(self, gid: bytes) -> None:
+        """A client of another process is gone: nobody waits for its answers."""
+        for call in self._asked.pop(gid, {}).values():
+            call.cancel()
+
+    # Services of other processes
+
+    def found(self, token: Token, end: Endpoint, key: str) -> Callable[[], None]:
+        """Another process offers a service; returns how to forget that."""
+        try:
+            type = self._registry.service(type_name(end.dds_type))
+        except (WireError, InterfaceError):
+            logger.info(
+                "service %s of node %s is left out: %s is not known", end.name, token.node, end.dds_type
+            )
+            return lambda: None
+        service = self._remote.setdefault(end.name, RemoteService())
+        service.offers[key] = (token, end, ServiceInfo(end.name, type, token.node))
+        return partial(self._lost, end.name, key)
+
+    def _lost(self, name: str, key: str) -> None:
+        service = self._remote.get(name)
+        if service is None or key not in service.offers:
+            return
+        del service.offers[key]
+        if not service.offers:
+            del self._remote[name]
+            self._lose(service, f"Service {name} was unadvertised")
+
+    def _lose(self, service: RemoteService, why: str) -> None:
+        while service.open:
+            service.open.pop().end_with(ProviderGone(why))
+
+    def info(self, name: str) -> ServiceInfo | None:
+        """One service of another process, or None."""
+        service = self._remote.get(name)
+        return None if service is None else service.first[2]
+
+    def names(self) -> set[str]:
+        """The names of all of them."""
+        return set(self._remote)
+
+    def of_node(self, node: str) -> set[str]:
+        """The names of those that a node offers."""
+        return {
+            name
+            for name, service in self._remote.items()
+            if any(info.node == node for _, _, info in service.offers.values())
+        }
+
+    def call(
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: Owner
+    ) -> PendingCall | None:
+        """Call one; None when no other process offers it."""
+        service, link = self._remote.get(name), self._link
+        if service is None or link is None:
+            return None
+        _, end, info = service.first
+        if end.type_hash != info.type.rihs01:
+            text = f"Service {name} has another definition of {type_name(end.dds_type)} there than here"
+            refused = RemoteCall(name, request, on_reply, info.type.response)
+            refused.end_with(CallFailed(text))
+            return refused
+        client = self._client(link, caller, end)
+        sessions = {token.session for token, _, _ in service.offers.values()}
+        call = client.ask(name, request, on_reply, info.type.response, sessions)
+        deadlines = self._services.deadlines
+        call.wait(service, caller, None if timeout is None else deadlines.add(call, timeout))
+        return call
+
+    def _client(self, link: Link, caller: Owner, end: Endpoint) -> Client:
+        identity = (caller, end.name, end.dds_type)
+        client = self._clients.get(identity)
+        if client is None:
+            presence = link.declare(Kind.CLIENT, caller, Endpoint(end.name, end.dds_type, end.type_hash))
+            client = self._clients[identity] = Client(link, end, presence, self._time_ns)
+
+            def close() -> None:
+                del self._clients[identity]
+                client.close()
+
+            caller.add(client, close)
+        return client
+
+    def _type_of(self, type: ServiceType) -> tuple[str, str]:
+        return dds_type(self._registry.type_name(type)), type.rihs01
+
+
+def _refuse(query: zenoh.Query, text: str, kind: str) -> None:
+    query.reply_err(text.encode(), encoding=zenoh.Encoding.TEXT_PLAIN.with_schema(kind))
+    query.drop()
+
+
+__all__ = ["Offer", "RemoteService", "ZenohServices"]
