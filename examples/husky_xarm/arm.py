@@ -6,7 +6,6 @@ Moving is done in :meth:`Arm.step`, once a control step; the action's coroutine 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -18,6 +17,7 @@ from husky_xarm.description import ARM_JOINTS, describe
 from husky_xarm.simulation import Simulation
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node
 from rwt_nodes.demo import messages
+from rwt_nodes.demo.trajectory import Trajectory, Waypoint
 from rwt_tf2 import stamp_ns
 
 ACTION: Final = "/xarm6_traj_controller/follow_joint_trajectory"
@@ -26,6 +26,10 @@ _FEEDBACK_EVERY = 0.1
 #: says otherwise. Radians, seconds.
 _GOAL_TOLERANCE = 0.02
 _GOAL_TIME_TOLERANCE = 1.0
+#: How far the arm may be from a first point at 0 s, with which many planners begin. Radians.
+_START_TOLERANCE = 0.05
+#: At each point: the way between two is a cubic that starts and stops gently.
+_STANDING: Final = (0.0,) * len(ARM_JOINTS)
 
 
 class ErrorCode(IntEnum):
@@ -42,7 +46,7 @@ class Point(Protocol):
     time_from_start: Any
 
 
-class Trajectory(Protocol):
+class TrajectoryMessage(Protocol):
     """`trajectory_msgs/JointTrajectory`."""
 
     joint_names: Sequence[str]
@@ -59,39 +63,9 @@ class Tolerance(Protocol):
 class Request(Protocol):
     """The goal of `control_msgs/FollowJointTrajectory`."""
 
-    trajectory: Trajectory
+    trajectory: TrajectoryMessage
     goal_tolerance: Sequence[Tolerance]
     goal_time_tolerance: Any
-
-
-@dataclass(frozen=True, slots=True)
-class Path:
-    """Where the joints are to be when.
-
-    Attributes:
-        times: seconds after the start, each later than the one before; the first is 0.
-        positions: of each time, radians, in the order of the arm's joints.
-    """
-
-    times: tuple[float, ...]
-    positions: tuple[tuple[float, ...], ...]
-
-    @property
-    def duration(self) -> float:
-        """Seconds from the start to the last point."""
-        return self.times[-1]
-
-    def at(self, seconds: float) -> tuple[float, ...]:
-        """Straight from point to point, starting and stopping gently at each."""
-        index = bisect_right(self.times, seconds)
-        if index == len(self.times):
-            return self.positions[-1]
-        earlier, later = self.times[index - 1], self.times[index]
-        part = (seconds - earlier) / (later - earlier)
-        eased = part * part * (3 - 2 * part)
-        return tuple(
-            a + (b - a) * eased for a, b in zip(self.positions[index - 1], self.positions[index], strict=True)
-        )
 
 
 @dataclass(slots=True)
@@ -99,7 +73,7 @@ class _Motion:
     """One goal on its way. Times are seconds of the graph's clock."""
 
     goal: ActionGoal
-    path: Path
+    way: Trajectory
     started: float
     tolerance: Mapping[str, float]
     patience: float
@@ -131,14 +105,14 @@ class Arm:
             self._end(motion, "")
             return
         now = self._node.clock.monotonic() - motion.started
-        wanted = motion.path.at(now)
+        wanted = motion.way.at(now)[0]
         self._simulation.move_arm(dict(zip(ARM_JOINTS, wanted, strict=True)))
         self._give_feedback(motion, now, wanted, here)
-        if now >= motion.path.duration:
+        if now >= motion.way.duration:
             self._look_for_arrival(motion, now, here)
 
     def _look_for_arrival(self, motion: _Motion, now: float, here: tuple[float, ...]) -> None:
-        wanted = motion.path.positions[-1]
+        wanted = motion.way.goal
         off = [
             f"{name} is at {is_at:.3f} rad and was to be at {to_be:.3f}"
             for name, is_at, to_be in zip(ARM_JOINTS, here, wanted, strict=True)
@@ -146,7 +120,7 @@ class Arm:
         ]
         if not off:
             self._end(motion, "")
-        elif now > motion.path.duration + motion.patience:
+        elif now > motion.way.duration + motion.patience:
             self._end(motion, "; ".join(off))
 
     def _end(self, motion: _Motion, reason: str) -> None:
@@ -167,7 +141,7 @@ class Arm:
             return f"the trajectory is of joints {names}; it must be of {', '.join(ARM_JOINTS)}, in any order"
         if not trajectory.points:
             return "the trajectory has no points"
-        before = 0.0
+        before = -1.0
         for number, point in enumerate(trajectory.points, 1):
             seconds = stamp_ns(point.time_from_start) / 1e9
             if seconds <= before:
@@ -175,6 +149,10 @@ class Arm:
             before = seconds
             if reason := self._out_of_reach(names, point.positions):
                 return f"point {number}: {reason}"
+            if seconds <= 0.0 and not self._is_at(names, point.positions):
+                return (
+                    f"point {number} is at {seconds:g} s and the arm is elsewhere; give it time to get there"
+                )
         return True
 
     def _out_of_reach(self, names: Sequence[str], positions: Sequence[float]) -> str:
@@ -185,6 +163,13 @@ class Arm:
             if not lower <= position <= upper:
                 return f"{name} cannot be at {position:g} rad, only from {lower:.3f} to {upper:.3f}"
         return ""
+
+    def _is_at(self, names: Sequence[str], positions: Sequence[float]) -> bool:
+        here = dict(zip(ARM_JOINTS, self._positions(), strict=True))
+        return all(
+            abs(here[name] - position) <= _START_TOLERANCE
+            for name, position in zip(names, positions, strict=True)
+        )
 
     async def _execute(self, goal: ActionGoal) -> messages.Message:
         if self._motion is not None:
@@ -206,14 +191,15 @@ class Arm:
         request: Request = goal.request
         order = [list(request.trajectory.joint_names).index(name) for name in ARM_JOINTS]
         points = request.trajectory.points
-        path = Path(
-            (0.0, *(stamp_ns(point.time_from_start) / 1e9 for point in points)),
-            (self._positions(), *(tuple(point.positions[index] for index in order) for point in points)),
-        )
+        way = [Waypoint(0.0, self._positions(), _STANDING)]
+        for point in points:
+            seconds = stamp_ns(point.time_from_start) / 1e9
+            if seconds > 0.0:
+                way.append(Waypoint(seconds, tuple(point.positions[index] for index in order), _STANDING))
         asked = {tolerance.name: tolerance.position for tolerance in request.goal_tolerance}
         return _Motion(
             goal,
-            path,
+            Trajectory(way),
             self._node.clock.monotonic(),
             {name: asked.get(name) or _GOAL_TOLERANCE for name in ARM_JOINTS},
             stamp_ns(request.goal_time_tolerance) / 1e9 or _GOAL_TIME_TOLERANCE,

@@ -112,8 +112,8 @@ def _part(file: Path, package: str, without: tuple[str, ...] = ()) -> Iterator[E
     """
     part = ET.parse(file).getroot()
     colours = {material.get("name"): material.find("color") for material in part.iterfind("material")}
-    for colour in part.iter("color"):
-        colour.set("rgba", " ".join(colour.get("rgba", "").split()))  # viewers part them at each space
+    for each in part.iter("color"):
+        each.set("rgba", " ".join(each.get("rgba", "").split()))  # viewers part them at each space
     for element in part:
         if element.tag not in ("link", "joint") or element.get("name") in without:
             continue

@@ -127,9 +127,9 @@ def compile_shape(shape: Shape) -> Completer:
 def _bool(value: object, now: Now, /) -> bool:
     if isinstance(value, bool):
         return value
-    # While another thread imports numpy it is among the modules and has not all of its names yet.
-    kind = getattr(sys.modules.get("numpy"), "bool_", None)
-    if kind is not None and isinstance(value, kind):
+    # Another thread may be halfway through importing numpy.
+    numpy_bool = getattr(sys.modules.get("numpy"), "bool_", None)
+    if numpy_bool is not None and isinstance(value, numpy_bool):
         return bool(value)
     raise PayloadError("", f"expected bool, got {describe(value)}")
 

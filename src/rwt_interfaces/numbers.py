@@ -125,9 +125,10 @@ def _one_by_one(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
 
 def is_numpy_array(value: object) -> bool:
     """Whether the value is a numpy array, found out without importing numpy."""
-    # While another thread imports numpy it is among the modules and has not all of its names yet.
-    kind = getattr(sys.modules.get("numpy"), "ndarray", None)
-    return kind is not None and isinstance(value, kind)
+    # Another thread may be halfway through importing it: of a class that is not there yet, nothing is an
+    # instance.
+    array = getattr(sys.modules.get("numpy"), "ndarray", None)
+    return array is not None and isinstance(value, array)
 
 
 def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool) -> np.ndarray:

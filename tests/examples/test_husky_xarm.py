@@ -15,8 +15,6 @@ import anyio
 import anyio.lowlevel
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rwt_graph import GoalHandle, GoalRejected, GoalStatus, MemoryGraph, Node, SimulatedClock
 from rwt_nodes.demo.lens import Lens
@@ -25,7 +23,7 @@ from rwt_tf2 import Buffer, read_transform
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels for Linux only")
 
-from husky_xarm.arm import ACTION, Path
+from husky_xarm.arm import ACTION
 from husky_xarm.camera import Renderer, RendererGone, draw
 from husky_xarm.description import ARM_JOINTS, OPTICAL, PACKAGE_FOLDERS, ROOT, describe
 from husky_xarm.robot import HuskyXArm
@@ -172,7 +170,7 @@ async def test_the_arm_follows_a_trajectory(lab: Lab) -> None:
     names = tuple(reversed(ARM_JOINTS))  # in any order
     goal = await lab.user.send_goal(
         ACTION,
-        trajectory((0.5, tuple(reversed(HOME.values()))), (1.5, tuple(reversed(REACH))), names=names),
+        trajectory((0.0, tuple(reversed(HOME.values()))), (1.5, tuple(reversed(REACH))), names=names),
         feedback.append,
     )
     status, result = await lab.result(goal)
@@ -222,7 +220,7 @@ async def test_an_arm_that_does_not_get_there_says_where_it_is(lab: Lab) -> None
     [
         (trajectory((1.0, REACH), names=("joint1",)), "it must be of joint1, joint2"),
         (trajectory(), "the trajectory has no points"),
-        (trajectory((0.0, REACH)), "point 1 is at 0 s; it must be later than 0 s"),
+        (trajectory((0.0, REACH)), "point 1 is at 0 s and the arm is elsewhere; give it time to get there"),
         (trajectory((1.0, REACH), (1.0, REACH)), "point 2 is at 1 s; it must be later than 1 s"),
         (trajectory((1.0, REACH[:5])), "point 1: 5 positions for 6 joints"),
         (
@@ -331,24 +329,3 @@ def test_a_snapshot_puts_everything_back() -> None:
     assert after.joints == pytest.approx(before.joints)
     for (position, orientation), (was_at, was_turned) in zip(after.bodies, before.bodies, strict=True):
         assert position == pytest.approx(was_at) and orientation == pytest.approx(was_turned)
-
-
-_POINTS = st.lists(st.tuples(st.floats(0.01, 5.0), st.floats(-3.0, 3.0)), min_size=1, max_size=6)
-
-
-@given(_POINTS, st.floats(0.0, 1.0))
-def test_a_path_goes_through_its_points_and_never_beyond_its_neighbours(
-    points: list[tuple[float, float]], part: float
-) -> None:
-    times, positions = [0.0], [0.0]
-    for seconds, position in points:
-        times.append(times[-1] + seconds)
-        positions.append(position)
-    path = Path(tuple(times), tuple((position,) for position in positions))
-    for time_, position in zip(times, positions, strict=True):
-        assert path.at(time_) == pytest.approx((position,))
-    assert path.at(times[-1] + 1.0) == (positions[-1],)
-    index = min(int(part * (len(times) - 1)), len(times) - 2)
-    between = times[index] + (times[index + 1] - times[index]) * part
-    low, high = sorted(positions[index : index + 2])
-    assert low - 1e-9 <= path.at(between)[0] <= high + 1e-9

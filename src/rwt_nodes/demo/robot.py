@@ -6,6 +6,8 @@ from typing import Protocol
 
 from rwt_graph import Graph, Node, ServiceFailed
 from rwt_nodes.demo import messages
+from rwt_nodes.demo.arm import Arm
+from rwt_nodes.demo.arm_controller import ArmController
 from rwt_nodes.demo.battery import Battery
 from rwt_nodes.demo.cameras import CameraPublisher
 from rwt_nodes.demo.diagnostics import Diagnostics
@@ -23,6 +25,7 @@ from rwt_nodes.demo.state import StatePublisher
 from rwt_nodes.demo.teleop import Teleop
 from rwt_nodes.demo.urdf import camera_mount, urdf
 from rwt_nodes.demo.world import World, draw_map, house
+from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 
 #: Seconds from one control step to the next.
 CONTROL_PERIOD = 0.05
@@ -44,11 +47,13 @@ class _Switch(Protocol):
 class DemoRobot:
     """A differential-drive robot in a walled world, simulated.
 
-    It drives by `/cmd_vel` and `/navigate_to_pose`, publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`,
-    `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`, `/diagnostics`, `/robot_description`,
-    `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors` and `/fibonacci`. An interactive marker
-    under `/goal_marker` sends it where it is dropped. Its parameters are in
-    :data:`rwt_nodes.demo.parameters.TUNABLES`.
+    It drives by `/cmd_vel` and `/navigate_to_pose`, moves its arm by
+    `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`,
+    `/tf`, `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`,
+    `/diagnostics`, `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors`
+    and `/fibonacci`. An interactive marker under `/goal_marker` sends it where it is dropped. Its parameters
+    are in :data:`rwt_nodes.demo.parameters.TUNABLES`. Two nodes beside it make `/depthcloud_encoded` and
+    `/camera/depth/points/decimated` of what its camera sees.
 
     Args:
         graph: where it lives; all its timing is the graph's clock.
@@ -79,8 +84,11 @@ class DemoRobot:
             self._node, self._drive, Planner(self._world, chassis.radius), self._world.start
         )
         self._goal_marker = GoalMarker(self._node, self._world.start)
-        self._state = StatePublisher(self._node, self._drive, chassis, self._world.start)
+        self._arm = Arm()
+        self._arm_controller = ArmController(self._node, self._arm)
+        self._state = StatePublisher(self._node, self._drive, self._arm, chassis, self._world.start)
         self._scans = ScanPublisher(self._node, self._drive, self._lidar)
+        self._lens = lens
         self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis), lens)
         self._fibonacci = Fibonacci(self._node)
         self._battery_states = BatteryPublisher(self._node, self._battery)
@@ -96,13 +104,26 @@ class DemoRobot:
 
     def close(self) -> None:
         """Leave the graph."""
-        self._node.close()
+        for node in (self._depth_cloud, self._thin_cloud, self._node):
+            node.close()
 
     def _start(self) -> None:
         """Start every timer at one moment: what is due together then wakes the program once."""
         self._node.create_timer(CONTROL_PERIOD, self._step)
         self._scans.start()
         self._node.create_timer(REPORT_PERIOD, self._report)
+        graph, namespace = self._node.graph, self._node.namespace
+        # The square in the middle of the picture; two tiles of 3 m reach through a room.
+        self._depth_cloud = DepthCloudEncoder(
+            graph,
+            namespace=namespace,
+            crop_size=min(self._lens.width, self._lens.height),
+            target_resolution=256,
+            max_depth_per_tile=3.0,
+        )
+        self._thin_cloud = CloudDecimator(
+            graph, "camera/depth/points", namespace=namespace, stride=2, voxel=0.05
+        )
 
     def _report(self) -> None:
         self._battery_states.publish()
@@ -121,6 +142,7 @@ class DemoRobot:
             # A demo that ran overnight must still drive in the morning.
             self._battery.swap()
             self._node.log.warning("the battery was empty and has been swapped for a full one")
+        self._arm_controller.step()
         self._state.publish()
         self._cameras.look_for_listeners()
 
@@ -138,8 +160,10 @@ class DemoRobot:
         self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
     def _reset(self, request: object) -> messages.Message:
-        """Back to the start with a fresh battery; the motors stay as they are."""
+        """Back to the start with a fresh battery and the arm at rest; the motors stay as they are."""
         self._navigation.abort("the robot was reset")
+        self._arm_controller.abort("the robot was reset")
+        self._arm.reset()
         self._teleop.forget()
         self._drive.reset()
         self._battery.swap()

@@ -4,24 +4,39 @@ from __future__ import annotations
 
 from rwt_graph import Node
 from rwt_nodes.demo import messages
+from rwt_nodes.demo.arm import ARM, Arm
 from rwt_nodes.demo.drive import Chassis, DifferentialDrive
 from rwt_nodes.demo.frames import MAP, ODOM, frame
 from rwt_nodes.demo.pose import Pose
-from rwt_nodes.demo.urdf import BASE, LEFT_JOINT, RIGHT_JOINT, fixed_mounts, wheel_mounts
+from rwt_nodes.demo.urdf import BASE, LEFT_JOINT, RIGHT_JOINT, arm_mounts, fixed_mounts, wheel_mounts
 
 #: Diagonals of the odometry's covariances: sure of everything but drifting in x, y and yaw.
 _POSE_COVARIANCE = [0.001 if i in (0, 7, 35) else 1e-6 if i % 7 == 0 else 0.0 for i in range(36)]
+
+_ARM_JOINTS = tuple(joint.name for joint in ARM)
 
 
 class StatePublisher:
     """Publishes `/odom`, `/tf`, `/tf_static` and `/joint_states`."""
 
-    def __init__(self, node: Node, drive: DifferentialDrive, chassis: Chassis, odom_origin: Pose) -> None:
+    def __init__(
+        self, node: Node, drive: DifferentialDrive, arm: Arm, chassis: Chassis, odom_origin: Pose
+    ) -> None:
         self._node = node
         self._drive = drive
+        self._arm = arm
         self._origin = odom_origin
         self._map, self._odom_frame, self._base = (frame(node, name) for name in (MAP, ODOM, BASE))
         self._wheels = [(frame(node, mount.link), mount) for mount in wheel_mounts(chassis)]
+        self._arm_links = tuple(
+            (
+                frame(node, mount.parent),
+                frame(node, mount.link),
+                messages.vector(mount.x, mount.y, mount.z),
+                messages.turns_about(joint.axis),
+            )
+            for joint, mount in zip(ARM, arm_mounts(), strict=True)
+        )
         self._chassis = chassis
         self._odom = node.advertise("odom", "nav_msgs/Odometry")
         self._tf = node.advertise("/tf", "tf2_msgs/TFMessage")
@@ -51,7 +66,7 @@ class StatePublisher:
         }
 
     def _transforms(self, stamp: int) -> list[messages.Message]:
-        """Where odometry began, where the robot is since then, and how its wheels stand."""
+        """Where odometry began, where the robot is since then, and how its wheels and its arm stand."""
         body = self._drive.pose.seen_from(self._origin)
         angles = (self._drive.left_angle, self._drive.right_angle)
         return [
@@ -67,6 +82,12 @@ class StatePublisher:
                 )
                 for (link, mount), angle in zip(self._wheels, angles, strict=True)
             ),
+            *(
+                messages.transform(stamp, parent, link, place, turn(angle))
+                for (parent, link, place, turn), angle in zip(
+                    self._arm_links, self._arm.positions, strict=True
+                )
+            ),
         ]
 
     def _joint_state(self, stamp: int) -> messages.Message:
@@ -74,11 +95,12 @@ class StatePublisher:
         apart = velocity.angular * chassis.track / 2
         return {
             "header": messages.header(stamp, ""),
-            "name": [LEFT_JOINT, RIGHT_JOINT],
-            "position": [self._drive.left_angle, self._drive.right_angle],
+            "name": [LEFT_JOINT, RIGHT_JOINT, *_ARM_JOINTS],
+            "position": [self._drive.left_angle, self._drive.right_angle, *self._arm.positions],
             "velocity": [
                 (velocity.linear - apart) / chassis.wheel_radius,
                 (velocity.linear + apart) / chassis.wheel_radius,
+                *self._arm.velocities,
             ],
         }
 

@@ -13,8 +13,9 @@ from av.video.frame import PictureType, VideoFrame
 from rwt_nodes.video import colours
 from rwt_nodes.video.encoded import Encoded, Track
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.picture import read_picture, stamp_ns
+from rwt_nodes.video.picture import read_picture
 from rwt_nodes.video.pixels import Bytes, resized, without_alpha
+from rwt_nodes.video.stamps import stamp_ns
 from rwt_nodes.video.wish import Film, Wish
 
 if TYPE_CHECKING:
