@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -26,6 +27,7 @@ pytest.importorskip("pybullet", reason="PyBullet has wheels for Linux only")
 from husky_xarm.arm import ACTION
 from husky_xarm.camera import Renderer, RendererGone, draw
 from husky_xarm.description import ARM_JOINTS, OPTICAL, PACKAGE_FOLDERS, ROOT, describe
+from husky_xarm.film import keep
 from husky_xarm.robot import HuskyXArm
 from husky_xarm.scene import HOME, Scene
 
@@ -315,6 +317,29 @@ def test_a_renderer_that_was_killed_says_so(renderer: Renderer) -> None:
         for _ in range(100):
             renderer.draw(snapshot)
             time.sleep(0.05)
+
+
+def test_a_film_is_drawn_once_and_moves(tmp_path: Path) -> None:
+    drawn: list[int] = []
+    film = keep(tmp_path, Lens(80, 60), pictures=4, rate=2.0, on_picture=drawn.append)
+    assert (film.colours.shape, film.depths.shape) == ((4, 60, 80, 3), (4, 60, 80))
+    assert drawn == [1, 2, 3, 4]
+    for before, after in zip(film.depths, film.depths[1:], strict=False):
+        assert (before != after).mean() > 0.2
+    again = keep(tmp_path, Lens(80, 60), pictures=4, rate=2.0, on_picture=drawn.append)
+    assert len(drawn) == 4 and (again.colours == film.colours).all()
+    keep(tmp_path, Lens(80, 60), pictures=1, rate=2.0, on_picture=drawn.append)
+    assert len(drawn) == 5
+
+
+def test_a_film_that_was_broken_off_is_drawn_anew(tmp_path: Path) -> None:
+    def break_off(number: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        keep(tmp_path, Lens(40, 30), pictures=2, on_picture=break_off)
+    film = keep(tmp_path, Lens(40, 30), pictures=2)
+    assert film.colours[1].any()
 
 
 def test_a_snapshot_puts_everything_back() -> None:
