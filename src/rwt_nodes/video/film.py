@@ -10,6 +10,7 @@ from av.codec.context import Flags
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType, VideoFrame
 
+from rwt_nodes.video import colours
 from rwt_nodes.video.encoded import Encoded, Track
 from rwt_nodes.video.errors import PictureUnreadable
 from rwt_nodes.video.picture import read_picture
@@ -78,6 +79,10 @@ class FilmEncoder:
         # Colours have half the resolution in these films: an odd row or column is left out.
         codec.width, codec.height = max(2, pixels.shape[1] & ~1), max(2, pixels.shape[0] & ~1)
         codec.pix_fmt = "yuv420p"
+        codec.colorspace = colours.MATRIX
+        codec.color_range = colours.RANGE
+        codec.color_trc = colours.TRANSFER
+        codec.color_primaries = colours.PRIMARIES
         codec.time_base = _MILLISECONDS
         codec.framerate = Fraction(30)
         codec.gop_size = film.gop
