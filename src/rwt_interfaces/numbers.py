@@ -125,8 +125,7 @@ def _one_by_one(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
 
 def is_numpy_array(value: object) -> bool:
     """Whether the value is a numpy array, found out without importing numpy."""
-    # Another thread may be halfway through importing it: of a class that is not there yet, nothing is an
-    # instance.
+    # Another thread may be halfway through importing it, and no value is of a class that is not there yet.
     array = getattr(sys.modules.get("numpy"), "ndarray", None)
     return array is not None and isinstance(value, array)
 

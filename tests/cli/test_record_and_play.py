@@ -29,7 +29,7 @@ OWN = (
     "--exclude",
     *("/rosout", "/parameter_events", "/client_count", "/connected_clients", "/tf2_web_republisher/*"),
     # Raw pictures at four times their rate are more than a busy machine may pass on; the JPEGs stay.
-    *("/camera/image_raw", "/camera/depth/image_raw"),
+    *("/camera/image_raw", "/camera/depth/image_raw", "/camera/depth/points", "/depthcloud_encoded"),
 )
 # Every distribution with every encoding is compared without a network in tests/nodes/recording.
 FORMS = [("jazzy", "ros"), ("noetic", "json")]
@@ -126,7 +126,7 @@ def test_a_recording_survives_kill_9(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert not recording.complete
         assert {"/odom", "/map"} <= {topic.name for topic in recording.topics}
         count = len(list(recording.messages()))
-    assert count > 20
+    assert count > 10  # one picture alone is more than 5000 bytes
     assert main(["recording", "recover", str(path), "-o", str(whole)]) == 0
     assert f"{count} messages" in capsys.readouterr().out
     assert len(rows(whole)) == count
