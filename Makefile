@@ -1,9 +1,11 @@
-# `make demo` and `make test` need Python 3.11 or later, a C compiler, make, Node 20 and npm.
+# `make demo` and `make test` need Python 3.11 or later, a C compiler, make, Node 20 and npm. With Chromium (Debian's
+# package, or what the variable CHROMIUM names) `make test` runs the browser tests too.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
+BROWSER := tests/browser/node
 
 .PHONY: demo test lint types unit bench paper load soak fuzz mutants conformance client-grades clean
 
@@ -22,8 +24,9 @@ $(STAMP)-dev: pyproject.toml $(STAMP)
 	touch $@
 
 # The npm releases of the client libraries that the tests drive, exactly as the lock file names them.
-$(CLIENTS)/node_modules/.installed: $(CLIENTS)/package-lock.json
-	npm ci --prefix $(CLIENTS) --no-audit --no-fund --loglevel=error
+$(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed: \
+%/node_modules/.installed: %/package-lock.json
+	npm ci --prefix $* --no-audit --no-fund --loglevel=error
 	touch $@
 
 demo: $(STAMP)
@@ -37,7 +40,7 @@ lint: $(STAMP)-dev
 types: $(STAMP)-dev
 	$(BIN)/mypy
 
-unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed
+unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed
 	$(BIN)/pytest
 
 test: lint types unit
@@ -86,4 +89,4 @@ conformance: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.transports
 
 clean:
-	rm -rf $(VENV) $(CLIENTS)/node_modules
+	rm -rf $(VENV) $(CLIENTS)/node_modules $(BROWSER)/node_modules tests/browser/screenshots

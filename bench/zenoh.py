@@ -2,8 +2,8 @@
 
 One process publishes, the other subscribes; both are whole graphs, connected over TCP on loopback. Small
 messages are `std_msgs/String` of 32 characters, large ones `sensor_msgs/Image` of 1 MB. Payloads are made
-once and sent again
-and again: it is the way of a message that is measured, not its encoding. Latency is half of a round trip.
+once and sent again and again: it is the way of a message that is measured, not its encoding. Latency is half
+of a round trip.
 """
 
 from __future__ import annotations

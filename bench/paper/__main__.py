@@ -14,6 +14,8 @@ from bench.paper.report import Report
 PARTS: Mapping[str, str] = {
     "fig3": "bench.paper.fig3",
     "table1": "bench.paper.table1",
+    "table2": "bench.paper.table2",
+    "table3": "bench.paper.table3",
 }
 """Each part of the paper and the module that has its `measure()`."""
 

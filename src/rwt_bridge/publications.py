@@ -75,7 +75,7 @@ class Publication:
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
             self._early = EarlySamples()
             self.publish = self._publish_early
-            self._early_timer = clock.call_later(EARLY_SECONDS, self._end_early)
+            self._early_timer = clock.call_later(EARLY_SECONDS, self.forget_early)
 
     @property
     def early(self) -> tuple[Sample, ...]:
@@ -89,7 +89,8 @@ class Publication:
             sample = Sample(self.topic, payload, self._clock.time_ns(), self._node)
             self._early.add(sample, len(payload.json()))
 
-    def _end_early(self) -> None:
+    def forget_early(self) -> None:
+        """Keep nothing for late readers: the first second is over, or everybody who published has left."""
         self._early = None
         self.publish = self._publish
 
@@ -116,7 +117,7 @@ class Publication:
             self.deadline.close()
         if self._early_timer is not None:
             self._early_timer.cancel()
-        self._end_early()
+        self.forget_early()
         self._ledger.release_topic(self.counts)
         self.publisher.close()
 
@@ -201,6 +202,7 @@ class Publications:
             return
         publication.users.discard(user)
         if not publication.users:
+            publication.forget_early()
             publication.linger = self._clock.call_later(self._linger, lambda: self._end(topic, publication))
 
     def close(self) -> None:

@@ -287,6 +287,10 @@ class Settings(Table):
     interfaces: Annotated[
         tuple[Path, ...], Field(description="folders of `.msg`, `.srv` and `.action` files")
     ] = ()
+    packages: Annotated[
+        tuple[Path, ...],
+        Field(description="folders of ROS packages whose meshes are served under `/packages/`"),
+    ] = ()
     demo: Annotated[bool, Field(description="whether the demo robot takes part")] = False
     nodes: Annotated[
         tuple[NodeName, ...],

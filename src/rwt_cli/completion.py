@@ -49,7 +49,7 @@ end
 complete -c rwt -f -a '(__rwt_complete)'
 """
 _SCRIPTS: Final = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
-_WORD: Final = re.compile(r"""(?:[^\s'"\\]|\\.|'[^']*(?:'|$)|"(?:[^"\\]|\\.)*(?:"|$))+""", re.S)
+_WORD: Final = re.compile(r"""(?:[^\s'"\\]|\\.|\\$|'[^']*(?:'|$)|"(?:[^"\\]|\\.)*(?:"|$))+""", re.S)
 
 Names = Callable[["Robot"], Awaitable[Iterable[str]]]
 
@@ -114,7 +114,7 @@ def words_of(line: str) -> list[str]:
 
 
 def _unquoted(word: str) -> str:
-    return re.sub(r"""\\(.)|['"]""", lambda match: match[1] or "", word, flags=re.S)
+    return re.sub(r"""\\(.)|\\$|['"]""", lambda match: match[1] or "", word, flags=re.S)
 
 
 def candidates(words: Sequence[str]) -> list[str]:

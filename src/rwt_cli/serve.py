@@ -31,8 +31,9 @@ from rwt_transports.dial import check_dial_url
 from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Mapping
 
+    from rwt_bridge.pages import Page
     from rwt_bridge.serve import Server
     from rwt_bridge.settings import Settings
     from rwt_cli.workers import Seat
@@ -48,6 +49,7 @@ examples:
   rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
+  rwt serve --packages /opt/ros/jazzy/share with meshes for viewers, under /packages/
   rwt serve --script robot.toml            a robot for tests, which answers what the file says
   rwt serve ws://0.0.0.0:9090 --workers 4  on four cores, as one server
   rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
@@ -90,6 +92,13 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         type=Path,
         metavar="DIR",
         help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    parser.add_argument(
+        "--packages",
+        action="append",
+        type=Path,
+        metavar="DIR",
+        help="folder of ROS packages, whose meshes are served under /packages/; may be given several times",
     )
     parser.add_argument(
         "--record", type=Path, metavar="FILE", help="write all topics, calls and goals to an MCAP file"
@@ -152,6 +161,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "workers": arguments.workers,
         "distro": arguments.distro,
         "interfaces": tuple(arguments.interfaces or ()) or None,
+        "packages": tuple(arguments.packages or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
         **backend_options(arguments),
     }
@@ -179,11 +189,24 @@ def _registry(settings: Settings) -> Registry:
     return registry
 
 
+def _package_pages(settings: Settings) -> Mapping[str, Page]:
+    """The files of packages, where there are some to serve."""
+    if not settings.packages:
+        return {}
+    from rwt_nodes.packages import Packages, PackagesError  # Its code is read only where it runs.
+
+    try:
+        return Packages(settings.packages).pages
+    except PackagesError as error:
+        raise CommandError(f"--packages {error}", exit_code=2) from error
+
+
 async def _serve(settings: Settings, arguments: argparse.Namespace, seat: Seat | None = None) -> None:
     graph, start_script = stage(arguments.script, _registry(settings), settings, seat)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
             shown = start_nodes(graph, settings, nodes)
+            shown.pages.update(_package_pages(settings))
             if settings.demo:
                 nodes.enter_context(_demo_robot(graph))
             if arguments.record is not None or arguments.introspection:

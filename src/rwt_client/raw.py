@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from msgspec import Struct
 
 from rwt_client.errors import ClientError, ConnectionLost, MisfitMessage, ServerRefused
-from rwt_protocol.ops import Subscribe, Unsubscribe
+from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
     from rwt_client.line import Line
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 NANOSECONDS = 1_000_000_000
+
+_EVERYTHING = Qos(history="keep_all", reliability="best_available")
+"""Who keeps or passes on messages wants them all; without this a slow reader gets the newest alone."""
 
 _MEMBERS = frozenset(("secs", "nsecs", "bytes"))
 
@@ -124,7 +127,13 @@ class RawSubscription:
     def restore(self) -> None:
         """Subscribe on a new connection."""
         self._line.send(
-            Subscribe(topic=self.name, type=self._wire_type, id=self._id, compression=self._compression)
+            Subscribe(
+                topic=self.name,
+                type=self._wire_type,
+                id=self._id,
+                compression=self._compression,
+                qos=_EVERYTHING,
+            )
         )
 
     def lost(self, error: ConnectionLost, final: bool) -> None:

@@ -120,9 +120,14 @@ class ActionCarrier:
         ]
         self._status.publish(Payload.from_value(self._status.type, {"status_list": states}))
 
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether anybody subscribes to the feedback, here or elsewhere."""
+        return bool(self._feedback.subscriber_count)
+
     def fed_back(self, goal_id: str, feedback: Payload) -> None:
         """Publish feedback, if anybody listens."""
-        if self._feedback.subscriber_count:
+        if self.feedback_wanted:
             type = self._feedback.type
             uuid = uuid_struct(type, goal_id)
             self._feedback.publish(struct_payload(type, goal_id=uuid, feedback=feedback.value()))

@@ -128,8 +128,10 @@ class MemoryGoal(ServerGoal):
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether the client takes feedback now."""
-        return self.listening and self._events is not None and self._events.on_feedback is not None
+        """Whether the client, or anybody in another process, takes feedback now."""
+        if self.listening and self._events is not None and self._events.on_feedback is not None:
+            return True
+        return self._server.watcher is not None and self._server.watcher.feedback_wanted
 
     def _step(self, event: GoalEvent) -> None:
         after = TRANSITIONS.get((self._status, event))

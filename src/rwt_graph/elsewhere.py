@@ -112,6 +112,11 @@ class ActionsElsewhere(Protocol):
 class GoalWatcher(Protocol):
     """Follows the goals of one action server of this process."""
 
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether feedback is of use to anybody now."""
+        ...
+
     def changed(self, goal_id: str) -> None:
         """Its state is another one."""
         ...

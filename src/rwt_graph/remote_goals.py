@@ -103,7 +103,8 @@ class RemoteGoal(ClientGoal):
         self._client = client
         self._status = GoalStatus.UNKNOWN
         self._reason = ""
-        self._subscriptions: list[Subscription] = []
+        self._feedback: Subscription | None = None
+        self._reasons: Subscription | None = None
         self._pending: PendingCall | None = None
 
     @property
@@ -119,18 +120,28 @@ class RemoteGoal(ClientGoal):
     def send(self, payload: Payload) -> None:
         """Listen for what belongs to the goal, then send it."""
         self._client.add(self, self.client_closed)
-        if self._events is not None and self._events.on_feedback is not None:
-            self._listen(self._names.feedback, part_type(self._type, "_FeedbackMessage"), self._on_feedback)
-        self._listen(self._names.reasons, "std_msgs/String", self._on_reason)
+        self.want_feedback(True)
+        self._reasons = self._listen(self._names.reasons, "std_msgs/String", self._on_reason)
         request = self._actions.registry.service(part_type(self._type, "_SendGoal")).request
         goal = struct_payload(request, goal_id=uuid_struct(request, self.id), goal=payload.value())
         self._call(self._names.send_goal, goal, self._on_answer)
 
-    def _listen(self, topic: str, type: str, on_sample: Callable[[Sample], None]) -> None:
+    def want_feedback(self, wanted: bool) -> None:
+        """Subscribe to the feedback, or leave it: a server that has no subscribers sends none."""
+        feedback = self._feedback
+        if not wanted and feedback is not None:
+            self._feedback = None
+            feedback.close()
+        elif (
+            wanted and feedback is None and self._events is not None and self._events.on_feedback is not None
+        ):
+            type = part_type(self._type, "_FeedbackMessage")
+            self._feedback = self._listen(self._names.feedback, type, self._on_feedback)
+
+    def _listen(self, topic: str, type: str, on_sample: Callable[[Sample], None]) -> Subscription:
         actions = self._actions
-        message = actions.registry.message(type)
-        self._subscriptions.append(
-            actions.topics.subscribe(topic, on_sample, message, DEFAULT_QOS, self._client)
+        return actions.topics.subscribe(
+            topic, on_sample, actions.registry.message(type), DEFAULT_QOS, self._client
         )
 
     def _call(self, service: str, request: Payload, on_reply: Callable[[Payload | CallFailed], None]) -> None:
@@ -232,9 +243,9 @@ class RemoteGoal(ClientGoal):
     def _let_go(self) -> None:
         self._events = None
         self._client.drop(self)
-        subscriptions, self._subscriptions = self._subscriptions, []
-        for subscription in subscriptions:
-            subscription.close()
+        self.want_feedback(False)
+        if self._reasons is not None:
+            self._reasons.close()
 
     def _tell(self, callback: Callable[[], None]) -> None:
         try:

@@ -127,8 +127,9 @@ def compile_shape(shape: Shape) -> Completer:
 def _bool(value: object, now: Now, /) -> bool:
     if isinstance(value, bool):
         return value
-    numpy = sys.modules.get("numpy")
-    if numpy is not None and isinstance(value, numpy.bool_):
+    # Another thread may be halfway through importing numpy.
+    numpy_bool = getattr(sys.modules.get("numpy"), "bool_", None)
+    if numpy_bool is not None and isinstance(value, numpy_bool):
         return bool(value)
     raise PayloadError("", f"expected bool, got {describe(value)}")
 

@@ -64,7 +64,7 @@ def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
     seen.add(folder.resolve())
     for kind in KINDS:
         for path in sorted((folder / kind).glob(f"*.{kind}")):
-            package = _package_name(folder)
+            package = package_name(folder)
             for word in (package, path.stem):
                 if not is_word(word):
                     raise DefinitionError(
@@ -76,8 +76,8 @@ def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
             yield from _files(entry, seen)
 
 
-def _package_name(folder: Path) -> str:
-    """What ``package.xml`` calls the package, or else the folder's name.
+def package_name(folder: Path) -> str:
+    """What ``package.xml`` calls the package, or else the folder's own name.
 
     Only the one element is looked for: the file is not ours to validate, and no XML parser has to meet its
     entities.

@@ -125,8 +125,9 @@ def _one_by_one(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
 
 def is_numpy_array(value: object) -> bool:
     """Whether the value is a numpy array, found out without importing numpy."""
-    numpy = sys.modules.get("numpy")
-    return numpy is not None and isinstance(value, numpy.ndarray)
+    # Another thread may be halfway through importing it, and no value is of a class that is not there yet.
+    array = getattr(sys.modules.get("numpy"), "ndarray", None)
+    return array is not None and isinstance(value, array)
 
 
 def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool) -> np.ndarray:

@@ -147,10 +147,12 @@ class Buffer:
             ConnectivityError: nothing joins them.
             ExtrapolationError: the data does not reach that time.
         """
+        if bare(target) == bare(source):
+            # As in tf2: every frame is where it is, one that nobody has named, too.
+            frame = bare(target)
+            return StampedTransform(frame, frame, time_ns or self._latest_of(frame), IDENTITY)
         target, source = self._known(target), self._known(source)
         time_ns = time_ns or self._latest_common_time(target, source)
-        if target == source:
-            return StampedTransform(target, source, time_ns, IDENTITY)
         path = self._path_at(target, source, time_ns)
         return StampedTransform(target, source, time_ns, _along(path, lambda track: track.at(time_ns)))
 
@@ -202,7 +204,8 @@ class Buffer:
             UnknownFrame: no transform has named one of them.
             ConnectivityError: nothing joins them.
         """
-        return self._latest_common_time(self._known(target), self._known(source))
+        target, source = self._known(target), self._known(source)
+        return self._latest_of(target) if target == source else self._latest_common_time(target, source)
 
     def tracks_between(
         self, target: str, source: str, time_ns: int
@@ -276,10 +279,12 @@ class Buffer:
             raise UnknownFrame(name, self.frames())
         return name
 
+    def _latest_of(self, frame: str) -> int:
+        """When the frame was last told of; 0 for never."""
+        track = self._tracks.get(frame)
+        return 0 if track is None else track.latest_ns
+
     def _latest_common_time(self, target: str, source: str) -> int:
-        if target == source:
-            track = self._tracks.get(target)
-            return 0 if track is None else track.latest_ns
         path = self._path(target, source, lambda track: track.latest.parent)
         if path is None:
             raise ConnectivityError(target, source, self._root(target), self._root(source))

@@ -299,7 +299,8 @@ class HttpConversation:
         return self._request is not None and self._request.method == b"HEAD"
 
     def _send_whole(self, response: HttpResponse, body: bytes) -> None:
-        self._send_head(response, len(body))
+        # One that never has a body must not tell its size (RFC 9110 section 8.6).
+        self._send_head(response, None if response.status in (204, 304) else len(body))
         if body and not self._is_head():
             self._send(h11.Data(data=body))
         self._send(h11.EndOfMessage())

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import json
+import zlib
 from pathlib import Path
 
 import anyio
+import numpy as np
 import pytest
 
 from bench.paper import __main__ as program
+from bench.paper import table2, table3
 from bench.paper.arm_robot import LINKS, MINUTE, ROOT
 from bench.paper.counting import header_size
+from bench.paper.depth_scene import drive
 from bench.paper.fig3 import ANGULAR, LINEAR, PAPER_SAVED, Viewer, play, viewers
 from bench.paper.report import Report
+from bench.paper.text_messages import samples
+from rwt_nodes.depth_cloud.picture import decode_picture, encode_picture
+from rwt_protocol.codecs import png
+from rwt_protocol.codecs.json import publish_frame, publish_prefix
+
+#: Pictures, of which the first half second is the warm-up.
+FILM = 22
 
 
 def test_the_robot_has_52_frames_in_one_tree() -> None:
@@ -54,6 +66,92 @@ def test_changes_alone_keep_every_frame_within_the_thresholds(played: dict[str, 
 @pytest.mark.parametrize(("payload", "header"), [(125, 2), (126, 4), (65535, 4), (65536, 10)])
 def test_headers_are_counted(payload: int, header: int) -> None:
     assert header_size(payload) == header
+
+
+# -- Table II ----------------------------------------------------------------------------------------------
+
+
+CHOSEN = ("MJPEG q90", "VP8 4 Mbit/s", "H.264 4 Mbit/s", "VP8 4 Mbit/s, rainbow", "PNG")
+
+
+@pytest.fixture(scope="module")
+def films() -> dict[str, table2.Way]:
+    """Less than a second, by some of the ways."""
+    watched = {way.name: way for way in table2.ways() if way.name in CHOSEN}
+    table2.play(list(watched.values()), FILM)
+    return watched
+
+
+def test_a_film_loses_little_and_saves_much(films: dict[str, table2.Way]) -> None:
+    jpeg, vp8, h264, rainbow, exact = (films[name] for name in CHOSEN)
+    assert max(map(np.max, exact.errors)) <= 0.501 * table2.METRES_PER_TILE / 765
+    for way in (jpeg, vp8, h264):
+        assert way.rate(FILM) < 0.1 * table2.RAW
+        assert table2._errors(way)[1] < 0.1
+        assert max(way.lost) < 0.01
+    assert table2._errors(vp8)[0] < 0.85 * table2._errors(rainbow)[0]
+
+
+def test_table_2_counts_bytes_by_the_second(films: dict[str, table2.Way]) -> None:
+    way = table2.Way("VP8 9 Mbit/s", "type=vp8&bitrate=9000000", bytes=7 * 20_000, seconds=0.07)
+    way.errors, way.lost = [np.array([0.003, 0.004], np.float32)], [0.25]
+    assert table2._row(way, FILM) == ("VP8 9 Mbit/s", "600", "98.7%", "3.5", "4.0", "25.00%", "10.0")
+    assert table2._missed([way, films["MJPEG q90"]], FILM) == ["VP8 9 Mbit/s: 600 KB/s, the paper 568"]
+
+
+def test_the_rainbow_reads_the_same() -> None:
+    depths = np.linspace(0.01, 5.9, 512 * 512, dtype=np.float32).reshape(512, 512)
+    picture = encode_picture(depths, np.zeros((512, 512, 3), np.uint8), 3.0)
+    other = decode_picture(table2.rainbow(picture), 3.0)
+    assert np.array_equal(other.depths, decode_picture(picture, 3.0).depths)
+
+
+def test_the_drive_is_the_same_every_time_and_has_holes() -> None:
+    first, second = (list(drive(2)) for _ in range(2))
+    for one, other in zip(first, second, strict=True):
+        assert np.array_equal(one.depths, other.depths)
+        assert np.array_equal(one.colours, other.colours)
+        assert 0.005 < np.mean(one.depths == 0) < 0.5
+
+
+# -- Table III ---------------------------------------------------------------------------------------------
+
+
+def test_messages_as_pictures() -> None:
+    found = {sample.name: (sample, table3.take(sample, 1)) for sample in samples()}
+    sizes = {name: measured.size / 1000 for name, (_, measured) in found.items()}
+    assert sizes["map, 9 characters a cell"] == pytest.approx(table3.PAPER_MAP[0], rel=0.03)
+    for name in ("3D point array", "line strip", "42 KB of markers"):
+        assert sizes[name] == pytest.approx(42, rel=0.05)
+    for name in ("line list", "78 KB of markers"):
+        assert sizes[name] == pytest.approx(78, rel=0.05)
+    for name, (_, measured) in found.items():
+        taken = measured.ways
+        assert taken["zlib"].size < taken["Pillow"].size
+        assert taken["cbor, deflate"].size < 1.01 * taken["cbor"].size, name
+        bound = table3.PROMISED.get(name)
+        if bound is not None:
+            assert measured.size / taken["zlib"].size >= bound.ratio
+
+
+def test_every_way_holds_the_whole_message() -> None:
+    sample = next(sample for sample in samples() if sample.name == "line strip")
+    text = publish_frame(publish_prefix("/topic"), sample.json)
+    for way in (table3.picture_without_library, table3.picture_by_pillow):
+        data = json.loads(bytes(way(text).data))["data"]
+        assert json.loads(png.decode(data, 1_000_000)) == json.loads(bytes(text.data))
+    packed = zlib.decompressobj(-15).decompress(bytes(table3.deflated(text).data) + b"\0\0\xff\xff")
+    assert packed == bytes(text.data)
+
+
+def test_a_missed_bound_is_told() -> None:
+    slow = table3.Measured("78 KB of markers", 78_000, {"zlib": table3.Taken(7_800, 0.7)})
+    small = table3.Measured("map, 9 characters a cell", 2_700_000, {"zlib": table3.Taken(90_000, 10.0)})
+    fine = table3.Measured("line list", 78_000, {"zlib": table3.Taken(78_000, 99.0)})
+    assert table3._missed([slow, small, fine]) == [
+        "78 KB of markers: 10.0:1 in 0.70 ms",
+        "map, 9 characters a cell: 30.0:1 in 10.00 ms",
+    ]
 
 
 def draw_nothing(file: Path) -> None:

@@ -16,6 +16,7 @@ from websockets.typing import Origin, Subprotocol
 
 from rwt_bridge import Bridge, Settings, serve
 from rwt_bridge.origins import Origins, is_loopback_listener
+from rwt_bridge.pages import Page
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import Refused
 from rwt_transports.http import HttpRequest, HttpResponse
@@ -304,3 +305,47 @@ async def _get(host: str, target: str) -> str:
         async for part in stream:
             answer += part
     return answer.decode()
+
+
+def _plain_page(request: HttpRequest, may_subscribe: Callable[[str], bool]) -> HttpResponse:
+    return HttpResponse(b"a mesh", headers={"ETag": '"1"'})
+
+
+async def _page(request: HttpRequest, may_subscribe: Callable[[str], bool]) -> HttpResponse:
+    return _plain_page(request, may_subscribe)
+
+
+_PAGES: dict[str, Page] = {"/mesh": _page, "/plain": _plain_page}
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    ("origin", "allow", "named"),
+    [
+        ("http://localhost:5173", (), True),
+        ("null", (), True),
+        ("http://evil.example", (), False),
+        ("http://ui.example", ("http://ui.example",), True),
+        (None, (), False),
+    ],
+)
+async def test_pages_of_nodes_may_be_read_by_pages_that_may_connect(
+    origin: str | None, allow: tuple[str, ...], named: bool
+) -> None:
+    settings = Settings.model_validate({"origins": {"allow": allow}})
+    for path in _PAGES:
+        async with (
+            MemoryGraph() as graph,
+            serve(graph, "ws://127.0.0.1:0", settings=settings, pages=_PAGES) as server,
+        ):
+            host, port = server.urls[0].removeprefix("ws://").split(":")
+            head = f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: close\r\n"
+            if origin is not None:
+                head += f"Origin: {origin}\r\n"
+            async with await anyio.connect_tcp(host, int(port)) as stream:
+                await stream.send(f"{head}\r\n".encode())
+                answer = b"".join([part async for part in stream])
+        assert answer.endswith(b"a mesh")
+        assert b'ETag: "1"\r\n' in answer
+        assert (f"Access-Control-Allow-Origin: {origin}\r\n".encode() in answer) is named
+        assert (b"Access-Control-Allow-Origin" in answer) is named

@@ -177,6 +177,13 @@ def test_the_first_second_of_a_publisher_is_kept_for_who_comes_within_it(
     assert client.heard_of("/t") == []
 
 
+def test_what_a_client_published_early_goes_with_it(client: Client, other: Client) -> None:
+    client.say("publish", topic="/t", type="std_msgs/String", msg={"data": "x"})
+    client.leave()
+    other.say("subscribe", topic="/t")
+    assert other.heard() == []
+
+
 def test_of_many_or_large_early_messages_the_newest_are_kept(client: Client, other: Client) -> None:
     client.say("advertise", topic="/many", type="std_msgs/Int32")
     for number in range(150):

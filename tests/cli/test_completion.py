@@ -62,6 +62,7 @@ def test_the_robot_that_is_typed_is_asked(demo: str, monkeypatch: pytest.MonkeyP
         ("rwt --url ws://a:1 to", ["rwt", "--url", "ws://a:1", "to"]),
         ("rwt 'a b' \"c d\" e\\ f", ["rwt", "a b", "c d", "e f"]),
         ("rwt 'open quo", ["rwt", "open quo"]),
+        ("rwt \\", ["rwt", ""]),
         ("", [""]),
     ],
 )

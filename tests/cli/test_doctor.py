@@ -115,7 +115,7 @@ def test_an_old_server_with_a_wrong_clock(rwt: Rwt) -> None:
     assert verdicts["server"] == "note"
     assert {verdicts[f"encoding {name}"] for name in ENCODINGS if name != "json"} == {"note"}
     (clock,) = (finding for finding in ended.json["findings"] if finding["name"] == "clock")
-    assert clock["text"].startswith("-3600")
+    assert clock["text"].startswith(("-3600", "-3601", "-3602"))
     assert "NTP" in clock["advice"]
 
 

@@ -67,6 +67,26 @@ def test_publish_and_call_over_a_real_socket() -> None:
         assert {"/odom", "/scan", "/map", "/tf", "/rosout"} <= set(topics)
 
 
+def test_meshes_of_packages_on_the_same_port(tmp_path: Path) -> None:
+    mesh = tmp_path / "arm/meshes/hand.stl"
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text("solid hand")
+    with _server("ws://127.0.0.1:0", "--packages", str(tmp_path)) as (_, url):
+        base = url.replace("ws", "http", 1)
+        with urllib.request.urlopen(f"{base}/packages/arm/meshes/hand.stl", timeout=10) as answer:
+            assert (answer.headers["Content-Type"], answer.read()) == ("model/stl", b"solid hand")
+
+
+def test_a_folder_without_packages_ends_it_with_a_sentence(tmp_path: Path) -> None:
+    ended = subprocess.run(
+        _command("--packages", str(tmp_path)), capture_output=True, text=True, timeout=20, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.strip().endswith(
+        f"--packages {tmp_path}: no packages; expected PACKAGE/meshes/… in it, or a package.xml"
+    )
+
+
 def test_plain_http_on_the_same_port() -> None:
     with _server("ws://127.0.0.1:0", "--demo") as (_, url):
         base = url.replace("ws", "http", 1)

@@ -61,5 +61,5 @@ def test_a_frame_that_is_not_there(rwt: Rwt) -> None:
     ended = rwt("tf", "echo", "map", "ghost", "--once", "--timeout", "1")
     assert ended.code == 4
     assert ended.err.startswith(
-        'rwt: the transform was not to be had within 1 s: frame "ghost" is not known; known are base_link,'
+        'rwt: the transform was not to be had within 1 s: frame "ghost" is not known; known are arm_base_'
     )

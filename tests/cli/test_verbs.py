@@ -15,7 +15,9 @@ from rwt_cli.yaml_reader import read_yaml
 from tests.cli.conftest import Rwt, demo_server
 
 _ADD = "example_interfaces/srv/AddTwoInts"
+_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 _TWIST = "geometry_msgs/msg/Twist"
+_MARKER = "visualization_msgs/msg/InteractiveMarkerFeedback"
 
 
 # -- topic -------------------------------------------------------------------------------------------------
@@ -278,9 +280,11 @@ def test_service_call_that_fails(rwt: Rwt) -> None:
 
 def test_action_list_type_info(rwt: Rwt) -> None:
     kind = "example_interfaces/action/Fibonacci"
-    assert rwt("action", "list").out == "/fibonacci\n/navigate_to_pose\n/tf2_web_republisher\n"
+    arm = "/arm_controller/follow_joint_trajectory"
+    actions = (arm, "/fibonacci", "/navigate_to_pose", "/tf2_web_republisher")
+    assert rwt("action", "list").out == "".join(f"{name}\n" for name in actions)
     assert f"/fibonacci [{kind}]" in rwt("action", "list", "-t").out
-    assert rwt("action", "list", "-c", "--json").json == {"count": 3}
+    assert rwt("action", "list", "-c", "--json").json == {"count": 4}
     assert rwt("action", "type", "/fibonacci").out == f"{kind}\n"
     assert rwt("action", "info", "/fibonacci").out == (
         f"Action: /fibonacci\nType: {kind}\nAction servers: 1\n    /demo_robot\n"
@@ -404,11 +408,19 @@ def test_node_list_and_info(rwt: Rwt) -> None:
     assert {"/demo_robot", "/rosapi"} <= set(rwt("node", "list").out.splitlines())
     assert "/demo_robot" in rwt("node", "list", "--json").json
     said = rwt("node", "info", "demo_robot").out
-    assert said.startswith(f"/demo_robot\n  Subscribers:\n    /cmd_vel: {_TWIST}\n\n  Publishers:\n")
+    assert said.startswith(
+        f"/demo_robot\n  Subscribers:\n    /arm_controller/joint_trajectory: {_TRAJECTORY}\n"
+        f"    /cmd_vel: {_TWIST}\n"
+        f"    /goal_marker/feedback: {_MARKER}\n\n  Publishers:\n"
+    )
     assert f"  Service Servers:\n    /add_two_ints: {_ADD}\n" in said
-    assert "  Action Servers:\n    /fibonacci: example_interfaces/action/Fibonacci\n" in said
+    assert "    /fibonacci: example_interfaces/action/Fibonacci\n" in said.partition("  Action Servers:\n")[2]
     info = rwt("node", "info", "/demo_robot", "--json").json
-    assert info["subscribers"] == [{"name": "/cmd_vel", "type": _TWIST}]
+    assert info["subscribers"] == [
+        {"name": "/arm_controller/joint_trajectory", "type": _TRAJECTORY},
+        {"name": "/cmd_vel", "type": _TWIST},
+        {"name": "/goal_marker/feedback", "type": _MARKER},
+    ]
     assert "did you mean /demo_robot?" in rwt("node", "info", "/demo_robo").err
 
 

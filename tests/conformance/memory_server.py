@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,6 +20,7 @@ from rwt_graph.memory import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_nodes.rosapi import Rosapi
+from rwt_nodes.tf import Tf2WebRepublisher
 from rwt_protocol.frames import Accept, Frame, PeerInfo
 from rwt_transports.drivers.memory import MemoryPeer
 
@@ -141,7 +142,7 @@ async def memory_server(
     clock = SimulatedClock(start_ns=time.time_ns())
     graph = make_graph(Registry(DISTROS[distro]), clock)
     async with graph:
-        with Rosapi(graph):
+        with Rosapi(graph), closing(Tf2WebRepublisher(graph)):
             bridge = Bridge(graph, settings or Settings())
             accept: Accept = partial(bridge.accept, loopback=True)
             yield MemoryServer(clock, spoil(accept) if spoil else accept)

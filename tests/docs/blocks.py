@@ -11,12 +11,14 @@ A comment stands right before its block and is a list of `key: value`, one a lin
 `run: server`       serves until it is ended; `call:` and `hear:` say what a client must then see
 `run: wire`         lines `> {…}` are sent to the demo robot, lines `< {…}` must come back
 `run: page`         an HTML page, whose script runs against a server as `run: client` does
+`run: browser`      an HTML page, which `tests/browser` opens against the demo robot
 `run: pytest`       a test module
 `run: vitest`       a test module of vitest, with the page's files beside it
 `file: NAME`        is written to the page's folder under that name, for the blocks that need it
 `prints: TEXT`      must be printed, in order; a program that runs for ever is then ended
 `call: S A -> V`    a call of service S with arguments A succeeds with at least the values V
 `hear: T M`         a subscriber of topic T receives a message with at least the fields M
+`sees: N of #RRGGBB` at least so many pixels of the page have about that colour
 `noetic: yes`       the demo robot speaks noetic
 `not run: REASON`   is not run
 """
@@ -35,7 +37,7 @@ _BLOCK = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 _KEYS = frozenset(
-    ["run", "file", "against", "prints", "call", "hear", "noetic", "not run"],
+    ["run", "file", "against", "prints", "call", "hear", "sees", "noetic", "not run"],
 )
 
 

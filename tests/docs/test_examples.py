@@ -133,7 +133,7 @@ def test_every_block_says_what_to_do_with_it() -> None:
 
 
 def test_only_known_ways_to_run() -> None:
-    known = {"program", "inside", "client", "server", "wire", "page", "pytest", "vitest", ""}
+    known = {"program", "inside", "client", "server", "wire", "page", "browser", "pytest", "vitest", ""}
     assert {block.value("run") for block in ALL_BLOCKS} <= known
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import struct as struct_module
 import subprocess
 import sys
 from array import array
 from dataclasses import dataclass, field
 from functools import partial
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -272,3 +274,12 @@ print([name for name in ("numpy", "cbor2", "pydantic_core", "PIL") if name in sy
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+def test_messages_are_made_while_another_thread_imports_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The module is there before its names are."""
+    monkeypatch.setitem(sys.modules, "numpy", ModuleType("numpy"))
+    numbers = make("std_msgs/Float64MultiArray", {"data": [1.0, 2.0]}).cdr()
+    assert numbers.endswith(struct_module.pack("<2d", 1.0, 2.0))
+    with pytest.raises(PayloadError, match="expected bool, got 1"):
+        make("std_msgs/Bool", {"data": 1})

@@ -18,7 +18,7 @@ from rwt_graph import (
     ProviderGone,
     QoS,
 )
-from rwt_graph.api import ServiceCall
+from rwt_graph.api import GoalEvents, ServerGoal, ServiceCall
 from rwt_graph.goals import ActionGoal
 from rwt_graph.qos import DEFAULT_QOS, History
 from rwt_graph.zenoh import ZenohGraph
@@ -248,6 +248,31 @@ async def test_an_action_across_processes(pair: Pair) -> None:
     assert (status, list(result.sequence), waiting.reason) == (GoalStatus.CANCELED, [7], "as you wish")
     await until(lambda: [5] in states)
     assert [4] in states
+
+
+async def test_feedback_that_nobody_takes_is_not_sent(pair: Pair) -> None:
+    a, b = pair
+    goals: list[ServerGoal] = []
+    fibonacci = a.registry.action("example_interfaces/Fibonacci")
+
+    def on_goal(goal: ServerGoal) -> None:
+        goals.append(goal)
+        goal.accept()
+
+    a.participant("/server").advertise_action("/fib", fibonacci, on_goal)
+    await until(lambda: b.action("/fib") is not None)
+    heard: list[Payload] = []
+    events = GoalEvents(lambda *_: None, heard.append)
+    goal = b.participant("/client").send_goal("/fib", Payload.from_value(fibonacci.goal, {}), events)
+    await until(lambda: bool(goals) and goals[0].feedback_wanted)
+    goal.want_feedback(False)
+    await until(lambda: not goals[0].feedback_wanted)
+    goal.want_feedback(True)
+    await until(lambda: goals[0].feedback_wanted)
+    goals[0].feedback(Payload.from_value(fibonacci.feedback, {"sequence": [1]}))
+    await until(lambda: len(heard) == 1)
+    goal.abandon()
+    await until(lambda: not goals[0].feedback_wanted)
 
 
 async def test_introspection_does_not_say_twice_what_an_action_says_of_itself(pair: Pair) -> None:

@@ -14,7 +14,7 @@ from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 
 from rwt_graph import LATCHED, Message
 from rwt_graph.zenoh import ZenohGraph
-from tests.zenoh_links import QUICK, free_endpoint, until
+from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
 
 pytestmark = pytest.mark.anyio
 
@@ -107,10 +107,15 @@ async def test_the_sdk_lists_what_the_graph_has(graph: ZenohGraph) -> None:
     node = graph.node("ours")
     node.advertise("/chatter", "std_msgs/String")
     node.advertise_service("/switch", "std_srvs/SetBool", lambda _: None)
-    topics = await in_thread(sdk.get_topic_names_and_types)
-    services = await in_thread(sdk.get_service_names_and_types)
-    assert ("/chatter", "std_msgs/msg/String") in flat(topics)
-    assert ("/switch", "std_srvs/srv/SetBool") in flat(services)
+    await listed(("/chatter", "std_msgs/msg/String"), sdk.get_topic_names_and_types)
+    await listed(("/switch", "std_srvs/srv/SetBool"), sdk.get_service_names_and_types)
+
+
+async def listed(what: tuple[str, str], ask: Any) -> None:
+    """Wait until the SDK has heard of it."""
+    with anyio.fail_after(PATIENCE):
+        while what not in flat(await in_thread(ask)):  # noqa: ASYNC110 - The SDK tells of nothing's coming.
+            await anyio.sleep(0.02)
 
 
 def flat(names_and_types: Any) -> set[tuple[str, str]]:

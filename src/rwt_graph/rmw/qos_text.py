@@ -1,9 +1,9 @@
 """QoS as liveliness tokens carry it (design, "Graph Cache").
 
-`<reliability>:<durability>:<history>,<depth>:<deadline s>,<ns>:<lifespan s>,<ns>:<liveliness>,<lease
-s>,<ns>`, numbers as in `rmw_qos_profile_t`, and nothing where the value is rmw_zenoh's default: reliable,
-volatile, keep-last 42, no deadline, no lifespan, automatic liveliness. ROS's default profile is
-`::,10:,:,:,,`.
+`<reliability>:<durability>:<history>,<depth>:<deadline>:<lifespan>:<liveliness>,<lease>`, where the three
+durations are `<seconds>,<nanoseconds>`. Numbers are as in `rmw_qos_profile_t`, and there is nothing where the
+value is rmw_zenoh's default: reliable, volatile, keep-last 42, no deadline, no lifespan, automatic
+liveliness. ROS's default profile is `::,10:,:,:,,`.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class ZenohGraph(MemoryGraph):
         clock: the wall clock by default.
         listen, connect, domain, multicast, config, mode: see :class:`ZenohOptions`.
         namespace: what relative node names given to :meth:`node` are relative to: one for each robot of a
-        fleet.
+            fleet.
 
     Raises:
         ZenohError: the registry is of ROS 1, which has no such wire.

@@ -35,8 +35,7 @@ class Inlet:
     Args:
         kept: whether what transient-local publishers kept is wanted too.
         prompt: hand over from Zenoh's receiving thread itself: slower, but in the order in which samples,
-        replies
-            and tokens came.
+            replies and tokens came.
     """
 
     def __init__(self, link: Link, key: str, on_arrival: OnArrival, *, kept: bool, prompt: bool) -> None:

@@ -43,12 +43,10 @@ class ZenohOptions:
         listen: endpoints to be found at, `tcp/0.0.0.0:7447`; none by default.
         connect: endpoints of peers or routers; one that is not there yet is tried again until it is.
         mode: `peer` talks to each peer directly; `client` leaves that to the router or peer that it is
-        connected
-            to; `router` passes on between all that are connected to it.
+            connected to; `router` passes on between all that are connected to it.
         multicast: whether to look for peers on the local network.
         config: a Zenoh configuration file (JSON5), for TLS, access control and the like. What is given here
-        wins
-            over what is in it, and what is neither given nor in it has this project's defaults.
+            wins over what is in it, and what is neither given nor in it has this project's defaults.
         domain: ROS_DOMAIN_ID: graphs of different domains do not meet.
     """
 

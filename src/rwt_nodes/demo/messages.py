@@ -7,16 +7,13 @@ time.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from typing import Literal, Protocol
 
 from rwt_nodes.demo.drive import Velocity
 from rwt_nodes.demo.pose import Pose
 
 Message = Mapping[str, object]
-
-MAP_FRAME = "map"
-ODOM_FRAME = "odom"
 
 
 class VectorLike(Protocol):
@@ -67,6 +64,11 @@ def turn_about_z(angle: float) -> Message:
 def turn_about_y(angle: float) -> Message:
     """`geometry_msgs/Quaternion` of a wheel on its axle."""
     return {"x": 0.0, "y": math.sin(angle / 2), "z": 0.0, "w": math.cos(angle / 2)}
+
+
+def turns_about(axis: Literal["y", "z"]) -> Callable[[float], Message]:
+    """What makes a `geometry_msgs/Quaternion` of an angle about an axis."""
+    return turn_about_y if axis == "y" else turn_about_z
 
 
 def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Message:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
+from rwt_nodes.demo.arm import ARM, ArmJoint
 from rwt_nodes.demo.drive import Chassis
 
 BASE = "base_link"
@@ -14,6 +15,9 @@ CASTER = "caster_link"
 CAMERA = "camera_link"
 #: z forwards, x to the right, y down: how ROS gives what a camera sees (REP 103).
 OPTICAL = "camera_optical_frame"
+ARM_BASE = "arm_base_link"
+#: The point of the hand, z out of it.
+TOOL = "tool_link"
 LEFT_WHEEL = "left_wheel_link"
 RIGHT_WHEEL = "right_wheel_link"
 LEFT_JOINT = "left_wheel_joint"
@@ -26,13 +30,17 @@ _LASER_SIZE = (0.035, 0.04)  # radius, height
 _CASTER_RADIUS = 0.03
 _CAMERA_SIZE = (0.03, 0.1, 0.03)
 _CAMERA_HEIGHT = 0.3
+#: Behind the laser, so that it does not stand before the camera.
+_ARM_X = -0.12
+_ARM_BASE_SIZE = (0.04, ARM[0].height)  # radius, height
+_ARM_COLOURS = ("0.9 0.5 0.1 1", "0.85 0.85 0.85 1")
 
 
 @dataclass(frozen=True, slots=True)
 class Mount:
     """Where a link sits on its parent; :data:`BASE` is on the floor between the wheels. Metres.
 
-    Wheels turn around y, which is an axle across the robot; everything else is fixed.
+    Wheels turn around y, which is an axle across the robot.
 
     Attributes:
         rpy: how it is turned about the parent's x, y and z, in this order; radians.
@@ -53,6 +61,8 @@ def fixed_mounts(chassis: Chassis) -> tuple[Mount, ...]:
         Mount(CASTER, x=-chassis.radius + 2 * _CASTER_RADIUS, z=_CASTER_RADIUS),
         camera_mount(chassis),
         Mount(OPTICAL, parent=CAMERA, rpy=(-math.pi / 2, 0.0, -math.pi / 2)),
+        Mount(ARM_BASE, x=_ARM_X, z=_GROUND_CLEARANCE + _BODY_HEIGHT),
+        Mount(TOOL, z=ARM[-1].length, parent=ARM[-1].link),
     )
 
 
@@ -67,24 +77,36 @@ def wheel_mounts(chassis: Chassis) -> tuple[Mount, Mount]:
     return Mount(LEFT_WHEEL, y=half, z=up), Mount(RIGHT_WHEEL, y=-half, z=up)
 
 
+def arm_mounts() -> tuple[Mount, ...]:
+    """The links of the arm, in the order of :data:`~rwt_nodes.demo.arm.ARM`, where its joints are at 0."""
+    parents = (ARM_BASE, *(joint.link for joint in ARM))
+    return tuple(
+        Mount(joint.link, z=joint.height, parent=parent) for joint, parent in zip(ARM, parents, strict=False)
+    )
+
+
 def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
     """The description as XML text."""
     robot = ET.Element("robot", name=name)
     _link(robot, BASE, _cylinder(chassis.radius, _BODY_HEIGHT), "0.2 0.4 0.8 1", "0 0 0.09")
-    laser, caster, camera, optical = fixed_mounts(chassis)
+    laser, caster, camera, optical, arm_base, tool = fixed_mounts(chassis)
     _link(robot, LASER, _cylinder(*_LASER_SIZE), "0.1 0.1 0.1 1")
     _joint(robot, "laser_joint", laser)
     _link(robot, CASTER, ET.Element("sphere", radius=_text(_CASTER_RADIUS)), "0.6 0.6 0.6 1")
     _joint(robot, "caster_joint", caster)
     _link(robot, CAMERA, ET.Element("box", size=_texts(_CAMERA_SIZE)), "0.1 0.1 0.1 1")
     _joint(robot, "camera_joint", camera)
-    ET.SubElement(robot, "link", name=OPTICAL)  # only a frame: nothing to draw, nothing to bump into
-    _joint(robot, "camera_optical_joint", optical)
+    _frame(robot, "camera_optical_joint", optical)
     for joint, mount in zip((LEFT_JOINT, RIGHT_JOINT), wheel_mounts(chassis), strict=True):
         # A cylinder stands on z: a quarter turn around x lays it on the axle.
         wheel = _cylinder(chassis.wheel_radius, 0.03)
         _link(robot, mount.link, wheel, "0.1 0.1 0.1 1", rpy="1.5707963 0 0")
         _joint(robot, joint, mount, axis="0 1 0")
+    _link(robot, ARM_BASE, _cylinder(*_ARM_BASE_SIZE), "0.2 0.2 0.2 1", f"0 0 {_text(ARM[0].height / 2)}")
+    _joint(robot, "arm_base_joint", arm_base)
+    for number, (arm_joint, mount) in enumerate(zip(ARM, arm_mounts(), strict=True)):
+        _arm_joint(robot, arm_joint, mount, _ARM_COLOURS[number % 2])
+    _frame(robot, "tool_joint", tool)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
@@ -102,13 +124,32 @@ def _link(
             ET.SubElement(material, "color", rgba=colour)
 
 
-def _joint(robot: ET.Element, name: str, mount: Mount, axis: str | None = None) -> None:
-    joint = ET.SubElement(robot, "joint", name=name, type="fixed" if axis is None else "continuous")
+def _frame(robot: ET.Element, joint: str, mount: Mount) -> None:
+    """A link that is only a frame: nothing to draw, nothing to bump into."""
+    ET.SubElement(robot, "link", name=mount.link)
+    _joint(robot, joint, mount)
+
+
+def _arm_joint(robot: ET.Element, joint: ArmJoint, mount: Mount, colour: str) -> None:
+    shape = _cylinder(joint.radius, joint.length)
+    _link(robot, joint.link, shape, colour, f"0 0 {_text(joint.length / 2)}")
+    axis = "0 1 0" if joint.axis == "y" else "0 0 1"
+    element = _joint(robot, joint.name, mount, axis, kind="revolute")
+    limit, speed = _text(joint.limit), _text(joint.speed)
+    ET.SubElement(element, "limit", lower=f"-{limit}", upper=limit, velocity=speed, effort="10")
+
+
+def _joint(
+    robot: ET.Element, name: str, mount: Mount, axis: str | None = None, kind: str = "continuous"
+) -> ET.Element:
+    """A joint of that kind about an axis, or a fixed one."""
+    joint = ET.SubElement(robot, "joint", name=name, type="fixed" if axis is None else kind)
     ET.SubElement(joint, "parent", link=mount.parent)
     ET.SubElement(joint, "child", link=mount.link)
     ET.SubElement(joint, "origin", xyz=_texts((mount.x, mount.y, mount.z)), rpy=_texts(mount.rpy))
     if axis is not None:
         ET.SubElement(joint, "axis", xyz=axis)
+    return joint
 
 
 def _cylinder(radius: float, length: float) -> ET.Element:

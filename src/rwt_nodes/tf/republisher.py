@@ -11,7 +11,7 @@ import anyio
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node, ServiceFailed
 from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
 from rwt_nodes.tf.selection import MissingFrames, select
-from rwt_nodes.tf.source import TransformSource
+from rwt_nodes.tf.source import listen
 from rwt_nodes.tf.streams import GoalStream, TopicStream
 from rwt_tf2 import stamp_ns
 from rwt_tf2.times import NANOSECONDS
@@ -45,13 +45,13 @@ class Tf2WebRepublisher:
     """Serves tf2_web_republisher for one graph, from construction until `close` (TFR-01 to TFR-10).
 
     The action `/tf2_web_republisher`, over the topics of actionlib too in either distribution; and the
-    service `/republish_tfs`, which answers with the name of a topic. `/tf` is subscribed to while a goal runs
-    or a topic waits for subscribers.
+    service `/republish_tfs`, which answers with the name of a topic. It listens to `/tf` and `/tf_static`
+    all the time.
     """
 
     def __init__(self, graph: Graph) -> None:
         self._node = node = Node(graph, NAME)
-        self._source = TransformSource(node)
+        self._buffer = listen(node)
         self._streams: dict[int, _Stream] = {}
         self._numbers = count()
         over_topics = f"{_PACKAGE}/TFSubscription"
@@ -84,9 +84,9 @@ class Tf2WebRepublisher:
         """Send feedback until the goal is canceled (TFR-08), or nobody has taken any for a while."""
         request = Request.read(goal.request)
         number = self._make_room()
-        with self._source.held(), anyio.CancelScope() as scope:
+        with anyio.CancelScope() as scope:
             stream = GoalStream(
-                self._node, self._source, select(request, self._missing()), goal, scope.cancel
+                self._node, self._buffer, select(request, self._missing()), goal, scope.cancel
             )
             self._streams[number] = stream
             timer = self._node.create_timer(request.period, stream.tick)
@@ -112,7 +112,7 @@ class Tf2WebRepublisher:
         publisher = self._node.advertise(f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", TopicStream.QOS)
         selection = select(request, self._missing())
         stream = TopicStream(
-            self._node, self._source, selection, publisher, timeout, partial(self._streams.pop, number, None)
+            self._node, self._buffer, selection, publisher, timeout, partial(self._streams.pop, number, None)
         )
         self._streams[number] = stream
         stream.start(request.period)

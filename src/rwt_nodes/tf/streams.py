@@ -7,8 +7,7 @@ from typing import Final
 
 from rwt_graph import ActionGoal, Durability, Node, QoS, Timer, TopicPublisher
 from rwt_nodes.tf.selection import Selection
-from rwt_nodes.tf.source import TransformSource
-from rwt_tf2 import StampedTransform, Transform, write_transform
+from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
 
 UNHEARD: Final = 10.0
 """Seconds that a goal runs on when nobody takes its feedback: its page was closed, or comes back."""
@@ -45,14 +44,14 @@ class GoalStream:
     def __init__(
         self,
         node: Node,
-        source: TransformSource,
+        buffer: Buffer,
         selection: Selection,
         goal: ActionGoal,
         end: Callable[[], None],
     ) -> None:
         self.reason = ""
         self._clock = node.clock
-        self._source = source
+        self._buffer = buffer
         self._selection = selection
         self._goal = goal
         self._end = end
@@ -67,7 +66,7 @@ class GoalStream:
                 self.stop(f"nobody took the feedback for {UNHEARD:g} s")
             return
         self._heard_at = now
-        due = self._selection.due(self._source.buffer, self._clock.time_ns())
+        due = self._selection.due(self._buffer, self._clock.time_ns())
         if due:
             self._goal.publish_feedback(to_message(due))
 
@@ -89,14 +88,14 @@ class TopicStream:
     def __init__(
         self,
         node: Node,
-        source: TransformSource,
+        buffer: Buffer,
         selection: Selection,
         publisher: TopicPublisher,
         timeout: float,
         ended: Callable[[], object],
     ) -> None:
         self._node = node
-        self._source = source
+        self._buffer = buffer
         self._selection = selection
         self._publisher = publisher
         self._timeout = timeout
@@ -107,7 +106,6 @@ class TopicStream:
 
     def start(self, period: float) -> None:
         """Begin."""
-        self._source.hold()
         self._timer = self._node.create_timer(period, self._tick)
 
     def _tick(self) -> None:
@@ -123,7 +121,7 @@ class TopicStream:
             self.stop("")
 
     def _publish(self) -> None:
-        due = self._selection.due(self._source.buffer, self._node.clock.time_ns())
+        due = self._selection.due(self._buffer, self._node.clock.time_ns())
         if due:
             self._publisher.publish(to_message(due))
 
@@ -134,5 +132,4 @@ class TopicStream:
         self._timer.cancel()
         self._timer = None
         self._publisher.close()
-        self._source.release()
         self._ended()

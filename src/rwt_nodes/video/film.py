@@ -10,10 +10,12 @@ from av.codec.context import Flags
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType, VideoFrame
 
+from rwt_nodes.video import colours
 from rwt_nodes.video.encoded import Encoded, Track
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.picture import read_picture, stamp_ns
+from rwt_nodes.video.picture import read_picture
 from rwt_nodes.video.pixels import Bytes, resized, without_alpha
+from rwt_nodes.video.stamps import stamp_ns
 from rwt_nodes.video.wish import Film, Wish
 
 if TYPE_CHECKING:
@@ -77,6 +79,10 @@ class FilmEncoder:
         # Colours have half the resolution in these films: an odd row or column is left out.
         codec.width, codec.height = max(2, pixels.shape[1] & ~1), max(2, pixels.shape[0] & ~1)
         codec.pix_fmt = "yuv420p"
+        codec.colorspace = colours.MATRIX
+        codec.color_range = colours.RANGE
+        codec.color_trc = colours.TRANSFER
+        codec.color_primaries = colours.PRIMARIES
         codec.time_base = _MILLISECONDS
         codec.framerate = Fraction(30)
         codec.gop_size = film.gop

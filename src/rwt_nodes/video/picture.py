@@ -21,12 +21,3 @@ def read_picture(payload: Payload, wish: Wish) -> Bytes:
     message: Any = payload.value()
     compressed = payload.type.name == COMPRESSED
     return shaped(read_compressed(message) if compressed else read_raw(message), wish)
-
-
-def stamp_ns(payload: Payload) -> int:
-    """The time in the message's header, nanoseconds since 1970, however the distribution spells it."""
-    message: Any = payload.value()
-    stamp = message.header.stamp
-    if hasattr(stamp, "sec"):
-        return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-    return int(stamp.secs) * 1_000_000_000 + int(stamp.nsecs)

@@ -58,6 +58,16 @@ def read_raw(message: RawImage) -> Bytes:
     """The picture of a `sensor_msgs/Image`: rows x columns of grey, or x 3 or 4 values a pixel.
 
     Raises:
+        PictureUnreadable: as :func:`read_samples`.
+    """
+    samples = read_samples(message)
+    return ENCODINGS[message.encoding].show(samples)
+
+
+def read_samples(message: RawImage) -> Samples:
+    """The values of a `sensor_msgs/Image` as they are: rows x columns x values of a pixel.
+
+    Raises:
         PictureUnreadable: the encoding is not one of those of :data:`ENCODINGS`, or there are too few bytes.
     """
     layout = ENCODINGS.get(message.encoding)
@@ -75,7 +85,7 @@ def read_raw(message: RawImage) -> Bytes:
     raw = np.frombuffer(message.data, np.uint8, needed)
     rows = np.lib.stride_tricks.as_strided(raw, (message.height, row), (step, 1), writeable=False)
     samples = np.ascontiguousarray(rows).view(sample)
-    return layout.show(samples.reshape(message.height, message.width, layout.count))
+    return samples.reshape(message.height, message.width, layout.count)
 
 
 def read_compressed(message: CompressedImage) -> Bytes:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_nodes.video.encoded import Encoded
 from rwt_nodes.video.jpeg import encode_jpeg
-from rwt_nodes.video.picture import read_picture, stamp_ns
+from rwt_nodes.video.picture import read_picture
 from rwt_nodes.video.pixels import Bytes, without_alpha
+from rwt_nodes.video.stamps import stamp_ns
 from rwt_nodes.video.topics import COMPRESSED
 from rwt_nodes.video.wish import Jpeg, Png, Wish
 

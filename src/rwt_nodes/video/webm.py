@@ -10,6 +10,8 @@ from __future__ import annotations
 from importlib.metadata import version
 from typing import Final
 
+from rwt_nodes.video import colours
+
 _UNKNOWN_SIZE: Final = b"\x01\xff\xff\xff\xff\xff\xff\xff"
 #: A block gives its time in 16 signed bits after its cluster's, milliseconds.
 _LONGEST_CLUSTER: Final = 30_000
@@ -41,7 +43,7 @@ class Webm:
             + _number(0x42F2, 4)  # EBMLMaxIDLength
             + _number(0x42F3, 8)  # EBMLMaxSizeLength
             + _element(0x4282, b"webm")  # DocType
-            + _number(0x4287, 2)  # DocTypeVersion
+            + _number(0x4287, 4)  # DocTypeVersion: 4 has colours
             + _number(0x4285, 2)  # DocTypeReadVersion
         )
         info = _number(0x2AD7B1, 1_000_000) + _element(0x4D80, app) + _element(0x5741, app)
@@ -49,7 +51,13 @@ class Webm:
         return _element(0x1A45DFA3, ebml) + segment + _element(0x1549A966, info) + self._tracks()
 
     def _tracks(self) -> bytes:
-        video = _number(0xB0, self._width) + _number(0xBA, self._height)
+        colour = (
+            _number(0x55B1, colours.MATRIX)
+            + _number(0x55B9, colours.RANGE)
+            + _number(0x55BA, colours.TRANSFER)
+            + _number(0x55BB, colours.PRIMARIES)
+        )
+        video = _number(0xB0, self._width) + _number(0xBA, self._height) + _element(0x55B0, colour)
         track = (
             _number(0xD7, 1)  # TrackNumber
             + _number(0x73C5, 1)  # TrackUID

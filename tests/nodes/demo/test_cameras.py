@@ -13,10 +13,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from rwt_nodes.demo import DemoRobot
 from rwt_nodes.demo.lens import Lens
 from rwt_nodes.demo.pose import Pose
 from rwt_nodes.demo.view import FARTHEST, View
 from rwt_nodes.demo.world import Box, Pillar, World, house, walled
+from rwt_nodes.depth_cloud.depths import square
+from rwt_nodes.depth_cloud.picture import decode_picture
+from rwt_nodes.depth_cloud.point_cloud import read_points
 
 HEIGHT = 0.3
 #: Straight ahead is a wall at 3 m, and the pillar's nearest point is at 1.5 m, 45 degrees to the left.
@@ -125,6 +129,15 @@ async def test_pictures_come_at_the_rate_and_only_while_somebody_listens(lab: An
     assert len(infos) == 10
 
 
+@pytest.mark.anyio
+async def test_the_lens_can_be_chosen(lab: Any) -> None:
+    robot = DemoRobot(lab.graph, namespace="/small", lens=Lens(80, 60))
+    colour = await _first(lab, "/small/camera/image_raw")
+    info = await _first(lab, "/small/camera/camera_info")
+    assert (colour.width, colour.height, info.width, info.height) == (80, 60, 80, 60)
+    robot.close()
+
+
 def test_nothing_is_loaded_before_somebody_listens() -> None:
     program = (
         "import sys; from rwt_graph import MemoryGraph; from rwt_nodes.demo import DemoRobot;"
@@ -132,3 +145,38 @@ def test_nothing_is_loaded_before_somebody_listens() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+@pytest.mark.anyio
+async def test_the_points_are_what_the_two_pictures_show(lab: Any) -> None:
+    cloud = await _first(lab, "/camera/depth/points")
+    assert (cloud.height, cloud.width, cloud.header.frame_id) == (240, 320, "camera_optical_frame")
+    points = read_points(cloud)
+    depth = np.frombuffer((await _first(lab, "/camera/depth/image_raw")).data, "<u2").reshape(480, 640)
+    colour = np.frombuffer((await _first(lab, "/camera/image_raw")).data, np.uint8).reshape(480, 640, 3)
+    depth, colour = depth[::2, ::2], colour[::2, ::2]  # every second row and column
+    known, lens = depth > 0, Lens()
+    assert np.array_equal(np.isfinite(points["z"]), known)
+    assert np.array_equal(np.isfinite(points["x"]), known)
+    rows, columns = np.mgrid[0:480:2, 0:640:2][:, known]
+    assert np.abs(points["z"][known] - depth[known] / 1000).max() < 1e-5
+    # Projected through the lens each point lies on its pixel again.
+    z = points["z"][known].astype(float)
+    assert np.abs(points["x"][known] / z * lens.focal + lens.cx - columns).max() < 1e-2
+    assert np.abs(points["y"][known] / z * lens.focal + lens.cy - rows).max() < 1e-2
+    packed = np.ascontiguousarray(points["rgb"]).view(np.uint8).reshape(240, 320, 4)
+    assert np.array_equal(packed[:, :, 2::-1], colour)
+
+
+@pytest.mark.anyio
+async def test_a_depth_cloud_and_a_thin_cloud_of_the_same_room(lab: Any) -> None:
+    thin = read_points(await _first(lab, "/camera/depth/points/decimated"))
+    assert 500 < thin.size < 120 * 160
+    picture = await _first(lab, "/depthcloud_encoded")
+    assert (picture.width, picture.height) == (512, 512)
+    found = decode_picture(np.frombuffer(picture.data, np.uint8).reshape(512, 512, 3), 3.0)
+    depth = np.frombuffer((await _first(lab, "/camera/depth/image_raw")).data, "<u2").reshape(480, 640)
+    middle = square(depth * np.float32(0.001), 480, 256)
+    assert np.array_equal(found.valid, (middle > 0) & (middle < 5.97))
+    assert np.abs(found.depths - middle)[found.valid].max() < 2.1e-3
+    assert thin["z"].min() == pytest.approx(found.depths[found.valid].min(), abs=0.1)

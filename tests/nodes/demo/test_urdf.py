@@ -6,8 +6,9 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from rwt_nodes.demo.arm import ARM
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.urdf import BASE, fixed_mounts, urdf, wheel_mounts
+from rwt_nodes.demo.urdf import BASE, arm_mounts, fixed_mounts, urdf, wheel_mounts
 
 ROBOT = ET.fromstring(urdf(Chassis()))
 
@@ -15,14 +16,35 @@ ROBOT = ET.fromstring(urdf(Chassis()))
 def test_it_has_every_link_and_each_hangs_on_the_base() -> None:
     links = {link.get("name") for link in ROBOT.findall("link")}
     wheels = {"left_wheel_link", "right_wheel_link"}
-    assert links == {BASE, "laser", "caster_link", "camera_link", "camera_optical_frame"} | wheels
-    assert len(list(ROBOT.iter("joint"))) == len(links) - 1
-    assert {element.get("link") for element in ROBOT.iter("child")} == links - {BASE}
-    assert {element.get("link") for element in ROBOT.iter("parent")} == {BASE, "camera_link"}
+    arm = {joint.link for joint in ARM} | {"arm_base_link", "tool_link"}
+    assert links == {BASE, "laser", "caster_link", "camera_link", "camera_optical_frame"} | wheels | arm
+    parents = {}
+    for joint in ROBOT.iter("joint"):
+        (parent,), (child,) = joint.findall("parent"), joint.findall("child")
+        assert child.get("link") not in parents
+        parents[child.get("link")] = parent.get("link")
+    assert parents.keys() == links - {BASE}
+    for link in links:
+        at: str | None = link
+        for _ in range(len(links)):
+            at = parents.get(at, at)
+        assert at == BASE
+
+
+def test_the_arm_has_six_joints_with_limits() -> None:
+    joints = [joint for joint in ROBOT.iter("joint") if joint.get("type") == "revolute"]
+    assert [joint.get("name") for joint in joints] == [joint.name for joint in ARM]
+    for element, joint in zip(joints, ARM, strict=True):
+        axis, limit = element.find("axis"), element.find("limit")
+        assert axis is not None and limit is not None
+        assert axis.get("xyz") == {"y": "0 1 0", "z": "0 0 1"}[joint.axis]
+        assert float(limit.get("upper") or 0) == -float(limit.get("lower") or 0) == joint.limit
+        assert float(limit.get("velocity") or 0) == joint.speed
+        assert abs(joint.rest) < joint.limit
 
 
 def test_joints_are_where_the_mounts_are() -> None:
-    for mount in (*fixed_mounts(Chassis()), *wheel_mounts(Chassis())):
+    for mount in (*fixed_mounts(Chassis()), *wheel_mounts(Chassis()), *arm_mounts()):
         (joint,) = (j for j in ROBOT.iter("joint") if j.find(f"child[@link='{mount.link}']") is not None)
         origin = joint.find("origin")
         assert origin is not None
@@ -40,7 +62,7 @@ def test_wheels_turn_and_stand_on_the_floor() -> None:
 
 def test_every_link_can_be_drawn_and_bumped_into() -> None:
     for link in ROBOT.findall("link"):
-        if link.get("name") == "camera_optical_frame":
+        if link.get("name") in ("camera_optical_frame", "tool_link"):
             continue
         for part in ("visual", "collision"):
             geometry = link.find(f"{part}/geometry")

@@ -65,9 +65,11 @@ class Lab:
         self.clock.advance(seconds)
         await settle()
 
-    def listeners(self, topic: str) -> int:
-        info = self.graph.topic(topic)
-        return 0 if info is None else len(info.subscribers)
+    @property
+    def ticking(self) -> bool:
+        """Whether some goal or topic still has a timer; those of requests here tick ten times a second."""
+        due = self.clock.until_next()
+        return due is not None and due <= 0.1
 
 
 async def settle() -> None:

@@ -1,0 +1,47 @@
+"""One headless Chromium for all tests, driven through Node."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+
+import pytest
+
+from tests.browser.driver import NODE, Browser
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome")
+_HOW = (
+    "Chromium is not installed: `apt-get install chromium` on Debian, or name it in the environment variable"
+    " CHROMIUM"
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Every test here is one of the marker `browser`, and may take longer than others."""
+    for item in items:
+        if item.path.parent == NODE.parent:
+            item.add_marker(pytest.mark.browser)
+            item.add_marker(pytest.mark.timeout(120))
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    chromium = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
+    if chromium is None:
+        # A run that nobody watches must not pass for want of a browser.
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(_HOW)
+    if not (NODE / "node_modules" / "playwright-core").is_dir():
+        pytest.fail(
+            "the npm packages are not installed: run `npm ci --prefix tests/browser/node`", pytrace=False
+        )
+    folder = tmp_path_factory.mktemp("browser")
+    with (folder / "browser.log").open("wb") as log:
+        running = Browser(chromium, folder, log)
+        yield running
+        running.close()

@@ -1,0 +1,232 @@
+"""The browser process, its pages, and pictures of them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import anyio.to_thread
+import numpy as np
+from PIL import Image
+
+HERE = Path(__file__).parent
+NODE = HERE / "node"
+#: Screenshots of the last run, for people to look at.
+SCREENSHOTS = HERE / "screenshots"
+
+#: Seconds until a page shows what it should; on a busy machine without a graphics card that may take a while.
+PATIENCE = 20.0
+#: Seconds that a command may take beyond that.
+_SLACK = 8.0
+
+Pixels = Any
+"""A numpy array of height, width and the three colours."""
+
+
+class Browser:
+    """One Chromium, driven by lines of JSON."""
+
+    def __init__(self, chromium: str, folder: Path, log: IO[bytes]) -> None:
+        self.built = folder
+        self._log = Path(log.name)
+        self._process = subprocess.Popen(
+            ["node", str(NODE / "browser.mjs"), chromium, str(folder)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+        )
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        self.version = str(self._answer(60.0))
+        self._numbers = itertools.count(1)
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._lines.put(line)
+        self._lines.put(None)
+
+    def _answer(self, seconds: float) -> Any:
+        try:
+            line = self._lines.get(timeout=seconds)
+        except queue.Empty:
+            raise AssertionError(f"the browser says nothing for {seconds:g} s:\n{self._errors()}") from None
+        if line is None:
+            raise AssertionError(f"the browser ended:\n{self._errors()}")
+        answer = json.loads(line)
+        if "failed" in answer:
+            raise AssertionError(f"the browser: {answer['failed']}")
+        return answer["answer"]
+
+    def _errors(self) -> str:
+        return self._log.read_text(errors="replace")[-4000:]
+
+    def _ask(self, command: str, arguments: dict[str, object]) -> Any:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps({"command": command, **arguments}) + "\n")
+        self._process.stdin.flush()
+        return self._answer(PATIENCE + _SLACK)
+
+    async def ask(self, command: str, **arguments: object) -> Any:
+        """Have one command done."""
+        return await anyio.to_thread.run_sync(self._ask, command, arguments)
+
+    @asynccontextmanager
+    async def page(self, url: str, width: int = 500, height: int = 400) -> AsyncIterator[Page]:
+        """A page of its own. An error on its console fails the test when the page is closed."""
+        name = f"page {next(self._numbers)}"
+        await self.ask("open", page=name, url=url, width=width, height=height)
+        page = Page(self, name)
+        try:
+            yield page
+        except BaseException:
+            with anyio.CancelScope(shield=True):
+                sys.stderr.write("\n".join([*await page.complaints(), ""]))
+                await page.picture(f"failed {name}")
+                await self.ask("close", page=name)
+            raise
+        complaints = await page.complaints()
+        await self.ask("close", page=name)
+        if complaints:
+            raise AssertionError("the page complains:\n" + "\n".join(complaints))
+
+    def close(self) -> None:
+        """End the browser."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(timeout=15)
+        finally:
+            self._process.kill()
+            self._process.wait()
+            self._reader.join()
+            self._process.stdout.close()
+
+
+class Page:
+    """One page of the browser."""
+
+    def __init__(self, browser: Browser, name: str) -> None:
+        self._browser = browser
+        self._name = name
+
+    async def _ask(self, command: str, **arguments: object) -> Any:
+        return await self._browser.ask(command, page=self._name, **arguments)
+
+    async def evaluate(self, script: str) -> Any:
+        """The value of a JavaScript expression."""
+        return await self._ask("evaluate", script=script)
+
+    async def wait(self, script: str) -> Any:
+        """Wait until an expression is true."""
+        return await self._ask("wait", script=script, timeout=PATIENCE * 1000)
+
+    async def complaints(self) -> list[str]:
+        """Errors on its console and exceptions so far."""
+        return list(await self._ask("complaints"))
+
+    async def picture(self, name: str) -> Picture:
+        """What the page looks like now, kept as a file of that name."""
+        SCREENSHOTS.mkdir(exist_ok=True)
+        path = SCREENSHOTS / f"{name}.png"
+        await self._ask("screenshot", path=str(path))
+        return Picture(path)
+
+    async def pixel(self, x: float, y: float, z: float = 0.0) -> tuple[int, int]:
+        """Where the scene page draws a point of its fixed frame."""
+        across, down = await self.evaluate(f"pixel({x}, {y}, {z})")
+        return round(across), round(down)
+
+    async def mouse(self, action: str, *args: object) -> None:
+        """`move x y`, `down`, `up` and so on."""
+        await self._ask("mouse", action=action, args=args)
+
+    async def keyboard(self, action: str, key: str) -> None:
+        """`down`, `up` or `press` a key."""
+        await self._ask("keyboard", action=action, args=[key])
+
+    async def click(self, selector: str) -> None:
+        """Click an element."""
+        await self._ask("click", selector=selector)
+
+    async def drag(self, start: tuple[int, int], end: tuple[int, int]) -> None:
+        """Press the mouse at one place, let it go at another and leave: ros3d lights up what is under it."""
+        await self.mouse("move", *start)
+        await self.mouse("down")
+        await self.mouse("move", *end, {"steps": 8})
+        await self.mouse("up")
+        await self.mouse("move", 2, 2)
+
+    async def picture_when(self, name: str, is_right: Any) -> Picture:
+        """A picture once `is_right(picture)` holds; what the page shows comes over the network."""
+        with anyio.move_on_after(PATIENCE):
+            while True:
+                picture = await self.picture(name)
+                if is_right(picture):
+                    return picture
+                await anyio.sleep(0.05)
+        raise AssertionError(f"the page does not come to look as it should: see {SCREENSHOTS / name}.png")
+
+
+class Picture:
+    """A screenshot.
+
+    Attributes:
+        path: of the PNG file.
+        pixels: red, green and blue by row and column.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with Image.open(path) as image:
+            self.pixels: Pixels = np.asarray(image.convert("RGB")).astype(int)
+
+    def at(self, x: float, y: float, around: int = 1) -> tuple[int, int, int]:
+        """The median colour of a small square."""
+        column, row = round(x), round(y)
+        square = self.pixels[
+            max(0, row - around) : row + around + 1, max(0, column - around) : column + around + 1
+        ]
+        red, green, blue = np.median(square.reshape(-1, 3), axis=0)
+        return int(red), int(green), int(blue)
+
+    def mask(self, colour: tuple[int, int, int], tolerance: int = 40) -> Pixels:
+        """Which pixels have about that colour."""
+        return (np.abs(self.pixels - np.array(colour)) <= tolerance).all(axis=2)
+
+    def count(self, colour: tuple[int, int, int], tolerance: int = 40) -> int:
+        """How many pixels have about that colour."""
+        return int(self.mask(colour, tolerance).sum())
+
+    def centre(self, colour: tuple[int, int, int], tolerance: int = 40) -> tuple[float, float]:
+        """The middle of all pixels of about that colour, x and y."""
+        rows, columns = np.nonzero(self.mask(colour, tolerance))
+        assert len(rows), f"{self.path}: nothing is {colour}"
+        return float(columns.mean()), float(rows.mean())
+
+
+async def until(is_so: Callable[[], bool]) -> None:
+    """Wait for what a page sends over the network.
+
+    Raises:
+        TimeoutError: it does not come.
+    """
+    with anyio.fail_after(PATIENCE):
+        while not is_so():  # noqa: ASYNC110 - whatever the condition looks at tells nobody of its change
+            await anyio.sleep(0.02)
+
+
+def near(colour: tuple[int, int, int], expected: tuple[int, int, int], tolerance: int = 40) -> bool:
+    """Whether two colours look the same."""
+    return all(abs(a - b) <= tolerance for a, b in zip(colour, expected, strict=True))
