@@ -17,11 +17,13 @@ from conformance.reports.terminal import failure
 from conformance.rules import load_rules
 from conformance.runner import Run, select
 from conformance.target import find_target
+from rwt_graph.zenoh import ZenohGraph
 from tests.conformance.fault_list import FAULTS
 from tests.conformance.loopback import Transport, served
 from tests.conformance.memory_server import memory_server
 from tests.conformance.mutants import hunt_all, table
 from tests.conformance.transports import PIPES, server
+from tests.conformance.two_servers import two_servers
 
 
 @pytest.fixture(autouse=True)
@@ -40,6 +42,34 @@ async def _in_memory(distro: str) -> Run:
 @pytest.mark.parametrize("distro", ["jazzy", "noetic"])
 def test_every_case_in_memory(distro: str) -> None:
     run = asyncio.run(_in_memory(distro))
+    assert len(run.results) > 500
+    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
+    assert not run.stale
+
+
+async def _over_zenoh() -> Run:
+    target = find_target("rwt-jazzy")
+    async with memory_server("jazzy", make_graph=ZenohGraph) as server:
+        return await server.play(select(load_cases(), target), target)
+
+
+def test_every_case_with_a_graph_over_zenoh() -> None:
+    run = asyncio.run(_over_zenoh())
+    assert len(run.results) > 500
+    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
+    assert not run.stale
+
+
+async def _between_two_servers() -> Run:
+    target = find_target("rwt-two-servers")
+    async with two_servers() as servers:
+        return await servers.play(select(load_cases(), target), target, jobs=24)
+
+
+@pytest.mark.timeout(240)
+def test_every_case_between_two_servers_of_one_graph() -> None:
+    """In real time, most of which is waiting."""
+    run = asyncio.run(_between_two_servers())
     assert len(run.results) > 500
     assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
     assert not run.stale
