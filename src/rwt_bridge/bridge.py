@@ -176,6 +176,9 @@ class Bridge:
             )
         else:
             fanout.check_type(type)
+            known = self.graph.topic(topic)
+            if known is not None and not known.publishers:
+                fanout.renew()
         return fanout
 
     def release_fanout(self, fanout: Fanout) -> None:

@@ -144,6 +144,7 @@ class Fanout:
         counts: TopicCounts,
         clock: Clock,
     ) -> None:
+        self._participant = participant
         self._clock = clock
         self.topic = topic
         self.type = type
@@ -174,6 +175,13 @@ class Fanout:
                 f"tried to register topic {self.topic} with type {type.name} "
                 f"but it is already established with type {self.type.name}"
             )
+
+    def renew(self) -> None:
+        """Subscribe anew: to whoever joins while no publisher can be reached, those that come back over the
+        network are to tell what they keep, which they tell each subscription once."""
+        old = self.subscription
+        self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
+        old.close()
 
     def join(self, gate: Gate, name: str, encoding: Encoding) -> Channel:
         """Add a gate to the channel of that spelling and encoding."""

@@ -48,9 +48,8 @@ class Page:
 @pytest.fixture
 def page(bridge: Bridge) -> Callable[[], Page]:
     def read() -> Page:
-        response = metrics(bridge)
-        assert isinstance(response.body, bytes)
-        return Page(response.body)
+        text = metrics(bridge)
+        return Page(text)
 
     return read
 

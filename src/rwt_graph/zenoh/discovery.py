@@ -12,6 +12,7 @@ import zenoh
 from rwt_graph.elsewhere import RemoteEndpoint
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import validate
+from rwt_graph.qos import Durability
 from rwt_graph.rmw.errors import WireError
 from rwt_graph.rmw.gid import gid_of
 from rwt_graph.rmw.keys import type_name
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
+
+#: Publishers that are remembered as gone.
+_MOST_GONE = 10_000
 
 #: How long the first look around may take, in seconds.
 _FIRST_LOOK = 2.0
@@ -46,6 +50,8 @@ class Discovery:
         # What to do when a token dies, by its key.
         self._alive: dict[str, Callable[[], None]] = {}
         self._warned: set[tuple[str, str]] = set()
+        # The GIDs of publishers that are gone, perhaps behind a cut of the link; the oldest are forgotten.
+        self._gone: dict[bytes, None] = {}
 
     def look_around(self, link: Link) -> list[str]:
         """The tokens that are alive now; blocks for their answers."""
@@ -107,15 +113,26 @@ class Discovery:
         publishes = token.kind is Kind.PUBLISHER
         name, known = self._type_of(end, token)
         endpoint = RemoteEndpoint(token.node, name, known, end.qos)
+        gid = gid_of(key)
         if publishes:
-            self._zenoh_topics.publishers[gid_of(key)] = endpoint
+            self._zenoh_topics.publishers[gid] = endpoint
         self._topics.remote_joined(end.name, endpoint, publishes=publishes)
+        if gid in self._gone:
+            del self._gone[gid]
+            self._zenoh_topics.came_back(end.name)
 
         def forget() -> None:
-            self._zenoh_topics.publishers.pop(gid_of(key), None)
+            self._zenoh_topics.publishers.pop(gid, None)
             self._topics.remote_left(end.name, endpoint)
+            if publishes and end.qos.durability is Durability.TRANSIENT_LOCAL:
+                self._remember_gone(gid)
 
         return forget
+
+    def _remember_gone(self, gid: bytes) -> None:
+        self._gone[gid] = None
+        if len(self._gone) > _MOST_GONE:
+            del self._gone[next(iter(self._gone))]
 
     def _type_of(self, end: Endpoint, token: Token) -> tuple[str, MessageType | None]:
         """The type's name, and the type if it is known here by the same definition."""

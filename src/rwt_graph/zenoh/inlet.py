@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -42,6 +43,7 @@ class Inlet:
         self._on_arrival = on_arrival
         self._run_on_graph = link.run_on_graph
         self._key = key
+        self._session = link.session
         self._waiting: deque[zenoh.Sample] = deque()
         self._announced = False
         self._closed = False
@@ -85,6 +87,29 @@ class Inlet:
         if waiting and not self._announced:
             self._announced = True
             self._run_on_graph(self._take)
+
+    def ask_kept(self) -> None:
+        """Ask the publishers' caches again; what they say arrives as any sample does.
+
+        Zenoh's own subscriber asks a publisher that comes back after a cut, and leaves out what it had.
+        """
+        self._session.get(
+            f"{self._key}/@adv/pub/**",
+            zenoh.handlers.Callback(self._answered, indirect=False),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+        )
+
+    def _answered(self, reply: zenoh.Reply) -> None:
+        """On a thread of Zenoh's."""
+        sample = reply.ok
+        if sample is not None:
+            self._run_on_graph(partial(self._take_kept, sample))
+
+    def _take_kept(self, sample: zenoh.Sample) -> None:
+        if not self._closed:
+            self._on_arrival(sample)
 
     def close(self) -> None:
         """Receive nothing more."""

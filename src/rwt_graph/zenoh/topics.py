@@ -69,6 +69,14 @@ class ZenohTopics:
         """Declare nothing more; what is declared goes with the session."""
         self._link = None
 
+    def came_back(self, name: str) -> None:
+        """A publisher that keeps samples was cut off and is there again: hear what it keeps, for those who
+        came meanwhile."""
+        channel = self._channels.get(name)
+        inlet = None if channel is None else channel.inlets.get(True)
+        if inlet is not None:
+            inlet.ask_kept()
+
     def changed(self, topic: Topic) -> None:
         """Bring what is declared up to what the topic is now."""
         link = self._link
