@@ -146,3 +146,25 @@ async def link_cut_after(started: anyio.Event, link: Wire) -> None:
     """Cut the link once the call has arrived."""
     await started.wait()
     await link.cut()
+
+
+async def test_kept_samples_come_again_to_who_subscribes_with_a_type_while_others_stay(
+    wire: tuple[ZenohGraph, ZenohGraph, Wire],
+) -> None:
+    """With a type the topic outlives its publisher here, and Zenoh's subscriber with it."""
+    a, b, link = wire
+    a.node("robot").advertise("/map", "std_msgs/String", qos=LATCHED).publish({"data": "hall"})
+    heard: list[str] = []
+    page = b.node("page")
+    page.subscribe("/map", lambda message: heard.append(message.data), "std_msgs/String")
+    await until(lambda: heard == ["hall"])
+    await link.cut()
+    await until(lambda: len(b.nodes()) == 1)
+    meanwhile: list[str] = []
+    page.subscribe("/map", lambda message: meanwhile.append(message.data), "std_msgs/String")
+    link.mend()
+    await until(lambda: meanwhile == ["hall"])
+    late: list[str] = []
+    page.subscribe("/map", lambda message: late.append(message.data), "std_msgs/String")
+    assert late == ["hall"]
+    assert heard == ["hall"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import json
+import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from typing import Literal
 import zenoh
 
 from rwt_graph.zenoh.errors import ZenohError
+
+logger = logging.getLogger(__name__)
 
 Mode = Literal["peer", "client", "router"]
 
@@ -30,6 +33,9 @@ _DEFAULTS: dict[str, tuple[object, object]] = {
     # Batches of 64 KiB that wait on a link: Zenoh's 2 are full at once when the other side is not scheduled.
     "transport/link/tx/queue/size/data": (16, 2),
 }
+
+#: How long closing may take.
+_CLOSE_SECONDS = 3.0
 
 #: The largest ROS_DOMAIN_ID that fits every DDS; rmw_zenoh has no limit of its own.
 _LARGEST_DOMAIN = 2**32 - 1
@@ -127,12 +133,27 @@ class ZenohSession:
         return self._session
 
     def close(self) -> None:
-        """Close it, from any thread; what was declared goes with it. Blocks for a moment."""
+        """Close it, from any thread; what was declared goes with it.
+
+        Blocks for a moment; for three seconds when somebody it is connected to cannot be reached. Zenoh
+        would wait for ten, for the link to take the goodbye.
+        """
         with self._lock:
             session, self._session = self._session, None
         if session is not None:
             atexit.unregister(self.close)
-            session.close()
+            closing = threading.Thread(target=_close, args=(session,), daemon=True, name="zenoh close")
+            closing.start()
+            closing.join(_CLOSE_SECONDS)
+            if closing.is_alive():
+                logger.info("left the graph without a goodbye to a process that cannot be reached")
+
+
+def _close(session: zenoh.Session) -> None:
+    try:
+        session.close()
+    except zenoh.ZError as error:
+        logger.info("a link could not be closed in order: %s", type(error).__name__)
 
 
 def _cannot_open(options: ZenohOptions) -> str:
