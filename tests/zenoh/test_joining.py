@@ -229,3 +229,15 @@ def test_a_process_ends_on_a_signal(number: signal.Signals) -> None:
         process.kill()
         process.wait()
     assert process.returncode in (-number, 1, 130)
+
+
+@pytest.mark.anyio
+async def test_who_joins_finds_hundreds_at_once() -> None:
+    endpoint = free_endpoint()
+    async with ZenohGraph(listen=[endpoint], config=QUICK) as fleet:
+        node = fleet.node("fleet")
+        for number in range(600):
+            node.advertise(f"topic{number}", "std_msgs/String")
+        with anyio.fail_after(PATIENCE):
+            async with ZenohGraph(connect=[endpoint], config=QUICK) as other:
+                assert len([topic for topic in other.topics() if topic.name.startswith("/topic")]) == 600

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
@@ -55,8 +56,18 @@ class Discovery:
 
     def look_around(self, link: Link) -> list[str]:
         """The tokens that are alive now; blocks for their answers."""
-        replies = link.session.liveliness().get(all_tokens(link.domain), timeout=_FIRST_LOOK)
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        alive: list[str] = []
+        done = threading.Event()
+
+        def note(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                alive.append(str(reply.ok.key_expr))
+
+        # Not Zenoh's own channel: it holds 256, and who asks is the one that fills it.
+        handler = zenoh.handlers.Callback(note, done.set, indirect=False)
+        link.session.liveliness().get(all_tokens(link.domain), handler, timeout=_FIRST_LOOK)
+        done.wait(_FIRST_LOOK)
+        return alive.copy()
 
     def open(self, link: Link, alive: list[str]) -> None:
         """Take what :meth:`look_around` saw, and hear from now on who comes and goes."""
