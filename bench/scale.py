@@ -135,8 +135,8 @@ def table(fleet: Fleet, constants: Constants, machines: Sequence[int], *, by_rob
 def totals(fleet: Fleet, constants: Constants) -> str:
     out = fleet.deliveries * constants.frame_bytes * 8 / 1e9
     return (
-        f"{fleet.messages:,.0f} messages a second from the robots, {fleet.deliveries:,.0f} deliveries a second "
-        f"to {fleet.robots * fleet.viewers:,} viewers: {out:.1f} Gbit/s, and "
+        f"{fleet.messages:,.0f} messages a second from the robots, {fleet.deliveries:,.0f} deliveries a "
+        f"second to {fleet.robots * fleet.viewers:,} viewers: {out:.1f} Gbit/s, and "
         f"{fleet.deliveries * constants.delivery_us * MICRO:.1f} cores for the deliveries alone."
     )
 

@@ -1,4 +1,4 @@
-"""Two of our servers in this process, joined over Zenoh: a case's first client is at one, the rest at the other."""
+"""Two of our servers, joined over Zenoh: a case's first client is at one, the rest at the other."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class Scene:
         return False
 
     def back(self, late: Client) -> float:
-        """Seconds until topics, kept samples and services are there again, for a client that comes now too."""
+        """Seconds until topics, kept samples and services are back, for a client that comes now too."""
         begin, first = time.monotonic(), self.ticks + 1
         late.send(op="subscribe", topic="/state", type="std_msgs/String")
         until(
