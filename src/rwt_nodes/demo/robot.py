@@ -15,13 +15,14 @@ from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits,
 from rwt_nodes.demo.fibonacci import Fibonacci
 from rwt_nodes.demo.goal_marker import GoalMarker
 from rwt_nodes.demo.lidar import Lidar
+from rwt_nodes.demo.meshes import Meshes
 from rwt_nodes.demo.navigation import Navigation
 from rwt_nodes.demo.parameters import declare_tunables
 from rwt_nodes.demo.planner import Planner
 from rwt_nodes.demo.sensors import BatteryPublisher, ScanPublisher
 from rwt_nodes.demo.state import StatePublisher
 from rwt_nodes.demo.teleop import Teleop
-from rwt_nodes.demo.urdf import camera_mount, urdf
+from rwt_nodes.demo.urdf import camera_mount, looks, urdf
 from rwt_nodes.demo.world import World, draw_map, house
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 
@@ -57,6 +58,9 @@ class DemoRobot:
         graph: where it lives; all its timing is the graph's clock.
         world: what it drives in; by default a house of 10 m by 8 m.
         seed: of the laser's noise, so that two runs measure the same.
+
+    Attributes:
+        pages: the meshes that its description names, which `serve` takes as its argument of that name.
     """
 
     def __init__(self, graph: Graph, world: World | None = None, seed: int = 1) -> None:
@@ -83,6 +87,7 @@ class DemoRobot:
         self._declare_parameters()
         self._publish_map()
         self._describe(urdf(chassis))
+        self.pages = Meshes(looks(chassis)).pages
         self._chatter = self._node.advertise("/chatter", "std_msgs/String")
         self._said = 0
         self._stepped = self._node.clock.monotonic()

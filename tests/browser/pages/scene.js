@@ -38,6 +38,20 @@ const show = {
     ros, tfClient, topic: asked.get('handles') ?? '/goal_marker', camera: viewer.camera,
     rootObject: viewer.selectableObjects,
   }),
+  depthcloud: () => {
+    const cloud = new ROS3D.DepthCloud({
+      url: asked.get('stream'),
+      streamType: asked.get('type'),
+      f: Number(asked.get('f')),
+      maxDepthPerTile: Number(asked.get('tile')),
+      width: 256,
+      height: 256,
+      pointSize: 4,
+    });
+    cloud.video.addEventListener('canplay', () => cloud.startStream());
+    scene.add(new ROS3D.SceneNode({ frameID: asked.get('optical'), tfClient, object: cloud }));
+    return cloud;
+  },
 };
 const shown = {};
 for (const name of (asked.get('show') ?? '').split(',')) shown[name] = show[name]();
