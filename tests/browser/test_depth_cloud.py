@@ -10,10 +10,11 @@ import pytest
 
 from rwt_graph import Node
 from rwt_graph.qos import SENSOR_DATA
+from rwt_nodes.demo.lens import Lens
 from rwt_nodes.depth_cloud import DepthCloudEncoder
 from tests.browser.driver import Browser, Page, Picture, near
 from tests.browser.stand import stand
-from tests.browser.test_scene import BACKGROUND, Frames, scene
+from tests.browser.test_scene import BACKGROUND, BODY, Frames, scene
 
 pytestmark = pytest.mark.anyio
 
@@ -87,7 +88,8 @@ class Camera:
 
 def asked(kind: str, *, frame: str, f: float, tile: float) -> list[str]:
     """The depth cloud's part of a scene's address."""
-    stream = f"/stream?topic=/depthcloud_encoded&type={kind}&bitrate=4000000&qmin=4&quality=90"
+    finely = {"mjpeg": "quality=90", "vp8": "bitrate=4000000&qmin=4"}[kind]
+    stream = f"/stream?topic=/depthcloud_encoded&type={kind}&{finely}"
     return [f"type={kind}", f"stream={quote(stream)}", f"optical={frame}", f"f={f:.1f}", f"tile={tile}"]
 
 
@@ -121,3 +123,32 @@ async def test_points_are_where_the_depth_camera_saw_them(browser: Browser, kind
                 assert await is_there(page, picture, patch), patch
             assert near(picture.at(*await page.pixel(*WALL.place(0, -0.8))), WALL.colour, 60)
             assert near(picture.at(*await page.pixel(*HOLE.place(0, 0))), BACKGROUND)
+
+
+async def test_the_demo_robot_sees_walls_where_the_map_has_them(browser: Browser) -> None:
+    behind = ("camera=-5.4,-4.3,1.9", "center=-2.2,-2.3,0.5")
+    lens = Lens()
+    options = asked("vp8", frame="camera_optical_frame", f=125 * lens.focal / lens.height, tile=3.0)
+    async with (
+        stand("jazzy", browser.built) as robot,
+        browser.page(scene(robot, "map,robot,depthcloud", *behind, *options)) as page,
+    ):
+        # On both sides of a door in the wall at x = -1.1, and its opening between them.
+        violet, yellow = [await page.pixel(-1.1, y, 0.6) for y in (-1.9, -3.1)]
+        opening = [await page.pixel(-1.1, y, 0.6) for y in (-2.1, -2.9)]
+        picture = await page.picture_when(
+            "demo depth cloud",
+            lambda seen: _is_violet(seen.at(*violet)) and _is_yellow(seen.at(*yellow)),
+        )
+        assert not any(_is_violet(picture.at(*at)) or _is_yellow(picture.at(*at)) for at in opening)
+        assert picture.count(BODY, 15) > 300
+
+
+def _is_violet(colour: tuple[int, int, int]) -> bool:
+    red, green, blue = colour
+    return blue > red > green + 10
+
+
+def _is_yellow(colour: tuple[int, int, int]) -> bool:
+    red, green, blue = colour
+    return red > green > blue + 30

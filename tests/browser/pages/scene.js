@@ -48,7 +48,15 @@ const show = {
       height: 256,
       pointSize: 4,
     });
-    cloud.video.addEventListener('canplay', () => cloud.startStream());
+    if (!cloud.isMjpeg) {
+      // DepthCloud looks at new pictures only when the player could play to the end, and of a live film Chromium
+      // seldom believes that.
+      const renew = () => {
+        cloud.texture.needsUpdate = true;
+        cloud.video.requestVideoFrameCallback(renew);
+      };
+      cloud.video.addEventListener('canplay', () => { cloud.startStream(); renew(); }, { once: true });
+    }
     scene.add(new ROS3D.SceneNode({ frameID: asked.get('optical'), tfClient, object: cloud }));
     return cloud;
   },
