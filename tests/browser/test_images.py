@@ -80,6 +80,13 @@ async def test_the_demo_robots_camera(browser: Browser) -> None:
             assert np.abs(upper - lower).max() > 20
 
 
+async def test_the_viewers_page_plays_a_film_of_a_scene_that_stands_still(browser: Browser) -> None:
+    async with stand("jazzy", browser.built) as robot:
+        address = f"{robot.url}stream_viewer?topic=/camera/image_raw&type=vp8"
+        async with browser.page(address, WIDTH, HEIGHT) as page:
+            await page.wait("document.querySelector('video').currentTime > 0.5")
+
+
 class DatedCamera:
     """Pictures of noise with their number and time in the first rows."""
 
