@@ -40,7 +40,7 @@ def commands_folder(folder: Path) -> Path:
 class Running:
     """A process whose standard output is read by the line; ended with everything it started when left."""
 
-    def __init__(self, command: list[str], folder: Path, commands: Path) -> None:
+    def __init__(self, command: list[str], folder: Path, commands: Path, limit: float = LIMIT) -> None:
         self._errors = folder / "stderr.log"
         environment = {
             **os.environ,
@@ -61,7 +61,7 @@ class Running:
                 text=True,
                 start_new_session=True,
             )
-        self._deadline = time.monotonic() + LIMIT
+        self._deadline = time.monotonic() + limit
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._seen: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -89,6 +89,10 @@ class Running:
 
     def _left(self) -> float:
         return max(0.01, self._deadline - time.monotonic())
+
+    def interrupt(self) -> None:
+        """What Ctrl-C in a terminal does: to the program and to all that it started."""
+        os.killpg(self._process.pid, signal.SIGINT)
 
     def report(self) -> str:
         """What it printed and complained about so far."""
@@ -127,11 +131,11 @@ class Running:
         errors = self._errors.read_text(errors="replace")
         assert "Traceback" not in errors and "ERROR" not in errors, self.report()
 
-    def expect_end(self) -> None:
-        """Wait for its end, which must be a good one."""
+    def expect_end(self, expected: int = 0) -> None:
+        """Wait for its end, which must be a good one: with this exit code and without a failure."""
         try:
             code = self._process.wait(timeout=self._left())
         except subprocess.TimeoutExpired:
             raise AssertionError(f"it does not end:\n{self.report()}") from None
-        assert code == 0, f"exit code {code}:\n{self.report()}"
+        assert code == expected, f"exit code {code}:\n{self.report()}"
         self.expect_no_complaint()

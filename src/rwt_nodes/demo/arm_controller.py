@@ -73,9 +73,9 @@ class ArmController:
         self._arm = arm
         self._run: _Run | None = None
         node.advertise_action(
-            "/arm_controller/follow_joint_trajectory", ACTION, self._execute, accept=self._accept
+            "arm_controller/follow_joint_trajectory", ACTION, self._execute, accept=self._accept
         )
-        node.subscribe("/arm_controller/joint_trajectory", self._take, type="trajectory_msgs/JointTrajectory")
+        node.subscribe("arm_controller/joint_trajectory", self._take, type="trajectory_msgs/JointTrajectory")
 
     def step(self) -> None:
         """Move the arm to where it is to be now."""
@@ -113,7 +113,8 @@ class ArmController:
         try:
             self._begin(message, None)
         except TrajectoryRefused as error:
-            line = f"the trajectory on /arm_controller/joint_trajectory is left: {error}"
+            topic = self._node.resolve("arm_controller/joint_trajectory")
+            line = f"the trajectory on {topic} is left: {error}"
             self._node.log.warning(line)
 
     def _accept(self, request: TrajectoryGoal) -> bool | str:

@@ -11,6 +11,7 @@ from rwt_graph import Node, Timer, TopicPublisher
 from rwt_graph.qos import SENSOR_DATA
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.drive import DifferentialDrive
+from rwt_nodes.demo.frames import frame
 from rwt_nodes.demo.lens import Lens
 from rwt_nodes.demo.pose import Pose
 from rwt_nodes.demo.urdf import OPTICAL, Mount
@@ -32,24 +33,25 @@ class CameraPublisher:
     Pictures are drawn in a worker thread, from arrays: numpy is loaded with the first listener.
     """
 
-    def __init__(self, node: Node, drive: DifferentialDrive, world: World, mount: Mount) -> None:
+    def __init__(self, node: Node, drive: DifferentialDrive, world: World, mount: Mount, lens: Lens) -> None:
         self._node = node
+        self._frame = frame(node, OPTICAL)
         self._drive = drive
         self._world = world
         self._mount = mount
-        self._lens = Lens()
+        self._lens = lens
         self._view: View | None = None
         self._period = 1 / 30
         self._shots = 0
         self._timer: Timer | None = None
-        self._colours = node.advertise("/camera/image_raw", "sensor_msgs/Image", SENSOR_DATA)
+        self._colours = node.advertise("camera/image_raw", "sensor_msgs/Image", SENSOR_DATA)
         self._jpegs = node.advertise(
-            "/camera/image_raw/compressed", "sensor_msgs/CompressedImage", SENSOR_DATA
+            "camera/image_raw/compressed", "sensor_msgs/CompressedImage", SENSOR_DATA
         )
-        self._infos = node.advertise("/camera/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
-        self._depths = node.advertise("/camera/depth/image_raw", "sensor_msgs/Image", SENSOR_DATA)
-        self._depth_infos = node.advertise("/camera/depth/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
-        self._points = node.advertise("/camera/depth/points", "sensor_msgs/PointCloud2", SENSOR_DATA)
+        self._infos = node.advertise("camera/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
+        self._depths = node.advertise("camera/depth/image_raw", "sensor_msgs/Image", SENSOR_DATA)
+        self._depth_infos = node.advertise("camera/depth/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
+        self._points = node.advertise("camera/depth/points", "sensor_msgs/PointCloud2", SENSOR_DATA)
 
     def set_rate(self, rate: float) -> None:
         """Publish `rate` pictures a second from now on."""
@@ -75,7 +77,7 @@ class CameraPublisher:
 
     async def _shoot(self) -> None:
         """Publish one picture of every kind that is wanted, all of the same moment."""
-        header = messages.header(self._node.clock.time_ns(), OPTICAL)
+        header = messages.header(self._node.clock.time_ns(), self._frame)
         self._shots += 1
         for infos in (self._infos, self._depth_infos):
             if infos.subscriber_count:

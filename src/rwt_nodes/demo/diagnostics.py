@@ -23,7 +23,7 @@ class Diagnostics:
         self._drive = drive
         self._battery = battery
         self._navigation = navigation
-        self._reports = node.advertise("/diagnostics", "diagnostic_msgs/DiagnosticArray")
+        self._reports = node.advertise("diagnostics", "diagnostic_msgs/DiagnosticArray")
 
     def publish(self) -> None:
         """Publish the state of this moment."""

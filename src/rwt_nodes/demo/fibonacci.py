@@ -34,7 +34,7 @@ class Fibonacci:
         name = "actionlib_tutorials/Fibonacci" if ros1 else "example_interfaces/Fibonacci"
         self._node = node
         self._surplus = 2 if ros1 else 1
-        node.advertise_action("/fibonacci", name, self._execute, accept=self._accept)
+        node.advertise_action("fibonacci", name, self._execute, accept=self._accept)
 
     def _accept(self, request: FibonacciRequest) -> bool | str:
         highest = _MOST_NUMBERS - self._surplus

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rwt_graph import CallFailed, GoalHandle, GoalStatus, Message, Node
 from rwt_nodes.demo import messages
+from rwt_nodes.demo.frames import MAP, frame
 from rwt_nodes.demo.pose import Pose
 from rwt_nodes.interactive_markers import (
     Colour,
@@ -18,7 +19,7 @@ from rwt_nodes.interactive_markers import (
     rotate_axis,
 )
 
-NAMESPACE = "/goal_marker"
+NAMESPACE = "goal_marker"
 _NAME = "goal"
 #: Not quite opaque: ros3djs draws such colours as they are, and others in the light of a lamp.
 _ORANGE = Colour(1.0, 0.55, 0.0, 0.9)
@@ -44,7 +45,7 @@ class GoalMarker:
         menu.add("Drive here", self._drive)
         menu.add("Stop", self._stop)
         menu.add("Fetch the marker", self._fetch)
-        self._markers.insert(_marker(start), self._on_feedback, menu=menu)
+        self._markers.insert(_marker(frame(node, MAP), start), self._on_feedback, menu=menu)
         self._markers.apply_changes()
 
     async def _on_feedback(self, feedback: Feedback) -> None:
@@ -58,9 +59,9 @@ class GoalMarker:
         return self._markers.marker(_NAME).pose
 
     async def _drive(self, feedback: Feedback) -> None:
-        goal = {"pose": {"header": {"frame_id": messages.MAP_FRAME}, "pose": self._pose()}}
+        goal = {"pose": {"header": {"frame_id": frame(self._node, MAP)}, "pose": self._pose()}}
         try:
-            sent = self._goal = await self._node.send_goal("/navigate_to_pose", goal)
+            sent = self._goal = await self._node.send_goal("navigate_to_pose", goal)
             status, _ = await sent.result()
         except CallFailed as error:
             self._tell(str(error))
@@ -69,7 +70,7 @@ class GoalMarker:
                 self._tell(sent.reason)
 
     def _tell(self, reason: str) -> None:
-        text = f"{NAMESPACE}: {reason}"
+        text = f"{self._node.resolve(NAMESPACE)}: {reason}"
         self._node.log.info(text)
 
     async def _stop(self, feedback: Feedback) -> None:
@@ -80,14 +81,14 @@ class GoalMarker:
         self._markers.set_pose(_NAME, _pose(self._start))
 
 
-def _marker(start: Pose) -> messages.Message:
+def _marker(frame_id: str, start: Pose) -> messages.Message:
     disc = cylinder(0.56, 0.02, _ORANGE)
     heading = arrow((0.0, 0.0, 0.05), (0.6, 0.0, 0.05), 0.06, _ORANGE)
     controls = [
         move_plane("z", disc, heading, name="move"),
         rotate_axis("z", name="turn", scale=_SIZE),
     ]
-    marker = interactive_marker(_NAME, frame=messages.MAP_FRAME, scale=_SIZE, controls=controls)
+    marker = interactive_marker(_NAME, frame=frame_id, scale=_SIZE, controls=controls)
     return {**marker, "pose": _pose(start)}
 
 

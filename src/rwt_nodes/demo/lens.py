@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from rwt_nodes.demo.messages import Message
 
@@ -53,3 +54,7 @@ class Lens:
             "distortion_model": "plumb_bob",
             **{name.upper() if ros_version == 1 else name: values for name, values in matrices.items()},
         }
+
+
+DEFAULT_LENS: Final = Lens()
+"""640x480, 75 degrees wide."""

@@ -15,9 +15,6 @@ from rwt_nodes.demo.pose import Pose
 
 Message = Mapping[str, object]
 
-MAP_FRAME = "map"
-ODOM_FRAME = "odom"
-
 
 class VectorLike(Protocol):
     """`geometry_msgs/Vector3` and `Point`."""

@@ -15,6 +15,7 @@ import anyio
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, GoalStatus, Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
+from rwt_nodes.demo.frames import MAP, ODOM, frame
 from rwt_nodes.demo.path_follower import PathFollower
 from rwt_nodes.demo.planner import NoWay, Planner
 from rwt_nodes.demo.pose import ORIGIN, Pose
@@ -72,8 +73,8 @@ class Navigation:
         self._planner = planner
         self._odom_origin = odom_origin
         self._trip: _Trip | None = None
-        self._plans = node.advertise("/plan", "nav_msgs/Path")
-        node.advertise_action("/navigate_to_pose", ACTION, self._execute, accept=self._accept)
+        self._plans = node.advertise("plan", "nav_msgs/Path")
+        node.advertise_action("navigate_to_pose", ACTION, self._execute, accept=self._accept)
 
     @property
     def active(self) -> bool:
@@ -137,18 +138,19 @@ class Navigation:
         target = messages.read_pose(request.pose.pose)
         if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
             return "the goal's pose has a value that is not a finite number"
-        frame = request.pose.header.frame_id
-        if _bare(frame) not in self._frames():
-            return f'the goal is in frame "{frame}"; use map, odom or {BASE}'
+        given, known = request.pose.header.frame_id, self._frames()
+        if _bare(given) not in known:
+            _, *others, last = known
+            return f'the goal is in frame "{given}"; use {", ".join(others)} or {last}'
         return True
 
     def _frames(self) -> dict[str, Pose]:
         """The origin in the map of each frame a goal may be in; a goal without one is in the map."""
         return {
             "": ORIGIN,
-            messages.MAP_FRAME: ORIGIN,
-            messages.ODOM_FRAME: self._odom_origin,
-            BASE: self._drive.pose,
+            frame(self._node, MAP): ORIGIN,
+            frame(self._node, ODOM): self._odom_origin,
+            frame(self._node, BASE): self._drive.pose,
         }
 
     async def _execute(self, goal: ActionGoal) -> messages.Message:
@@ -179,7 +181,7 @@ class Navigation:
         return PathFollower(corners, target, self._drive.limits)
 
     def _publish_plan(self, corners: list[tuple[float, float]], target: Pose) -> None:
-        header = messages.header(self._node.clock.time_ns(), messages.MAP_FRAME)
+        header = messages.header(self._node.clock.time_ns(), frame(self._node, MAP))
         poses = [{"header": header, "pose": messages.pose(Pose(x, y, target.heading))} for x, y in corners]
         self._plans.publish({"header": header, "poses": poses})
 
@@ -195,7 +197,7 @@ class Navigation:
         trip.goal.publish_feedback(
             {
                 "current_pose": {
-                    "header": messages.header(stamp, messages.MAP_FRAME),
+                    "header": messages.header(stamp, frame(self._node, MAP)),
                     "pose": messages.pose(pose),
                 },
                 "navigation_time": messages.time(round((now - trip.started) * 1e9)),

@@ -13,7 +13,9 @@ from rwt_nodes.demo.cameras import CameraPublisher
 from rwt_nodes.demo.diagnostics import Diagnostics
 from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
 from rwt_nodes.demo.fibonacci import Fibonacci
+from rwt_nodes.demo.frames import MAP, frame
 from rwt_nodes.demo.goal_marker import GoalMarker
+from rwt_nodes.demo.lens import DEFAULT_LENS, Lens
 from rwt_nodes.demo.lidar import Lidar
 from rwt_nodes.demo.meshes import Meshes
 from rwt_nodes.demo.navigation import Navigation
@@ -58,14 +60,25 @@ class DemoRobot:
         graph: where it lives; all its timing is the graph's clock.
         world: what it drives in; by default a house of 10 m by 8 m.
         seed: of the laser's noise, so that two runs measure the same.
+        namespace: of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
+            frames of one in `/anna` are `anna/odom` and so on.
+        lens: of the cameras.
 
     Attributes:
         pages: the meshes that its description names, which `serve` takes as its argument of that name.
     """
 
-    def __init__(self, graph: Graph, world: World | None = None, seed: int = 1) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        world: World | None = None,
+        seed: int = 1,
+        *,
+        namespace: str = "/",
+        lens: Lens = DEFAULT_LENS,
+    ) -> None:
         self._world = world or house()
-        self._node = Node(graph, "demo_robot")
+        self._node = Node(graph, "demo_robot", namespace)
         chassis = Chassis()
         self._drive = DifferentialDrive(self._world, chassis, Limits())
         self._lidar = Lidar(self._world, seed=seed)
@@ -79,7 +92,8 @@ class DemoRobot:
         self._arm_controller = ArmController(self._node, self._arm)
         self._state = StatePublisher(self._node, self._drive, self._arm, chassis, self._world.start)
         self._scans = ScanPublisher(self._node, self._drive, self._lidar)
-        self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis))
+        self._lens = lens
+        self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis), lens)
         self._fibonacci = Fibonacci(self._node)
         self._battery_states = BatteryPublisher(self._node, self._battery)
         self._diagnostics = Diagnostics(self._node, self._drive, self._battery, self._navigation)
@@ -88,7 +102,7 @@ class DemoRobot:
         self._publish_map()
         self._describe(urdf(chassis))
         self.pages = Meshes(looks(chassis)).pages
-        self._chatter = self._node.advertise("/chatter", "std_msgs/String")
+        self._chatter = self._node.advertise("chatter", "std_msgs/String")
         self._said = 0
         self._stepped = self._node.clock.monotonic()
         self._start()
@@ -103,11 +117,18 @@ class DemoRobot:
         self._node.create_timer(CONTROL_PERIOD, self._step)
         self._scans.start()
         self._node.create_timer(REPORT_PERIOD, self._report)
-        # The camera's picture is 480 rows high, and two tiles of 3 m reach through a room.
+        graph, namespace = self._node.graph, self._node.namespace
+        # The square in the middle of the picture; two tiles of 3 m reach through a room.
         self._depth_cloud = DepthCloudEncoder(
-            self._node.graph, crop_size=480, target_resolution=256, max_depth_per_tile=3.0
+            graph,
+            namespace=namespace,
+            crop_size=min(self._lens.width, self._lens.height),
+            target_resolution=256,
+            max_depth_per_tile=3.0,
         )
-        self._thin_cloud = CloudDecimator(self._node.graph, "/camera/depth/points", stride=2, voxel=0.05)
+        self._thin_cloud = CloudDecimator(
+            graph, "camera/depth/points", namespace=namespace, stride=2, voxel=0.05
+        )
 
     def _report(self) -> None:
         self._battery_states.publish()
@@ -139,9 +160,9 @@ class DemoRobot:
     def _serve(self) -> None:
         ros1 = self._node.distro.ros_version == 1
         add_type = "rospy_tutorials/AddTwoInts" if ros1 else "example_interfaces/AddTwoInts"
-        self._node.advertise_service("/add_two_ints", add_type, _add_two_ints)
-        self._node.advertise_service("/reset", "std_srvs/Empty", self._reset)
-        self._node.advertise_service("/enable_motors", "std_srvs/SetBool", self._enable_motors)
+        self._node.advertise_service("add_two_ints", add_type, _add_two_ints)
+        self._node.advertise_service("reset", "std_srvs/Empty", self._reset)
+        self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
     def _reset(self, request: object) -> messages.Message:
         """Back to the start with a fresh battery and the arm at rest; the motors stay as they are."""
@@ -180,9 +201,9 @@ class DemoRobot:
     def _publish_map(self) -> None:
         grid = draw_map(self._world)
         stamp = self._node.clock.time_ns()
-        self._node.advertise("/map", "nav_msgs/OccupancyGrid", latch=True).publish(
+        self._node.advertise("map", "nav_msgs/OccupancyGrid", latch=True).publish(
             {
-                "header": messages.header(stamp, messages.MAP_FRAME),
+                "header": messages.header(stamp, frame(self._node, MAP)),
                 "info": {
                     "map_load_time": messages.time(stamp),
                     "resolution": grid.resolution,
@@ -200,13 +221,13 @@ class DemoRobot:
     def _describe(self, description: str) -> None:
         """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global parameter."""
         node = self._node
-        node.advertise("/robot_description", "std_msgs/String", latch=True).publish({"data": description})
+        node.advertise("robot_description", "std_msgs/String", latch=True).publish({"data": description})
         if node.distro.ros_version == 2:
             node.parameters.declare(
                 "robot_description", description, description="The robot as URDF.", read_only=True
             )
         graph = node.graph
-        graph.run_on_graph(lambda: graph.parameters.set("/robot_description", description))
+        graph.run_on_graph(lambda: graph.parameters.set(node.resolve("robot_description"), description))
 
 
 def _add_two_ints(request: _Addends) -> messages.Message:

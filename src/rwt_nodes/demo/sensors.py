@@ -7,6 +7,7 @@ from rwt_graph.qos import SENSOR_DATA
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.battery import CAPACITY, Battery
 from rwt_nodes.demo.drive import DifferentialDrive
+from rwt_nodes.demo.frames import frame
 from rwt_nodes.demo.lidar import Lidar
 from rwt_nodes.demo.urdf import BASE, LASER
 
@@ -22,7 +23,8 @@ class ScanPublisher:
         self._node = node
         self._drive = drive
         self._lidar = lidar
-        self._scans = node.advertise("/scan", "sensor_msgs/LaserScan", qos=SENSOR_DATA)
+        self._frame = frame(node, LASER)
+        self._scans = node.advertise("scan", "sensor_msgs/LaserScan", qos=SENSOR_DATA)
         self._period = 0.1
         self._timer: Timer | None = None
 
@@ -44,7 +46,7 @@ class ScanPublisher:
         lidar = self._lidar
         self._scans.publish(
             {
-                "header": messages.header(self._node.clock.time_ns(), LASER),
+                "header": messages.header(self._node.clock.time_ns(), self._frame),
                 "angle_min": lidar.angle_min,
                 "angle_max": lidar.angle_min + (lidar.ray_count - 1) * lidar.angle_increment,
                 "angle_increment": lidar.angle_increment,
@@ -62,14 +64,15 @@ class BatteryPublisher:
     def __init__(self, node: Node, battery: Battery) -> None:
         self._node = node
         self._battery = battery
-        self._states = node.advertise("/battery_state", "sensor_msgs/BatteryState")
+        self._frame = frame(node, BASE)
+        self._states = node.advertise("battery_state", "sensor_msgs/BatteryState")
 
     def publish(self) -> None:
         """Publish the state of this moment."""
         battery = self._battery
         self._states.publish(
             {
-                "header": messages.header(self._node.clock.time_ns(), BASE),
+                "header": messages.header(self._node.clock.time_ns(), self._frame),
                 "voltage": round(battery.voltage, 3),
                 "current": round(-battery.current, 3),
                 "charge": round(battery.level * CAPACITY, 4),

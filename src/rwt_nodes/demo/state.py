@@ -6,6 +6,7 @@ from rwt_graph import Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.arm import ARM, Arm
 from rwt_nodes.demo.drive import Chassis, DifferentialDrive
+from rwt_nodes.demo.frames import MAP, ODOM, frame
 from rwt_nodes.demo.pose import Pose
 from rwt_nodes.demo.urdf import BASE, LEFT_JOINT, RIGHT_JOINT, arm_mounts, fixed_mounts, wheel_mounts
 
@@ -25,15 +26,21 @@ class StatePublisher:
         self._drive = drive
         self._arm = arm
         self._origin = odom_origin
-        self._wheels = wheel_mounts(chassis)
+        self._map, self._odom_frame, self._base = (frame(node, name) for name in (MAP, ODOM, BASE))
+        self._wheels = [(frame(node, mount.link), mount) for mount in wheel_mounts(chassis)]
         self._arm_links = tuple(
-            (mount, messages.vector(mount.x, mount.y, mount.z), messages.turns_about(joint.axis))
+            (
+                frame(node, mount.parent),
+                frame(node, mount.link),
+                messages.vector(mount.x, mount.y, mount.z),
+                messages.turns_about(joint.axis),
+            )
             for joint, mount in zip(ARM, arm_mounts(), strict=True)
         )
         self._chassis = chassis
-        self._odom = node.advertise("/odom", "nav_msgs/Odometry")
+        self._odom = node.advertise("odom", "nav_msgs/Odometry")
         self._tf = node.advertise("/tf", "tf2_msgs/TFMessage")
-        self._joints = node.advertise("/joint_states", "sensor_msgs/JointState")
+        self._joints = node.advertise("joint_states", "sensor_msgs/JointState")
         fixed = node.advertise("/tf_static", "tf2_msgs/TFMessage", latch=True)
         fixed.publish({"transforms": self._fixed_transforms(chassis)})
 
@@ -49,8 +56,8 @@ class StatePublisher:
 
     def _odometry(self, stamp: int) -> messages.Message:
         return {
-            "header": messages.header(stamp, messages.ODOM_FRAME),
-            "child_frame_id": BASE,
+            "header": messages.header(stamp, self._odom_frame),
+            "child_frame_id": self._base,
             "pose": {
                 "pose": messages.pose(self._drive.pose.seen_from(self._origin)),
                 "covariance": _POSE_COVARIANCE,
@@ -63,21 +70,23 @@ class StatePublisher:
         body = self._drive.pose.seen_from(self._origin)
         angles = (self._drive.left_angle, self._drive.right_angle)
         return [
-            messages.planar_transform(stamp, messages.MAP_FRAME, messages.ODOM_FRAME, self._origin),
-            messages.planar_transform(stamp, messages.ODOM_FRAME, BASE, body),
+            messages.planar_transform(stamp, self._map, self._odom_frame, self._origin),
+            messages.planar_transform(stamp, self._odom_frame, self._base, body),
             *(
                 messages.transform(
                     stamp,
-                    BASE,
-                    mount.link,
+                    self._base,
+                    link,
                     messages.vector(mount.x, mount.y, mount.z),
                     messages.turn_about_y(angle),
                 )
-                for mount, angle in zip(self._wheels, angles, strict=True)
+                for (link, mount), angle in zip(self._wheels, angles, strict=True)
             ),
             *(
-                messages.transform(stamp, mount.parent, mount.link, place, turn(angle))
-                for (mount, place, turn), angle in zip(self._arm_links, self._arm.positions, strict=True)
+                messages.transform(stamp, parent, link, place, turn(angle))
+                for (parent, link, place, turn), angle in zip(
+                    self._arm_links, self._arm.positions, strict=True
+                )
             ),
         ]
 
@@ -100,8 +109,8 @@ class StatePublisher:
         return [
             messages.transform(
                 stamp,
-                mount.parent,
-                mount.link,
+                frame(self._node, mount.parent),
+                frame(self._node, mount.link),
                 messages.vector(mount.x, mount.y, mount.z),
                 messages.roll_pitch_yaw(*mount.rpy),
             )

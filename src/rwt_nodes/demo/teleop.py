@@ -30,7 +30,7 @@ class Teleop:
         self._node = node
         self._last: Velocity | None = None
         self._since = 0.0
-        node.subscribe("/cmd_vel", self._on_twist, "geometry_msgs/Twist")
+        node.subscribe("cmd_vel", self._on_twist, "geometry_msgs/Twist")
 
     @property
     def velocity(self) -> Velocity | None:
@@ -46,7 +46,9 @@ class Teleop:
 
     def _on_twist(self, twist: TwistLike) -> None:
         if not (math.isfinite(twist.linear.x) and math.isfinite(twist.angular.z)):
-            self._node.log.warning("/cmd_vel: linear.x or angular.z is not a finite number; ignored")
+            topic = self._node.resolve("cmd_vel")
+            text = f"{topic}: linear.x or angular.z is not a finite number; ignored"
+            self._node.log.warning(text)
             return
         self._last = Velocity(twist.linear.x, twist.angular.z)
         self._since = self._node.clock.monotonic()

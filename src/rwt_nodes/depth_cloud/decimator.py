@@ -29,6 +29,7 @@ class CloudDecimator:
         source: the topic with all points.
         topic: of the result; by default the source's name and `/decimated`.
         name: of the node.
+        namespace: of the node, which names without a slash at their beginning are relative to.
         stride: every so many points are taken, of organised clouds every so many rows and columns.
         voxel: edge of a cube in metres of which one point is taken; 0 for none. It comes after `stride`, and
             what it leaves is one row of points that all have a place.
@@ -44,10 +45,11 @@ class CloudDecimator:
         topic: str | None = None,
         *,
         name: str = "cloud_decimator",
+        namespace: str = "/",
         stride: int = 1,
         voxel: float = 0.0,
     ) -> None:
-        self._node = Node(graph, name)
+        self._node = Node(graph, name, namespace)
         self._source = source
         STRIDE.declare(self._node, stride, self._set_stride)
         VOXEL.declare(self._node, voxel, self._set_voxel)

@@ -47,6 +47,7 @@ class DepthCloudEncoder:
         colour: topic of `sensor_msgs/Image`.
         topic: of the result, `sensor_msgs/Image` of rgb8.
         name: of the node.
+        namespace: of the node, which names without a slash at their beginning are relative to.
         crop_size: edge of the square that is taken out of both, pixels; black where it reaches beyond.
         target_resolution: edge of a tile, pixels; the picture is twice as large.
         max_depth_per_tile: metres that one of the two depth tiles spans.
@@ -59,17 +60,18 @@ class DepthCloudEncoder:
     def __init__(
         self,
         graph: Graph,
-        depth: str = "/camera/depth/image_raw",
-        colour: str = "/camera/image_raw",
+        depth: str = "camera/depth/image_raw",
+        colour: str = "camera/image_raw",
         *,
-        topic: str = "/depthcloud_encoded",
+        topic: str = "depthcloud_encoded",
         name: str = "depthcloud_encoder",
+        namespace: str = "/",
         crop_size: int = 512,
         target_resolution: int = 512,
         max_depth_per_tile: float = 1.0,
         slop: float = 0.05,
     ) -> None:
-        self._node = Node(graph, name)
+        self._node = Node(graph, name, namespace)
         self._topics = (depth, colour)
         CROP_SIZE.declare(self._node, crop_size, self._set_crop)
         TARGET_RESOLUTION.declare(self._node, target_resolution, self._set_size)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from rwt_nodes.demo import DemoRobot
 from rwt_nodes.demo.lens import Lens
 from rwt_nodes.demo.pose import Pose
 from rwt_nodes.demo.view import FARTHEST, View
@@ -126,6 +127,15 @@ async def test_pictures_come_at_the_rate_and_only_while_somebody_listens(lab: An
     infos.clear()
     await lab.pass_time(1.0)
     assert len(infos) == 10
+
+
+@pytest.mark.anyio
+async def test_the_lens_can_be_chosen(lab: Any) -> None:
+    robot = DemoRobot(lab.graph, namespace="/small", lens=Lens(80, 60))
+    colour = await _first(lab, "/small/camera/image_raw")
+    info = await _first(lab, "/small/camera/camera_info")
+    assert (colour.width, colour.height, info.width, info.height) == (80, 60, 80, 60)
+    robot.close()
 
 
 def test_nothing_is_loaded_before_somebody_listens() -> None:

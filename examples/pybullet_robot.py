@@ -1,0 +1,104 @@
+"""A simulated Husky with an xArm 6 and a depth camera, on a rosbridge server: needs `pip install pybullet`.
+
+python examples/pybullet_robot.py --size 320x240 --camera-rate 15 ws://127.0.0.1:9090
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import signal
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from urllib.parse import urlsplit
+
+import anyio
+
+from husky_xarm.arm import ACTION
+from husky_xarm.description import PACKAGE_FOLDERS
+from husky_xarm.robot import HuskyXArm
+from rwt_bridge import serve
+from rwt_bridge.serve import Server
+from rwt_graph import MemoryGraph
+from rwt_nodes import Rosapi, Tf2WebRepublisher
+from rwt_nodes.demo.lens import Lens
+from rwt_nodes.depth_cloud import DepthCloudEncoder
+from rwt_nodes.packages import Packages
+from rwt_nodes.video import WebVideoServer
+
+DEPTH_PER_TILE = 2.0
+"""Metres; the depth cloud reaches twice as far. `ROS3D.DepthCloud` has an option `maxDepthPerTile` for it."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run until Ctrl-C or SIGTERM."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("url", nargs="?", default="ws://127.0.0.1:9090", help="where to listen (%(default)s)")
+    parser.add_argument("--size", type=_size, default="640x480", help="of pictures (%(default)s)")
+    parser.add_argument("--camera-rate", type=_rate, default=10.0, help="pictures a second (%(default)g)")
+    given = parser.parse_args(arguments)
+    anyio.run(run, given.url, Lens(*given.size), given.camera_rate)
+
+
+async def run(url: str, lens: Lens, camera_rate: float) -> None:
+    """Serve the robot until a signal comes."""
+    packages = Packages(PACKAGE_FOLDERS)
+    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
+        async with MemoryGraph() as graph:
+            video = nodes.enter_context(closing(WebVideoServer(graph)))
+            for node in (
+                Rosapi(graph),
+                Tf2WebRepublisher(graph),
+                DepthCloudEncoder(
+                    graph, crop_size=min(lens.width, lens.height), max_depth_per_tile=DEPTH_PER_TILE
+                ),
+                HuskyXArm(graph, lens, camera_rate),
+            ):
+                nodes.enter_context(closing(node))
+            async with serve(
+                graph,
+                url,
+                pages={**video.pages, **packages.pages},
+                sections=[video.section],
+                figures=[video.figures],
+            ) as server:
+                announce(server)
+                async for _ in signals:
+                    return
+
+
+def announce(server: Server) -> None:
+    """Say where what is."""
+    url = server.urls[0]
+    page = f"http://{urlsplit(url).netloc}"
+    print(f"a Husky with an xArm 6 is at {url}", flush=True)
+    print(f"  drive   rwt topic pub --url {url} -r 10 /cmd_vel geometry_msgs/Twist '{{linear: {{x: 0.5}}}}'")
+    print(f"  arm     action {ACTION}")
+    print(f"  look    {page}/stream_viewer?topic=/camera/image_raw")
+    print(f"  meshes  {page}/packages/husky/meshes/base_link.stl", flush=True)
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, as 640x480")
+    width, height = int(match[1]), int(match[2])
+    if not (16 <= width <= 1920 and 16 <= height <= 1920):
+        raise argparse.ArgumentTypeError(f"{text}: width and height must be from 16 to 1920")
+    return width, height
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not 0 < rate <= 100:
+        raise argparse.ArgumentTypeError(f"{text}: the rate must be above 0 and at most 100")
+    return rate
+
+
+if __name__ == "__main__":
+    main()

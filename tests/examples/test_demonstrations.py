@@ -1,0 +1,98 @@
+"""`examples/demonstrations.py`: demonstrators in processes of their own, and the report of them."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from teaching.plan import Camera
+from teaching.report import Teaching, percentile, table
+from tests.docs.blocks import ROOT
+from tests.docs.processes import Running, commands_folder
+
+_PROGRAM = ROOT / "examples" / "demonstrations.py"
+_ENVIRONMENT = {"PYTHONPATH": str(ROOT / "src")}
+_PATIENCE = 80.0
+
+TEACHING = Teaching("robot1", 10.0, 295, (0.02, 0.01, 0.03), 100, 198, 200, (0.03, 0.05), 10, 2.5)
+
+
+@pytest.mark.timeout(90)
+def test_two_demonstrators_teach_at_once() -> None:
+    done = subprocess.run(
+        [sys.executable, str(_PROGRAM), "--demonstrators", "2", "--seconds", "2", "--camera-size", "160x120"],
+        env=_ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=_PATIENCE,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    rows = [line.split() for line in done.stdout.splitlines() if line.startswith("robot")]
+    assert [row[0] for row in rows] == ["robot1", "robot2"]
+    for _, pictures, age, transforms, joints, commands, median, _, _, waypoints in rows:
+        # What is reached depends on the machine; that all of it goes on at once does not.
+        assert 3 < float(pictures) <= 31
+        assert 2 < float(transforms) <= 10.5
+        assert 3 < float(joints) <= 21
+        assert 3 < float(commands) <= 21
+        assert 0 <= float(age) < 5000 and 0 < float(median) < 5000
+        assert int(waypoints) >= 1
+    assert "command → effect of all: p50 " in done.stdout
+    assert "nan" not in done.stdout
+
+
+@pytest.mark.timeout(90)
+def test_ctrl_c_ends_it_all(tmp_path: Path) -> None:
+    command = [sys.executable, str(_PROGRAM), "--demonstrators", "1", "--seconds", "60"]
+    with Running(command, tmp_path, commands_folder(tmp_path / "commands"), limit=_PATIENCE) as program:
+        program.wait_for("1 demonstrators teach for 60 s at ws://127.0.0.1:")
+        program.interrupt()
+        program.expect_end(130)
+
+
+def test_the_table() -> None:
+    lines = table([TEACHING, TEACHING], 7.5, Camera(320, 240, 30.0)).splitlines()
+    assert lines[2].split() == ["robot1", "29.5", "20", "10.0", "19.8", "20.0", "30", "/", "50", "10"]
+    assert lines[4].split() == ["at", "most", "30.0", "10.0", "20.0", "20.0"]
+    assert lines[6:] == [
+        "command → effect of all: p50 30 ms, p95 50 ms",
+        "CPU of the server, with robots, cameras and encoders: 0.75 cores",
+        "CPU of the demonstrators: 0.50 cores",
+    ]
+    assert len({len(line) for line in (lines[0], lines[2])}) == 1
+
+
+@pytest.mark.parametrize(
+    ("percent", "expected"),
+    [(0, 1.0), (25, 1.0), (50, 2.0), (51, 3.0), (95, 4.0), (100, 4.0)],
+)
+def test_percentiles_are_values_that_so_many_do_not_exceed(percent: float, expected: float) -> None:
+    assert percentile([4.0, 1.0, 3.0, 2.0], percent) == expected
+    assert math.isnan(percentile([], percent))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--demonstrators", "0"], "'0' is not a number from 1 to 100"),
+        (["--seconds", "-1"], "-1: it must be above 0 and at most 3600"),
+        (["--seconds", "nan"], "nan: it must be above 0 and at most 3600"),
+        (["--camera-size", "320"], "'320' is not WIDTHxHEIGHT, as 320x240"),
+    ],
+)
+def test_options_that_make_no_sense(arguments: list[str], complaint: str) -> None:
+    done = subprocess.run(
+        [sys.executable, str(_PROGRAM), *arguments],
+        env=_ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        timeout=_PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert complaint in done.stderr
