@@ -100,7 +100,7 @@ def measure(browser: Browser, seconds: float = SECONDS) -> Report:
         head=("", "median ms", "95 % ms", "Hz"),
         rows=[_row(each, seconds) for each in seen],
         notes=_NOTES,
-        missed=_missed(seen),
+        missed=missed(seen),
     )
 
 
@@ -109,7 +109,8 @@ def _row(seen: Seen, seconds: float) -> Sequence[str]:
     return seen.way, f"{seen.median:.0f}", f"{late}", f"{len(seen.ages) / seconds:.1f}"
 
 
-def _missed(seen: Sequence[Seen]) -> list[str]:
+def missed(seen: Sequence[Seen]) -> list[str]:
+    """What is above the bound, in words."""
     return [
         f"{each.way}: median {each.median:.0f} ms, bound {MOST_MJPEG} ms"
         for each in seen
