@@ -17,7 +17,7 @@ _VIEWER = """<!doctype html>
 
 _FILM = """<video src="{source}" autoplay muted playsinline oncanplay="this.play()"></video>
 <script>
-// autoplay alone waits until the player believes that it could play to the end, which of a live film it does late.
+// autoplay alone waits until the player believes that it could play to the end: of a live film that is late.
 // A browser gathers some seconds before it begins, and would stay behind: play faster until caught up.
 const film = document.querySelector("video");
 film.onprogress = film.ontimeupdate = () => {{
