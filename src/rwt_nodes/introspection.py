@@ -84,8 +84,10 @@ class Introspection(CallObserver):
         self._look()
 
     def _look(self) -> None:
-        """Add the topics of services and actions that are new, so that they can be subscribed to; and withdraw
-        those of what is gone: clients may offer services under ever new names."""
+        """Add the topics of services and actions that are new, so that they can be subscribed to.
+
+        Those of what is gone are withdrawn: clients may offer services under ever new names.
+        """
         self._needed.clear()
         for service in self._graph.services():
             if self._takes(service.name) and "/_action/" not in service.name:

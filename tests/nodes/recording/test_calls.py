@@ -71,7 +71,7 @@ async def test_topics_go_with_their_service() -> None:
 
 @pytest.mark.anyio
 async def test_a_service_that_comes_back_with_another_type_is_told_of() -> None:
-    graph, clock = graph_at()
+    graph, _ = graph_at()
     async with graph:
         with Node(graph, "robot") as node, closing(Introspection(graph)):
             for name, request in (("std_srvs/Trigger", {}), ("std_srvs/SetBool", {"data": True})):

@@ -148,9 +148,7 @@ def test_a_later_file_that_is_there_ends_the_recording_with_a_word(tmp_path: Pat
     assert (tmp_path / "run_0001.mcap").read_bytes() == b"of yesterday"
 
 
-def test_whatever_goes_wrong_while_writing_is_told(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_whatever_goes_wrong_while_writing_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     text = Registry(JAZZY).message("std_msgs/String")
     writer = RecordingWriter(tmp_path / "run.mcap", JAZZY)
     writer.write(writer.add_channel(channel_form("/words", text, "ros")), -1, -1, b"")
