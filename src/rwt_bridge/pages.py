@@ -104,7 +104,12 @@ def readable(bridge: Bridge, page: _RolePage, *, loopback: bool = True) -> Handl
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         answer = guarded(request)
         origin = request.headers.get("origin")
-        if origin is None or not bridge.admission.allows_page(request.headers, loopback=loopback):
+        # An origin is ASCII (RFC 6454 section 6.2); what is not cannot be sent back, whatever globs allow.
+        if (
+            origin is None
+            or not origin.isascii()
+            or not bridge.admission.allows_page(request.headers, loopback=loopback)
+        ):
             return answer
         headers = {"Access-Control-Allow-Origin": origin, "Vary": "Origin"}
         return _with_headers(answer, headers) if isinstance(answer, HttpResponse) else _later(answer, headers)
@@ -137,7 +142,8 @@ def _of_node(page: Page, request: HttpRequest, role: Role) -> HttpResponse | Awa
 def _index(bridge: Bridge, sections: Iterable[Section], request: HttpRequest, role: Role) -> HttpResponse:
     """What is running, and what to connect."""
     graph = bridge.graph
-    host, _, port = request.headers.get("host", "localhost:9090").rpartition(":")
+    address = request.headers.get("host", "localhost:9090")
+    host, port = _host_and_port(address)
     registry = graph.registry
     clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
     page = _PAGE.format(
@@ -145,7 +151,7 @@ def _index(bridge: Bridge, sections: Iterable[Section], request: HttpRequest, ro
         ros=graph.distro.ros_version,
         distro=graph.distro.name,
         clients=clients,
-        url=html.escape(f"ws://{host}:{port}"),
+        url=html.escape(f"ws://{address}"),
         host=html.escape(host),
         port=html.escape(port),
         topics=_rows(
@@ -166,6 +172,12 @@ def _index(bridge: Bridge, sections: Iterable[Section], request: HttpRequest, ro
         sections="\n".join(section(request, role.may_subscribe) for section in sections),
     )
     return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
+
+
+def _host_and_port(address: str) -> tuple[str, str]:
+    """The two parts of a ``Host`` (RFC 9110 section 7.2); a proxy at HTTP's own port leaves the port out."""
+    host, colon, port = address.rpartition(":")
+    return (host, port) if colon and port.isdecimal() else (address, "80")
 
 
 def _metrics(

@@ -256,7 +256,8 @@ class _Examination:
         if answer is None or answer.op.get("result") is False or not isinstance(values, dict):
             self._ros = 1
             return Finding("ROS", "note", "the server does not tell its version, as most of ROS 1 do not")
-        self._ros = int(values.get("version", 2))
+        version = values.get("version", 2)
+        self._ros = 1 if version == 1 else 2
         return Finding("ROS", "ok", f"ROS {self._ros} {values.get('distro', '')}".rstrip())
 
     async def _look_at_time(self) -> list[Finding]:

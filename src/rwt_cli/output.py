@@ -63,8 +63,12 @@ class Output:
 
     def styled(self, text: str, style: Style) -> str:
         """`text` in a colour where there are colours. What a terminal would obey is taken out of it."""
-        plain = printable(text) if self.people else text
+        plain = self.harmless(text)
         return f"\x1b[{_CODES[style]}m{plain}\x1b[0m" if self._colour and plain else plain
+
+    def harmless(self, text: str) -> str:
+        """What a robot has said, as it is for programs, and for people without what a terminal would obey."""
+        return printable(text) if self.people else text
 
     def columns(self, rows: Iterable[Sequence[str]], styles: Sequence[Style | None]) -> None:
         """Print rows in aligned columns, each in its style."""

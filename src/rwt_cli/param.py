@@ -13,7 +13,7 @@ from rwt_cli import yaml_writer
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError, did_you_mean
 from rwt_cli.live_names import NO_ROSAPI, asked, rooted, unknown
 from rwt_cli.message_argument import STDIN, read_value
-from rwt_cli.output import Output, printable
+from rwt_cli.output import Output
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments, Verb, add_family, together
 
@@ -143,7 +143,7 @@ def _given(*words: str | None) -> list[str]:
 def _shown(value: ParameterValue, output: Output) -> str:
     """A value as the ``ros2`` tool prints it; on a terminal without what that would obey."""
     if isinstance(value, str):
-        return "\n".join(map(printable, value.split("\n"))) if output.people else value
+        return "\n".join(map(output.harmless, value.split("\n")))
     return str(value) if isinstance(value, bool) else yaml_writer.flow(value)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
 from rwt_cli.errors import TIMED_OUT, CommandError
-from rwt_cli.output import Output, printable
+from rwt_cli.output import Output
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments, Verb, add_family, count, hertz, seconds
 
@@ -113,7 +113,7 @@ async def _tree(robot: Robot, arguments: Arguments, output: Output) -> None:
         output.text(frames.all_frames_as_dot())
     else:
         for line in frames.tree().splitlines():
-            output.line(printable(line) if output.people else line)
+            output.line(output.harmless(line))
 
 
 def _frame(frames: Buffer, frame: str) -> dict[str, object]:

@@ -98,9 +98,10 @@ async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
     ):
         output.line(f"{heading}: {len(nodes)}")
         for node in nodes if arguments.verbose else ():
-            namespace, _, short = node.rpartition("/")
+            namespace, _, short = output.harmless(node).rpartition("/")
             output.line(f"\nNode name: {output.styled(short, 'name')}")
-            output.line(f"Node namespace: {namespace or '/'}\nTopic type: {kind}\nEndpoint type: {side}\n")
+            output.line(f"Node namespace: {namespace or '/'}")
+            output.line(f"Topic type: {output.harmless(kind)}\nEndpoint type: {side}\n")
 
 
 async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:

@@ -78,7 +78,7 @@ def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> 
         if output.json:
             output.record(value)
         elif arguments.csv:
-            output.line(csv_line(value))
+            output.line(output.harmless(csv_line(value)))
         elif arguments.flow_style:
             output.text(f"{yaml_writer.flow(value)}\n---\n")
         else:

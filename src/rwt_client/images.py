@@ -56,16 +56,20 @@ def to_pillow(message: Message) -> Image.Image:
     return _from_compressed(message) if hasattr(message, "format") else _from_raw(message)
 
 
+#: What is read: Pillow knows dozens more, and for one of them starts a PostScript interpreter.
+_FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "GIF", "PPM")
+
+
 def _from_compressed(message: Message) -> Image.Image:
-    from PIL import Image, UnidentifiedImageError  # heavy, and only for those who ask for it
+    from PIL import Image  # heavy, and only for those who ask for it
 
     # Depth plugins put a header of their own in front of the picture.
     data = bytes(message.data)
     start = data.find(b"\x89PNG") if "compressedDepth" in message.format else 0
     try:
-        image = Image.open(io.BytesIO(data[max(start, 0) :]))
+        image = Image.open(io.BytesIO(data[max(start, 0) :]), formats=_FORMATS)
         image.load()
-    except (UnidentifiedImageError, OSError, SyntaxError):
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
         raise ImageFormat(f'a picture of format "{message.format}" cannot be read') from None
     return image
 

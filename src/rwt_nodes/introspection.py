@@ -8,19 +8,23 @@ events of `/go/_action/send_goal` and `/go/_action/get_result`.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, GoalStatus, OnReply, ServiceInfo
 from rwt_graph.clock import NANOSECONDS
+from rwt_graph.errors import GraphError
 from rwt_graph.qos import DEFAULT_QOS, LATCHED, QoS
-from rwt_interfaces import Payload
+from rwt_interfaces import InterfaceError, Payload
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph, Publisher
     from rwt_graph.clock import Timer
     from rwt_graph.errors import CallFailed
+
+logger = logging.getLogger(__name__)
 
 REQUEST_RECEIVED: Final = 1
 RESPONSE_SENT: Final = 2
@@ -67,7 +71,9 @@ class Introspection(CallObserver):
         self._graph = graph
         self._takes = takes
         self._on_topic = on_topic
-        self._publishers: dict[str, Publisher] = {}
+        self._publishers: dict[str, tuple[str, Publisher]] = {}  # by topic, with the type's name
+        self._needed: set[str] = set()
+        self._refused: set[str] = set()
         self._statuses: dict[str, dict[str, tuple[GoalStatus, int]]] = {}
         self._calls = 0
         self._participant = graph.participant(name)
@@ -78,13 +84,20 @@ class Introspection(CallObserver):
         self._look()
 
     def _look(self) -> None:
-        """Add the topics of services and actions that are new, so that they can be subscribed to."""
+        """Add the topics of services and actions that are new, so that they can be subscribed to.
+
+        Those of what is gone are withdrawn: clients may offer services under ever new names.
+        """
+        self._needed.clear()
         for service in self._graph.services():
             if self._takes(service.name) and "/_action/" not in service.name:
                 self._events_of(service.name, service.type.name)
         for action in self._graph.actions():
             if self._takes(action.name):
                 self._topics_of(action)
+        for topic in self._publishers.keys() - self._needed:
+            self._publishers.pop(topic)[1].close()
+        self._refused &= self._needed
         self._timer = self._graph.clock.call_later(_LOOK_SECONDS, self._look)
 
     def _topics_of(self, action: ActionInfo) -> None:
@@ -98,21 +111,34 @@ class Introspection(CallObserver):
         """Whether the action's server has the topics of ROS 2 itself, as it has over a network."""
         return self._graph.service(f"{action.name}/_action/send_goal") is not None
 
-    def _events_of(self, service: str, type_name: str) -> Publisher:
+    def _events_of(self, service: str, type_name: str) -> Publisher | None:
         return self._publisher(f"{service}/_service_event", f"{type_name}_Event")
 
-    def _feedback_of(self, action: ActionInfo) -> Publisher:
+    def _feedback_of(self, action: ActionInfo) -> Publisher | None:
         return self._publisher(f"{action.name}/_action/feedback", f"{action.type.name}_FeedbackMessage")
 
-    def _status_of(self, action: ActionInfo) -> Publisher:
+    def _status_of(self, action: ActionInfo) -> Publisher | None:
         return self._publisher(f"{action.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
-    def _publisher(self, topic: str, type_name: str, qos: QoS = DEFAULT_QOS) -> Publisher:
-        publisher = self._publishers.get(topic)
-        if publisher is None:
+    def _publisher(self, topic: str, type_name: str, qos: QoS = DEFAULT_QOS) -> Publisher | None:
+        """The publisher of a topic; None where somebody else has given the topic another type."""
+        self._needed.add(topic)
+        known, publisher = self._publishers.get(topic, ("", None))
+        if publisher is not None and known == type_name:
+            return publisher
+        if publisher is not None:  # The service is offered again, with another type.
+            del self._publishers[topic]
+            publisher.close()
+        try:
             message = self._graph.registry.message(type_name)
-            publisher = self._publishers[topic] = self._participant.advertise(topic, message, qos)
-            self._on_topic()
+            publisher = self._participant.advertise(topic, message, qos)
+        except (GraphError, InterfaceError) as error:
+            if topic not in self._refused:
+                self._refused.add(topic)
+                logger.warning("nothing is told on %s: %s", topic, error)
+            return None
+        self._publishers[topic] = (type_name, publisher)
+        self._on_topic()
         return publisher
 
     # -- services ------------------------------------------------------------------------------------------
@@ -137,6 +163,8 @@ class Introspection(CallObserver):
 
     def _tell(self, call: _Open, event: int, content: object) -> None:
         publisher = self._events_of(call.service, call.type)
+        if publisher is None:
+            return
         info = {
             "event_type": event,
             "stamp": self._stamp(self._graph.clock.time_ns()),
@@ -174,8 +202,11 @@ class Introspection(CallObserver):
         ]
         if status.is_terminal:
             del goals[goal_id]
+        if not goals:
+            del self._statuses[action.name]
         publisher = self._status_of(action)
-        publisher.publish(Payload.from_value(publisher.type, {"status_list": listed}))
+        if publisher is not None:
+            publisher.publish(Payload.from_value(publisher.type, {"status_list": listed}))
 
     def tell_feedback(self, action: ActionInfo, goal_id: str, feedback: Payload) -> None:
         """Tell of a goal's feedback."""
@@ -183,7 +214,8 @@ class Introspection(CallObserver):
             return
         publisher = self._feedback_of(action)
         content = {"goal_id": uuid(goal_id), "feedback": feedback.value()}
-        publisher.publish(Payload.from_value(publisher.type, content))
+        if publisher is not None:
+            publisher.publish(Payload.from_value(publisher.type, content))
 
     def begin_step(self, action: ActionInfo, part: str, kind: str, request: dict[str, object]) -> _Open:
         """Tell of the request of one step of a goal."""

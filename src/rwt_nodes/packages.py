@@ -139,7 +139,8 @@ def _below(root: Path, rest: str) -> Path | None:
     Links are followed: a workspace that was built with links has nothing else.
     """
     parts = rest.split("/")
-    if any(not part or part.startswith(".") or "\\" in part or "\0" in part for part in parts):
+    # On Windows a backslash and the colon of a drive lead elsewhere.
+    if any(not part or part.startswith(".") or set(part) & set("\\:\0") for part in parts):
         return None
     return root.joinpath(*parts)
 

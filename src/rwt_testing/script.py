@@ -114,7 +114,10 @@ class ScriptControl:
         self._robot.close()
         self._wire.faults.clear()
         self._graph.journal.clear()
-        self._robot = self._make()
+        try:
+            self._robot = self._make()
+        except ScriptError as error:
+            return False, str(error)
         self._begin()
         return True, "the robot begins anew"
 

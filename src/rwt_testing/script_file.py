@@ -80,10 +80,9 @@ class TopicScript(Table):
 _ANSWERS = ("returns", "fails", "never_answers")
 
 
-class CaseScript(Table):
-    """The answer to some requests."""
+class AnswerScript(Table):
+    """What a call gets."""
 
-    request: Annotated[Fields, Field(description="fields of the request and their values")]
     returns: Annotated[
         Fields | tuple[Fields, ...] | None,
         Field(description="the response, or several, for one call after the other"),
@@ -91,6 +90,12 @@ class CaseScript(Table):
     fails: Annotated[str | None, Field(description="fail, with this text")] = None
     never_answers: Annotated[bool, Field(description="leave the caller waiting")] = False
     after: Annotated[Seconds, Field(description="seconds of the robot's clock that an answer takes")] = 0.0
+
+
+class CaseScript(AnswerScript):
+    """The answer to some requests."""
+
+    request: Annotated[Fields, Field(description="fields of the request and their values")]
 
     @model_validator(mode="after")
     def _answered(self) -> Self:
@@ -99,17 +104,10 @@ class CaseScript(Table):
         return self
 
 
-class ServiceScript(Table):
+class ServiceScript(AnswerScript):
     """A service and its answers; of the cases in `when` the first that matches answers."""
 
     type: Annotated[str, Field(description="service type, for example `std_srvs/SetBool`")]
-    returns: Annotated[
-        Fields | tuple[Fields, ...] | None,
-        Field(description="the response, or several, for one call after the other"),
-    ] = None
-    fails: Annotated[str | None, Field(description="fail, with this text")] = None
-    never_answers: Annotated[bool, Field(description="leave the caller waiting")] = False
-    after: Annotated[Seconds, Field(description="seconds of the robot's clock that an answer takes")] = 0.0
     when: Annotated[
         tuple[CaseScript, ...], Field(description="answers to some requests, each with a `request`")
     ] = ()
@@ -186,6 +184,7 @@ class Script(Table):
 
 __all__ = [
     "ActionScript",
+    "AnswerScript",
     "CaseScript",
     "FaultScript",
     "Recorded",

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rwt_testing.observed_graph import ObservedGraph
     from rwt_testing.script_file import (
         ActionScript,
-        CaseScript,
+        AnswerScript,
         FaultScript,
         Script,
         ServiceScript,
@@ -152,7 +152,7 @@ class TomlRobot:
             action.succeeds(_as_lists(script.succeeds), after=script.after)
 
 
-def _answer(service: ScriptedService | Case, script: ServiceScript | CaseScript) -> None:
+def _answer(service: ScriptedService | Case, script: AnswerScript) -> None:
     if script.returns is not None:
         several = script.returns if isinstance(script.returns, tuple) else (script.returns,)
         service.returns(*map(_as_lists, several), after=script.after)

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 _LOOK = 0.005
 
+#: Messages that are published in one turn of the event loop when many are due: a rate may be higher than this
+#: machine can publish, and others want their turn, too.
+_BATCH = 1000
+
 
 class ScriptedTopic:
     """One topic of a scripted robot.
@@ -159,7 +163,9 @@ class _Playing:
         self._go_on()
 
     def _go_on(self) -> None:
-        while not self.over:
+        for _ in range(_BATCH):
+            if self.over:
+                return
             rounds, index = divmod(self._next, len(self._messages))
             if rounds and not self._repeat:
                 return
@@ -171,6 +177,7 @@ class _Playing:
                 return
             self._next += 1
             self._publisher.publish(message)
+        self._timer = self._clock.call_later(0.0, self._go_on)
 
     def end(self) -> None:
         """Stop the clock's timer."""

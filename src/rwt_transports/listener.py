@@ -17,13 +17,13 @@ from rwt_protocol.frames import Accept
 from .api import Driver
 from .background import TaskStarter
 from .close_codes import GOING_AWAY
-from .connection import Reception
+from .connection import MakeWire, Reception
 from .drivers.anyio_stream import AnyioDriver
 from .drivers.asyncio_protocol import AsyncioDriver
 from .errors import BadUrl
 from .http import Routes
 from .limits import Limits
-from .urls import parse_listen_url
+from .urls import ListenUrl, parse_listen_url
 
 TICK_SECONDS = 0.5
 
@@ -81,22 +81,11 @@ async def listen(
     """
     target = parse_listen_url(url, tls)
     chosen = Limits() if limits is None else limits
-    pages = (routes or Routes()) if target.scheme.http else None
-    scheme = target.scheme
-    make_wire = scheme.wire(bson=bson)
+    make_wire = target.scheme.wire(bson=bson)
     if make_wire is None:
         raise BadUrl(f"cannot listen on {url!r}: BSON is not spoken over {target.name}; use ws:// or tcp://")
-    reception = Reception(
-        accept,
-        make_wire,
-        chosen,
-        pages,
-        target.name,
-        single=scheme.single,
-        idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,
-        carries=scheme.carries,
-    )
-    mover = driver or (scheme.make_driver or fastest_driver)()
+    reception = _reception(target, accept, make_wire, chosen, routes)
+    mover = driver or (target.scheme.make_driver or fastest_driver)()
     failure: Exception | None = None
     async with (
         mover.serve(replace(target.place, shared=shared), reception.attach) as port,
@@ -116,6 +105,22 @@ async def listen(
             tasks.cancel_scope.cancel()
     if failure is not None:
         raise failure
+
+
+def _reception(
+    target: ListenUrl, accept: Accept, make_wire: MakeWire, limits: Limits, routes: Routes | None
+) -> Reception:
+    scheme = target.scheme
+    return Reception(
+        accept,
+        make_wire,
+        limits,
+        (routes or Routes()) if scheme.http else None,
+        target.name,
+        single=scheme.single,
+        idle_seconds=limits.idle_peer_seconds if scheme.expires else 0.0,
+        carries=scheme.carries,
+    )
 
 
 def fastest_driver() -> Driver:

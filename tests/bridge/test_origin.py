@@ -349,3 +349,38 @@ async def test_pages_of_nodes_may_be_read_by_pages_that_may_connect(
         assert b'ETag: "1"\r\n' in answer
         assert (f"Access-Control-Allow-Origin: {origin}\r\n".encode() in answer) is named
         assert (b"Access-Control-Allow-Origin" in answer) is named
+
+
+async def _index_of(url: str, *headers: bytes) -> bytes:
+    """The index page as it comes, for a request with these headers."""
+    port = int(url.rpartition(":")[2])
+    async with await anyio.connect_tcp("127.0.0.1", port) as stream:
+        await stream.send(b"\r\n".join([b"GET / HTTP/1.1", b"Connection: close", *headers, b"", b""]))
+        return b"".join([part async for part in stream])
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    ("host", "url", "address"),
+    [
+        ("robot.local:9090", 'url: "ws://robot.local:9090"', 'host="robot.local", port=9090'),
+        ("robot.local", 'url: "ws://robot.local"', 'host="robot.local", port=80'),
+        ("[::1]", 'url: "ws://[::1]"', 'host="[::1]", port=80'),
+        ("[::1]:9090", 'url: "ws://[::1]:9090"', 'host="[::1]", port=9090'),
+    ],
+)
+async def test_the_index_says_how_to_connect(host: str, url: str, address: str) -> None:
+    async with _served() as served:
+        page = (await _index_of(served, f"Host: {host}".encode())).decode()
+        assert f"new ROSLIB.Ros({{ {url} }})" in page
+        assert f"roslibpy.Ros({address})" in page
+
+
+@pytest.mark.anyio
+async def test_an_origin_that_is_no_ascii_is_answered_too() -> None:
+    async with _served(origins={"allow": ["*"]}) as url:
+        answer = await _index_of(url, b"Host: robot:9090", b"Origin: http://\xfcber")
+        assert answer.startswith(b"HTTP/1.1 200 OK")
+        assert b"Access-Control" not in answer
+        answer = await _index_of(url, b"Host: robot:9090", b"Origin: http://a")
+        assert b"access-control-allow-origin: http://a\r\n" in answer.lower()

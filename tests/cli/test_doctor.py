@@ -119,6 +119,16 @@ def test_an_old_server_with_a_wrong_clock(rwt: Rwt) -> None:
     assert "NTP" in clock["advice"]
 
 
+def test_a_server_that_tells_a_version_of_its_own(rwt: Rwt) -> None:
+    def answer(op: dict[str, Any]) -> list[dict[str, Any]]:
+        values = {"version": "two", "distro": "own"} if op.get("service") == "/rosapi/get_ros_version" else {}
+        return [{"op": "service_response", "id": op.get("id"), "result": True, "values": values}]
+
+    with _scripted(answer) as url:
+        ended = rwt("doctor", url, "--timeout", "0.2", "--json")
+    assert _verdicts(ended.json)["ROS"] == "ok"
+
+
 def test_a_server_that_never_answers(rwt: Rwt) -> None:
     with _scripted(lambda op: []) as url:
         ended = rwt("doctor", url, "--timeout", "0.2", "--json")

@@ -6,12 +6,17 @@ import io
 import sys
 from pathlib import Path
 
+import anyio
 import pytest
 
+from rwt_bridge import serve
 from rwt_cli import COMMANDS, main, parser_for
 from rwt_cli.live_names import rooted
 from rwt_cli.output import Output
+from rwt_cli.topic_echo import ECHO
 from rwt_cli.yaml_reader import read_yaml
+from rwt_client import connect
+from rwt_graph import MemoryGraph, Node
 from tests.cli.conftest import Rwt, demo_server
 
 _ADD = "example_interfaces/srv/AddTwoInts"
@@ -518,9 +523,28 @@ def test_what_a_robot_is_called_is_no_command_to_a_terminal(capsys: pytest.Captu
     people.columns([("/a\x1b[2J", "b")], ("name", None))
     people.line(people.styled("/c\x07", "name"))
     assert stream.getvalue() == "\x1b[36m/a\ufffd[2J\x1b[0m  b\n\x1b[36m/c\ufffd\x1b[0m\n"
+    assert people.harmless("1,\x1b[2J") == "1,\ufffd[2J"
     plain = Output(stream, people=False, colour=False, json=False)
+    assert plain.harmless("1,\x1b[2J") == "1,\x1b[2J"
     assert plain.styled("/a", "name") == "/a"
     assert main(["topic", "echo", "/a", "--url", "no\x1b[2J\nurl"]) == 2
     errors = capsys.readouterr().err
     assert "\x1b" not in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_csv_for_people_is_harmless() -> None:
+    stream = io.StringIO()
+
+    async def echo() -> None:
+        async with MemoryGraph() as graph, serve(graph, "ws://127.0.0.1:0") as server:
+            Node(graph, "robot").advertise("/text", "std_msgs/String", latch=True).publish(
+                {"data": "\x1b[2J"}
+            )
+            async with connect(server.urls[0]) as robot:
+                words = ["topic", "echo", "/text", "std_msgs/String", "--once", "--csv", "--timeout", "10"]
+                arguments = parser_for("topic").parse_args(words)
+                await ECHO.run(robot, arguments, Output(stream, people=True, colour=False, json=False))
+
+    anyio.run(echo)
+    assert stream.getvalue() == "\ufffd[2J\n"

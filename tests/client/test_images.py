@@ -88,6 +88,27 @@ def test_compressed_depth_has_a_header_in_front() -> None:
     assert to_pillow(message).getpixel((0, 0)) == 9
 
 
+def test_nothing_is_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pillow hands PostScript to a program."""
+    monkeypatch.setattr("PIL.EpsImagePlugin.Ghostscript", lambda *_, **__: Image.new("RGB", (2, 2)))
+    stream = io.BytesIO()
+    Image.new("RGB", (2, 2)).save(stream, format="EPS")
+    message_type = REGISTRY.message("sensor_msgs/CompressedImage")
+    message = Payload.from_value(message_type, {"format": "jpeg", "data": stream.getvalue()}).value()
+    with pytest.raises(ImageFormat, match="cannot be read"):
+        to_pillow(message)
+
+
+def test_a_picture_that_unfolds_into_gigabytes_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1)
+    stream = io.BytesIO()
+    Image.new("L", (2, 2)).save(stream, format="PNG")
+    message_type = REGISTRY.message("sensor_msgs/CompressedImage")
+    message = Payload.from_value(message_type, {"format": "png", "data": stream.getvalue()}).value()
+    with pytest.raises(ImageFormat, match="cannot be read"):
+        to_pillow(message)
+
+
 def test_a_damaged_picture_and_an_unknown_format() -> None:
     message_type = REGISTRY.message("sensor_msgs/CompressedImage")
     with pytest.raises(ImageFormat, match='a picture of format "jpeg" cannot be read'):

@@ -60,4 +60,4 @@ async def two_servers() -> AsyncIterator[TwoServers]:
             bridge = Bridge(graph, Settings())
             stack.callback(bridge.close)
             accepts.append(partial(bridge.accept, loopback=True))
-        yield TwoServers(*accepts)
+        yield TwoServers(accepts[0], accepts[1])

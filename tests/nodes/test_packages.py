@@ -159,6 +159,19 @@ def small_share(tmp_path_factory: pytest.TempPathFactory) -> Path:
 _WAYS = st.lists(st.sampled_from(["..", "%2e%2e", ".", "", "hand.stl", "outside.stl", "arm", "%00", "%5c"]))
 
 
+@pytest.mark.parametrize("path", ["c:/hand.stl", "hand.stl:stream.stl", "meshes%5chand.stl"])
+def test_what_would_lead_elsewhere_on_windows_is_no_path(small_share: Path, path: str) -> None:
+    """Even where the system knows a file of that name."""
+    for name in ("c:/hand.stl", "hand.stl:stream.stl", "meshes\\hand.stl"):
+        (small_share / "arm" / name).parent.mkdir(exist_ok=True)
+        (small_share / "arm" / name).write_text("outside")
+
+    async def ask() -> int:
+        return (await get(Packages([small_share]), f"/packages/arm/{path}")).status
+
+    assert anyio.run(ask) == 404
+
+
 @given(st.text(max_size=60) | _WAYS.map("/".join) | _WAYS.map("%2F".join))
 def test_no_path_leads_out_or_fails(small_share: Path, path: str) -> None:
     async def ask() -> None:

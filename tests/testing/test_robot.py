@@ -102,6 +102,16 @@ def test_what_does_not_fit_is_refused_where_it_is_written(graph: ObservedGraph) 
         robot.publishes("/z", "std_msgs/Int32", rate=0)
 
 
+async def test_a_rate_that_nothing_can_keep_up_with_leaves_others_their_turn() -> None:
+    async with ObservedGraph() as graph:
+        robot, caller = ScriptedRobot(graph), Node(graph, "caller")
+        robot.on_service("/add", ADD).returns({"sum": 1})
+        topic = robot.publishes("/fast", "std_msgs/Int32", rate=1e12)
+        with anyio.fail_after(20):
+            assert (await caller.call_service("/add")).sum == 1
+        topic.stop()
+
+
 async def test_messages_come_at_their_rate_and_again(graph: ObservedGraph, clock: SimulatedClock) -> None:
     async with graph:
         robot, listener = ScriptedRobot(graph), Node(graph, "listener")

@@ -75,6 +75,18 @@ async def robot(robot):
 
 
 @pytest.mark.anyio
+async def test_a_robot_that_cannot_begin_anew_says_why(tmp_path: Path, graph: ObservedGraph) -> None:
+    text = "times = []\ndef robot(node):\n    times.append(1)\n    1 / (2 - len(times))\n"
+    async with graph:
+        control, listener = play(graph, tmp_path / "robot.py", text), Node(graph, "listener")
+        answer = await listener.call_service("/rwt_script/reset")
+        assert not answer.success
+        assert ":4: ZeroDivisionError" in answer.message
+        assert (await listener.call_service("/rwt_script/reset")).success
+        control.close()
+
+
+@pytest.mark.anyio
 async def test_reset_ends_a_coroutine_and_begins_anew(
     tmp_path: Path, graph: ObservedGraph, clock: SimulatedClock
 ) -> None:

@@ -197,7 +197,7 @@ class InteractiveMarkerServer:
         try:
             feedback = read_feedback(message)
         except BadFeedback as error:
-            logger.warning("feedback for %s was ignored: %s", message.marker_name, error)
+            logger.warning("feedback for %.100r was ignored: %s", message.marker_name, error)
             return
         with self._lock:
             entry = self._entries.get(feedback.marker)
@@ -216,7 +216,7 @@ class InteractiveMarkerServer:
         frame = entry.marker.header.frame_id
         if feedback.event is Event.POSE_UPDATE and feedback.frame not in ("", frame):
             logger.warning(
-                "feedback for %s was ignored: its pose is in %s, the marker in %s",
+                "feedback for %.100r was ignored: its pose is in %.100r, the marker in %s",
                 feedback.marker,
                 feedback.frame,
                 frame,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -96,6 +96,7 @@ class Player:
         self._next: RecordedMessage | None = None
         self._timer: Timer | None = None
         self._paused = True
+        self._rounds = 0  # how often the end was reached
         self._place(self._begin)
         if isinstance(self._clock, PlaybackClock):
             self._clock.follow(self._ros_time)
@@ -194,11 +195,18 @@ class Player:
         return True
 
     def burst(self, count: int) -> int:
-        """:meth:`play_next` up to `count` times, 0 for as often as possible; gives how often."""
-        done = 0
-        while (not count or done < count) and self.play_next():
+        """:meth:`play_next` up to `count` times, 0 for as often as possible; gives how often.
+
+        It ends where the recording does, also where that loops.
+        """
+        return sum(1 for _ in self.steps(count))
+
+    def steps(self, count: int) -> Iterator[None]:
+        """:meth:`burst`, one message for each turn of the iterator."""
+        rounds, done = self._rounds, 0
+        while (not count or done < count) and self._rounds == rounds and self.play_next():
             done += 1
-        return done
+            yield
 
     def seek(self, time_ns: int) -> bool:
         """Go on at a time of the recording; False if it is outside of what is played.
@@ -220,6 +228,7 @@ class Player:
     def close(self) -> None:
         """Stop and leave the graph; the recording is the caller's to close. May be called twice."""
         self._paused = True
+        self._next = None
         self._disarm()
         if self._ahead is not None:
             self._ahead.close()
@@ -292,6 +301,7 @@ class Player:
             self.played += self.publications.publish(message)
 
     def _end_reached(self) -> None:
+        self._rounds += 1
         if self._options.loop and self._begin < self._end:
             self._jump(self._begin)
             return

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from rwt_graph.clock import NANOSECONDS
 from rwt_interfaces import Payload, PayloadError
@@ -12,6 +14,9 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph, ServiceCall
 
 Answer = dict[str, object]
+
+BURST_TURN: Final = 200
+"""Messages of a burst that are published in one turn of the event loop: others get theirs in between."""
 
 
 class Controlled(Protocol):
@@ -43,8 +48,8 @@ class Controlled(Protocol):
         """Publish one message."""
         ...
 
-    def burst(self, count: int) -> int:
-        """Publish some messages."""
+    def steps(self, count: int) -> Iterator[None]:
+        """Publish some messages, one for each turn of the iterator."""
         ...
 
     def seek(self, time_ns: int) -> bool:
@@ -52,11 +57,16 @@ class Controlled(Protocol):
         ...
 
 
+_Answering = Callable[[object, Callable[[Answer], None]], None]
+"""Answers a request, now or later."""
+
+
 class PlayerServices:
     """Offers `/rosbag2_player/pause` and the others until it is closed."""
 
     def __init__(self, graph: Graph, player: Controlled, node: str) -> None:
         self._player = player
+        self._clock = graph.clock
         self._participant = graph.participant(node)
         self._seconds, self._nanoseconds = graph.distro.time_fields
         handlers: dict[tuple[str, str], Callable[[object], Answer]] = {
@@ -67,14 +77,14 @@ class PlayerServices:
             ("get_rate", "GetRate"): lambda _: {"rate": player.rate},
             ("set_rate", "SetRate"): self._set_rate,
             ("play_next", "PlayNext"): lambda _: {"success": player.play_next()},
-            ("burst", "Burst"): lambda asked: {"actually_burst": player.burst(asked.num_messages)},  # type: ignore[attr-defined]  # a request of that type
             ("seek", "Seek"): self._seek,
         }
         for (name, kind), handler in handlers.items():
-            self._offer(graph, f"{node}/{name}", f"rosbag2_interfaces/{kind}", handler)
+            self._offer(graph, f"{node}/{name}", kind, partial(_answer_at_once, handler))
+        self._offer(graph, f"{node}/burst", "Burst", self._burst)
 
-    def _offer(self, graph: Graph, name: str, kind: str, handler: Callable[[object], Answer]) -> None:
-        interface = graph.registry.service(kind)
+    def _offer(self, graph: Graph, name: str, kind: str, answer: _Answering) -> None:
+        interface = graph.registry.service(f"rosbag2_interfaces/{kind}")
 
         def on_call(call: ServiceCall) -> None:
             try:
@@ -82,9 +92,22 @@ class PlayerServices:
             except PayloadError as error:
                 call.fail(str(error))
                 return
-            call.reply(Payload.from_value(interface.response, handler(request)))
+            answer(request, lambda said: call.reply(Payload.from_value(interface.response, said)))
 
         self._participant.advertise_service(name, interface, on_call)
+
+    def _burst(self, asked: Any, reply: Callable[[Answer], None]) -> None:
+        """Publish turn by turn: a burst may be all of a long recording."""
+        steps = self._player.steps(asked.num_messages)
+
+        def turn(done: int) -> None:
+            taken = sum(1 for _ in islice(steps, BURST_TURN))
+            if taken == BURST_TURN:
+                self._clock.call_later(0.0, partial(turn, done + taken))
+            else:
+                reply({"actually_burst": done + taken})
+
+        turn(0)
 
     def _set_rate(self, asked: object) -> Answer:
         try:
@@ -101,6 +124,12 @@ class PlayerServices:
     def close(self) -> None:
         """Withdraw the services."""
         self._participant.close()
+
+
+def _answer_at_once(
+    handler: Callable[[object], Answer], request: object, reply: Callable[[Answer], None]
+) -> None:
+    reply(handler(request))
 
 
 def _doing(action: Callable[[], None]) -> Callable[[object], Answer]:

@@ -193,18 +193,24 @@ class RecordingWriter:
             self._write_waiting()
             self._files.finish()
         except OSError as error:
-            self._fail(error)
+            self._fail(_reason(error))
+        except RecordingNotWritten as error:
+            self._fail(str(error))  # The next file of a recording that splits is there already.
+        except Exception:
+            # Nobody else would hear of it, and the recording would go on without being written.
+            logger.exception("recording failed")
+            self._fail("internal error, see the log")
 
     def _write_waiting(self) -> None:
         queue, add = self._queue, self._files.add
         while queue:
             add(queue.popleft())
 
-    def _fail(self, error: OSError) -> None:
+    def _fail(self, reason: str) -> None:
         self._files.abandon()
         self._queue.clear()
         self.failure = RecordingNotWritten(
-            f"{self._files.paths[-1]}: cannot be written any more: {_reason(error)}; what was written until"
+            f"{self._files.paths[-1]}: cannot be written any more: {reason}; what was written until"
             " then can be played, and `rwt recording recover` makes a complete file of it"
         )
         logger.error("%s", self.failure)
@@ -330,6 +336,7 @@ class _Disk:
             raise RecordingNotWritten(f"{path}: cannot be written: {error.strerror}") from None
         self.size = 0
         self._whole = 0
+        self._closed = False
 
     def write(self, data: bytes) -> int:
         """Write all of `data`."""
@@ -353,12 +360,15 @@ class _Disk:
 
     def cut(self) -> None:
         """Remove what came after the last :meth:`keep`; where that cannot be, readers leave it out."""
-        with suppress(OSError):
-            os.ftruncate(self._file, self._whole)
+        if not self._closed:
+            with suppress(OSError):
+                os.ftruncate(self._file, self._whole)
 
     def close(self) -> None:
-        """Close the file."""
-        os.close(self._file)
+        """Close the file. May be called twice: by then its number may be that of another file."""
+        if not self._closed:
+            self._closed = True
+            os.close(self._file)
 
 
 def _mcap_writer(disk: _Disk, compression: Compression) -> Writer:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import anyio
 
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node, ServiceFailed
+from rwt_nodes.tf.pace import Pace
 from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
 from rwt_nodes.tf.selection import MissingFrames, select
 from rwt_nodes.tf.source import listen
@@ -85,9 +86,8 @@ class Tf2WebRepublisher:
         request = Request.read(goal.request)
         number = self._make_room()
         with anyio.CancelScope() as scope:
-            stream = GoalStream(
-                self._node, self._buffer, select(request, self._missing()), goal, scope.cancel
-            )
+            selection = select(request, self._missing())
+            stream = GoalStream(self._node, self._buffer, selection, self._pace(), goal, scope.cancel)
             self._streams[number] = stream
             timer = self._node.create_timer(request.period, stream.tick)
             try:
@@ -111,9 +111,8 @@ class Tf2WebRepublisher:
         number = self._make_room()
         publisher = self._node.advertise(f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", TopicStream.QOS)
         selection = select(request, self._missing())
-        stream = TopicStream(
-            self._node, self._buffer, selection, publisher, timeout, partial(self._streams.pop, number, None)
-        )
+        ended = partial(self._streams.pop, number, None)
+        stream = TopicStream(self._node, self._buffer, selection, self._pace(), publisher, timeout, ended)
         self._streams[number] = stream
         stream.start(request.period)
         return {"topic_name": publisher.topic}
@@ -126,6 +125,9 @@ class Tf2WebRepublisher:
                 f"there are more than {MOST_STREAMS} subscriptions; the oldest ended"
             )
         return next(self._numbers)
+
+    def _pace(self) -> Pace:
+        return Pace(self._node.clock.monotonic, lambda: len(self._streams))
 
     def _missing(self) -> MissingFrames:
         return MissingFrames(self._node.log.error, self._node.clock.monotonic)

@@ -15,6 +15,9 @@ DEFAULT_RATE: Final = 10.0
 HIGHEST_RATE: Final = 100.0
 """Higher rates are taken as this one."""
 
+LOWEST_RATE: Final = 0.001
+"""Lower rates are taken as this one: those of the smallest floats have no period."""
+
 MOST_FRAMES: Final = 1000
 """More frames in one request are refused."""
 
@@ -69,6 +72,6 @@ class Request:
                 f"at most {MOST_FRAMES} source_frames, got {len(message.source_frames)}; none means all"
             )
         # The original divides by a rate of 0 (TFR-01).
-        rate = min(message.rate or DEFAULT_RATE, HIGHEST_RATE)
+        rate = max(LOWEST_RATE, min(message.rate or DEFAULT_RATE, HIGHEST_RATE))
         sources = tuple(dict.fromkeys(map(bare, message.source_frames)))
         return cls(bare(message.target_frame), sources, message.angular_thres, message.trans_thres, 1 / rate)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from rwt_graph import ActionGoal, Durability, Node, QoS, Timer, TopicPublisher
+from rwt_nodes.tf.pace import Pace
 from rwt_nodes.tf.selection import Selection
 from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
 
@@ -46,10 +47,12 @@ class GoalStream:
         node: Node,
         buffer: Buffer,
         selection: Selection,
+        pace: Pace,
         goal: ActionGoal,
         end: Callable[[], None],
     ) -> None:
         self.reason = ""
+        self._pace = pace
         self._clock = node.clock
         self._buffer = buffer
         self._selection = selection
@@ -66,6 +69,9 @@ class GoalStream:
                 self.stop(f"nobody took the feedback for {UNHEARD:g} s")
             return
         self._heard_at = now
+        self._pace.turn(self._send)
+
+    def _send(self) -> None:
         due = self._selection.due(self._buffer, self._clock.time_ns())
         if due:
             self._goal.publish_feedback(to_message(due))
@@ -90,6 +96,7 @@ class TopicStream:
         node: Node,
         buffer: Buffer,
         selection: Selection,
+        pace: Pace,
         publisher: TopicPublisher,
         timeout: float,
         ended: Callable[[], object],
@@ -97,6 +104,7 @@ class TopicStream:
         self._node = node
         self._buffer = buffer
         self._selection = selection
+        self._pace = pace
         self._publisher = publisher
         self._timeout = timeout
         self._ended = ended
@@ -116,7 +124,7 @@ class TopicStream:
         self._subscribers = subscribers
         if subscribers:
             self._subscribed_at = now
-            self._publish()
+            self._pace.turn(self._publish)
         elif now - self._subscribed_at >= self._timeout:
             self.stop("")
 

@@ -88,6 +88,10 @@ def read_samples(message: RawImage) -> Samples:
     return samples.reshape(message.height, message.width, layout.count)
 
 
+#: What is read: Pillow knows dozens more, and for one of them starts a PostScript interpreter.
+_FORMATS: Final = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "GIF", "PPM")
+
+
 def read_compressed(message: CompressedImage) -> Bytes:
     """The picture of a `sensor_msgs/CompressedImage`.
 
@@ -100,7 +104,7 @@ def read_compressed(message: CompressedImage) -> Bytes:
     data = bytes(message.data)
     start = max(data.find(b"\x89PNG"), 0) if "compressedDepth" in message.format else 0
     try:
-        image = Image.open(io.BytesIO(data[start:] if start else data))
+        image = Image.open(io.BytesIO(data[start:] if start else data), formats=_FORMATS)
         if image.width * image.height > MOST_PIXELS**2:
             # A few kilobytes can unfold into gigabytes.
             raise PictureUnreadable(f"a compressed picture of {image.width}x{image.height} is too large")

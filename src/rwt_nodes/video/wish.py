@@ -16,6 +16,9 @@ from rwt_nodes.video.errors import RequestRefused
 
 #: The largest width and height that may be asked for; squared, what a compressed picture may unfold into.
 MOST_PIXELS: Final = 4096
+#: What a width and a height may make together, pixels: 2560 x 1600. Enlarging costs the server, and a browser
+#: does it for nothing.
+MOST_AREA: Final = 4_096_000
 TYPES: Final = ("mjpeg", "png", "ros_compressed", "vp8", "vp9", "h264")
 PRESETS: Final = (
     "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow", "placebo",
@@ -136,11 +139,14 @@ def read_wish(query: str) -> Wish:
     if not topic:
         raise RequestRefused(400, "`topic` is missing: for example /stream?topic=/camera/image_raw")
     type_ = _choice(given, "type", TYPES, "mjpeg")
+    width, height = _size(given, "width"), _size(given, "height")
+    if (width or 0) * (height or 0) > MOST_AREA:
+        raise RequestRefused(400, f"`width` {width} by `height` {height} is more than {MOST_AREA} pixels")
     return Wish(
         topic=topic if topic.startswith("/") else f"/{topic}",
         coding=_coding(type_, given),
-        width=_size(given, "width"),
-        height=_size(given, "height"),
+        width=width,
+        height=height,
         invert="invert" in given,
         transport=_choice(given, "default_transport", TRANSPORTS, "raw"),
         prefers_compressed=type_ == "ros_compressed",

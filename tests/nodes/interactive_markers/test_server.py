@@ -232,7 +232,7 @@ async def test_a_marker_that_somebody_drags_is_theirs_for_a_second(lab: Lab) -> 
             "pose.orientation: expected a quaternion, got zeros",
         ),
         ({"event_type": 6}, "event_type: expected 0 to 5, got 6"),
-        ({"header": {"frame_id": "moon"}, "pose": pose(4.0)}, "its pose is in moon, the marker in map"),
+        ({"header": {"frame_id": "moon"}, "pose": pose(4.0)}, "its pose is in 'moon', the marker in map"),
     ],
 )
 async def test_feedback_that_means_nothing_is_ignored_and_logged(
@@ -245,7 +245,7 @@ async def test_feedback_that_means_nothing_is_ignored_and_logged(
     assert events == []
     assert x_of(lab.server.marker("goal")) == 1.0
     [record] = caplog.records
-    assert record.getMessage() == f"feedback for goal was ignored: {said}"
+    assert record.getMessage() == f"feedback for 'goal' was ignored: {said}"
 
 
 async def test_feedback_for_a_marker_that_is_gone_changes_nothing(lab: Lab) -> None:
@@ -293,3 +293,11 @@ async def test_markers_may_be_changed_from_any_thread(lab: Lab) -> None:
     await anyio.to_thread.run_sync(work)
     await lab.settle()
     assert [marker.name for marker in updates[-1].markers] == ["thread"]
+
+
+async def test_feedback_cannot_forge_a_line_of_the_log(lab: Lab, caplog: pytest.LogCaptureFixture) -> None:
+    feedback = lab.viewer.advertise("/marks/feedback", "visualization_msgs/InteractiveMarkerFeedback")
+    feedback.publish({"marker_name": "goal\nclient 1 joined" + 1000 * "!", "event_type": 6})
+    [record] = caplog.records
+    assert "\n" not in record.getMessage()
+    assert len(record.getMessage()) < 200

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,50 @@ async def test_a_call_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
     assert found == [(1, [1], []), (2, [], [3]), (1, [-1], [])]
     assert told[0].info.sequence_number == told[1].info.sequence_number != told[2].info.sequence_number
     assert (told[0].info.stamp.sec, told[0].info.stamp.nanosec) == divmod(START_NS + 10**9, 10**9)
+
+
+@pytest.mark.anyio
+async def test_topics_go_with_their_service() -> None:
+    graph, clock = graph_at()
+    async with graph:
+        with Node(graph, "robot") as node, closing(Introspection(graph)):
+            before = len(graph.topics())
+            for index in range(5):
+                service = node.advertise_service(f"/add{index}", "example_interfaces/AddTwoInts", add)
+                await node.call_service(f"/add{index}")
+                assert graph.topic(f"/add{index}/_service_event") is not None
+                service.close()
+            clock.advance(1.0)
+            assert len(graph.topics()) == before
+
+
+@pytest.mark.anyio
+async def test_a_service_that_comes_back_with_another_type_is_told_of() -> None:
+    graph, _ = graph_at()
+    async with graph:
+        with Node(graph, "robot") as node, closing(Introspection(graph)):
+            for name, request in (("std_srvs/Trigger", {}), ("std_srvs/SetBool", {"data": True})):
+                service = node.advertise_service("/do", name, lambda _: {"success": True})
+                await node.call_service("/do", request)
+                topic = graph.topic("/do/_service_event")
+                assert topic is not None and topic.type is not None
+                assert topic.type.name == f"{name}_Event"
+                service.close()
+
+
+@pytest.mark.anyio
+async def test_a_topic_that_somebody_else_has_stops_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    graph, clock = graph_at()
+    async with graph:
+        with Node(graph, "robot") as node, closing(Introspection(graph)):
+            node.advertise(EVENTS, "std_msgs/String")
+            node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
+            assert (await node.call_service("/add", {"a": 1, "b": 2})).sum == 3
+            clock.advance(5.0)
+            node.advertise_service("/later", "std_srvs/Trigger", lambda _: {})
+            clock.advance(1.0)
+            assert graph.topic("/later/_service_event") is not None
+    assert caplog.text.count(f"nothing is told on {EVENTS}") == 1
 
 
 def test_what_cannot_be_told_of_is_said() -> None:

@@ -136,6 +136,27 @@ def test_a_recording_splits_by_size_and_by_time(tmp_path: Path) -> None:
             assert [each.log_time for each in recording.messages()] == [0, 900_000_000, 10**9, 2_500_000_000]
 
 
+def test_a_later_file_that_is_there_ends_the_recording_with_a_word(tmp_path: Path) -> None:
+    (tmp_path / "run_0001.mcap").write_bytes(b"of yesterday")
+    text = Registry(JAZZY).message("std_msgs/String")
+    writer = RecordingWriter(tmp_path / "run.mcap", JAZZY, split=Split(seconds=1.0))
+    channel = writer.add_channel(channel_form("/words", text, "ros"))
+    for second in range(3):
+        writer.write(channel, second * 10**9, second * 10**9, text.to_cdr(text.struct(data="a")))
+    with pytest.raises(RecordingNotWritten, match=r"run_0001\.mcap is there already"):
+        writer.close()
+    assert (tmp_path / "run_0001.mcap").read_bytes() == b"of yesterday"
+
+
+def test_whatever_goes_wrong_while_writing_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    text = Registry(JAZZY).message("std_msgs/String")
+    writer = RecordingWriter(tmp_path / "run.mcap", JAZZY)
+    writer.write(writer.add_channel(channel_form("/words", text, "ros")), -1, -1, b"")
+    with pytest.raises(RecordingNotWritten, match="internal error, see the log"):
+        writer.close()
+    assert "argument out of range" in caplog.text
+
+
 def test_a_file_that_is_there_is_not_overwritten_unless_told(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(b"precious")

@@ -10,6 +10,7 @@ from typing import Any
 
 import anyio
 import pytest
+from anyio.lowlevel import checkpoint
 
 from rwt_graph import MemoryGraph, Message, Node, SimulatedClock
 from rwt_interfaces import JAZZY, Registry
@@ -150,6 +151,41 @@ def test_loop(path: Path) -> None:
         heard.clock.advance(9.0)
         assert heard.counts() == [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1]
         assert not heard.player.finished.is_set()
+
+
+def test_a_burst_ends_where_the_recording_does_also_in_a_loop(path: Path) -> None:
+    with playing(path, PlayOptions(loop=True, paused=True)) as heard:
+        assert heard.player.burst(0) == 7
+        assert heard.player.burst(100) == 7
+        assert heard.counts() == [0, 1, 2, 3, 4] * 2
+
+
+@pytest.mark.anyio
+async def test_a_long_burst_gives_others_their_turn(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rwt_nodes.playback.services.BURST_TURN", 3)
+    with playing(path, PlayOptions(paused=True)) as heard:
+        async with heard.graph:
+            answers: list[Any] = []
+
+            async def burst() -> None:
+                answers.append(await heard.node.call_service("/rosbag2_player/burst", {"num_messages": 0}))
+
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(burst)
+                with anyio.fail_after(10):
+                    while not heard.messages:
+                        await checkpoint()
+                assert heard.counts() == [0, 1]  # and the mode
+                assert not answers
+                heard.clock.advance(0.0)
+            assert [answer.actually_burst for answer in answers] == [7]
+            assert heard.counts() == [0, 1, 2, 3, 4]
+
+
+def test_a_closed_player_has_nothing_to_play(path: Path) -> None:
+    with playing(path, PlayOptions(paused=True)) as heard:
+        heard.player.close()
+        assert heard.player.burst(0) == 0
 
 
 def test_a_moment_does_not_loop(path: Path) -> None:

@@ -221,6 +221,13 @@ async def test_what_cannot_be_served_is_refused_with_a_reason(
     assert answer["result"] is False and words in answer["values"]
 
 
+async def test_the_smallest_rate_has_a_period_still(lab: Lab, page: Asking) -> None:
+    page.send_goal(goal("base", rate=5e-324))
+    await settle()
+    assert (await page.call(goal("base", rate=5e-324)))["result"] is True
+    assert not page.heard()
+
+
 async def test_a_goal_whose_page_was_closed_ends_after_a_while(lab: Lab, page: Asking) -> None:
     page.send_goal(goal("base"))
     await settle()

@@ -173,6 +173,22 @@ def test_a_picture_that_unfolds_into_gigabytes_is_refused() -> None:
         read_compressed(message)
 
 
+def test_nothing_is_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pillow hands PostScript to a program."""
+    started: list[object] = []
+    monkeypatch.setattr("PIL.EpsImagePlugin.Ghostscript", lambda *given, **named: started.append(given))
+    message: Any = payload(_compressed(RGB, "EPS")).value()
+    with pytest.raises(PictureUnreadable, match='format "eps" cannot be read'):
+        read_compressed(message)
+    assert not started
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "TIFF", "WEBP", "BMP", "GIF", "PPM"])
+def test_the_usual_kinds_are_read(kind: str) -> None:
+    message: Any = payload(_compressed(RGB, kind)).value()
+    assert read_compressed(message).shape == RGB.shape
+
+
 def test_half_of_a_picture_is_refused() -> None:
     whole = _compressed(RGB, "PNG")
     cut: Any = payload({**whole, "data": whole["data"][: len(whole["data"]) // 2]}).value()

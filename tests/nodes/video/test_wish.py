@@ -53,6 +53,7 @@ def test_what_changes_a_picture(query: str) -> None:
         ("topic=/a&type=x", "`type` must be one of mjpeg, png, ros_compressed, vp8, vp9, h264, got 'x'"),
         ("topic=/a&width=0", "`width` must be a whole number from 1 to 4096, got '0'"),
         ("topic=/a&height=9999999", "`height` must be a whole number from 1 to 4096, got '9999999'"),
+        ("topic=/a&width=4096&height=4096", "`width` 4096 by `height` 4096 is more than 4096000 pixels"),
         ("topic=/a&width=3_0", "`width` must be a whole number"),
         ("topic=/a&width=%D9%A3", "`width` must be a whole number"),
         ("topic=/a&quality=0", "`quality` must be a whole number from 1 to 100, got '0'"),
