@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import re
 import signal
@@ -27,6 +28,16 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers share p
 
 _LONGEST = 25.0
 _UP = re.compile(r"worker (\d) is up, as process (\d+)")
+
+
+@pytest.fixture(autouse=True)
+def log_as_before() -> Iterator[None]:
+    """A command that is run in this process leaves its log's handler, on a stream that is closed soon."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    root.handlers[:] = handlers
+    root.setLevel(level)
 
 
 @dataclass(slots=True)
