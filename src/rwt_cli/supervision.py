@@ -223,6 +223,12 @@ def parent_sentinel() -> int:
     return parent.sentinel
 
 
+def parent_lives() -> bool:
+    """In a child: whether its parent has not died yet."""
+    parent = multiprocessing.parent_process()
+    return parent is not None and parent.is_alive()
+
+
 @contextmanager
 def _signals() -> Iterator[socket.socket]:
     """A socket that becomes readable when the process is told to stop."""
@@ -239,4 +245,4 @@ def _signals() -> Iterator[socket.socket]:
                 signal.signal(number, handler)
 
 
-__all__ = ["Say", "Supervisor", "Work", "parent_sentinel"]
+__all__ = ["Say", "Supervisor", "Work", "parent_lives", "parent_sentinel"]

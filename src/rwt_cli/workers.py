@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import sys
 import tempfile
@@ -20,7 +19,7 @@ from rwt_bridge.tls import server_tls
 from rwt_cli.errors import CommandError, reported
 from rwt_cli.logs import name_worker
 from rwt_cli.nodes import ON_EVERY_WORKER
-from rwt_cli.supervision import Say, Supervisor
+from rwt_cli.supervision import Say, Supervisor, parent_lives
 from rwt_cli.worker_figures import WorkerFigures
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.shared_port import HeldPort, can_share, hold_port
@@ -96,12 +95,10 @@ def _check(settings: Settings, arguments: argparse.Namespace) -> None:
 def _folder() -> Iterator[Path]:
     """A folder that only this user may enter; its path is short, as those of sockets must be."""
     folder = Path(tempfile.mkdtemp(prefix="rwt-"))
-    owner = os.getpid()
     try:
         yield folder
     finally:
-        if os.getpid() == owner:
-            shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
@@ -127,7 +124,12 @@ def _work(
     """In a child: serve as worker `number`; returns the exit code."""
     name_worker(number)
     seat = Seat(number, folder, WorkerFigures(folder, number, settings.workers), say)
-    return reported(lambda: serve(_share(settings, shared, number), seat))
+    try:
+        return reported(lambda: serve(_share(settings, shared, number), seat))
+    finally:
+        if not parent_lives():
+            # It was killed, and cannot tidy up.
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _share(settings: Settings, shared: frozenset[str], number: int) -> Settings:

@@ -194,14 +194,17 @@ def test_a_worker_that_dies_is_started_again_and_the_others_serve_on() -> None:
         assert server.end(signal.SIGTERM) == 0
 
 
-def test_workers_end_when_their_parent_is_killed() -> None:
+def test_workers_end_when_their_parent_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     with workers() as server:
         pids = server.pids()
+        assert [*tmp_path.iterdir()]
         server.end(signal.SIGKILL)
         deadline = time.monotonic() + _LONGEST
         while any(Path(f"/proc/{pid}").exists() for pid in pids.values()):
             assert time.monotonic() < deadline
             time.sleep(0.02)
+    assert not [*tmp_path.iterdir()]
 
 
 def test_every_scheme_of_tcp_is_shared_and_the_rest_is_the_firsts(tmp_path: Path) -> None:

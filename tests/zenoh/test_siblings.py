@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import anyio
 import pytest
 
 from rwt_graph.zenoh import ZenohError, ZenohGraph, ZenohOptions
@@ -71,17 +70,16 @@ def test_a_file_that_is_not_zenohs(tmp_path: Path) -> None:
 async def test_a_peer_outside_meets_all_of_them(tmp_path: Path) -> None:
     place = free_endpoint()
     options = ZenohOptions((place,), config=QUICK)
-    async with anyio.create_task_group():
-        graphs = []
-        for number in (1, 2):
-            its = sibling(options, tmp_path, number, 2)
-            graphs.append(ZenohGraph(listen=its.listen, connect=its.connect, config=QUICK))
-        async with (
-            graphs[0] as first,
-            graphs[1] as second,
-            ZenohGraph(connect=[place], config=QUICK) as other,
-        ):
-            for graph, name in ((first, "first"), (second, "second"), (other, "other")):
-                graph.node(name)
-            names = ["/first", "/other", "/second"]
-            await until(lambda: all([n.name for n in each.nodes()] == names for each in (*graphs, other)))
+    graphs = []
+    for number in (1, 2):
+        its = sibling(options, tmp_path, number, 2)
+        graphs.append(ZenohGraph(listen=its.listen, connect=its.connect, config=QUICK))
+    async with (
+        graphs[0] as first,
+        graphs[1] as second,
+        ZenohGraph(connect=[place], config=QUICK) as other,
+    ):
+        for graph, name in ((first, "first"), (second, "second"), (other, "other")):
+            graph.node(name)
+        names = ["/first", "/other", "/second"]
+        await until(lambda: all([n.name for n in each.nodes()] == names for each in (*graphs, other)))
