@@ -12,7 +12,7 @@ SECONDS: Final = 1.0
 """How long after its creation a publisher's samples are kept for readers that come late."""
 
 _MOST_SAMPLES: Final = 100
-_MOST_BYTES: Final = 1024 * 1024
+_MOST_BYTES: Final = 256 * 1024
 
 
 class EarlySamples:
@@ -28,7 +28,14 @@ class EarlySamples:
         self._size = 0
 
     def add(self, sample: Sample, size: int) -> None:
-        """Keep a sample of `size` bytes, and forget older ones for it."""
+        """Keep a sample of `size` bytes, and forget older ones for it; all of them for one that is too large.
+
+        To keep one is to copy it out of its receive buffer, which large streams must not pay for.
+        """
+        if size > _MOST_BYTES:
+            self._samples.clear()
+            self._size = 0
+            return
         self._samples.append((sample.detach(), size))
         self._size += size
         while len(self._samples) > _MOST_SAMPLES or self._size > _MOST_BYTES:

@@ -281,6 +281,7 @@ class BlockingRobot(_Face):
     call = _waits(Robot.call)
     time_ns = _waits(Robot.time_ns)
     drain = _waits(Robot.drain)
+    wait_connected = _waits(Robot.wait_connected)
 
     @property
     def connected(self) -> bool:

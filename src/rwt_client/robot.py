@@ -12,7 +12,14 @@ from rwt_client.actionlib import ActionlibGoals
 from rwt_client.actions import Goal, SentGoals
 from rwt_client.api import RosApi
 from rwt_client.arrays import ArrayKind
-from rwt_client.errors import CallFailed, MisfitMessage, NoAnswer, ServiceFailed, TypeUnavailable
+from rwt_client.errors import (
+    CallFailed,
+    ConnectionClosed,
+    MisfitMessage,
+    NoAnswer,
+    ServiceFailed,
+    TypeUnavailable,
+)
 from rwt_client.events import ConnectionEvent, EventStream
 from rwt_client.line import Line
 from rwt_client.offered_actions import Execute, OfferedAction, OfferedActions
@@ -25,6 +32,7 @@ from rwt_client.services import Calls, OfferedService, OfferedServices, ServiceH
 from rwt_client.topics import Callback, Compression, Hub, SubscribeOptions, Subscription
 from rwt_client.transforms import Transforms
 from rwt_client.types import LiveTypes
+from rwt_client.waiting import Outcome
 from rwt_interfaces import InterfaceError
 from rwt_protocol.decoded import plain_value
 from rwt_protocol.dispatcher import Dispatcher
@@ -127,6 +135,29 @@ class Robot:
     def takes_binary(self) -> bool:
         """Whether the transport can carry CBOR, and the server offers it as far as is known."""
         return self._hub.cbor_offered
+
+    async def wait_connected(self, *, timeout: float | None = _DEFAULT) -> None:
+        """Wait until there is a connection, with everything subscribed, advertised and offered on it again.
+
+        Raises:
+            NoAnswer: there was none in time.
+            ConnectionClosed: there will be none any more.
+        """
+        if self.connected:
+            return
+        connected: Outcome[None] = Outcome()
+
+        def look(event: ConnectionEvent) -> None:
+            if event.kind in ("connected", "restored"):
+                connected.resolve(None)
+            elif event.kind == "closed":
+                connected.fail(ConnectionClosed(event.text or "the connection was closed"))
+
+        end = self.on_event(look)
+        try:
+            await connected.get(self._patience(timeout), "there was no connection to the server")
+        finally:
+            end()
 
     def events(self) -> EventStream:
         """What happens to the connection from now on, as an async iterator."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import pytest
 
+from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory import MemoryGraph
 from tests.bridge.recording_client import Client
@@ -184,7 +185,9 @@ def test_what_a_client_published_early_goes_with_it(client: Client, other: Clien
     assert other.heard() == []
 
 
-def test_of_many_or_large_early_messages_the_newest_are_kept(client: Client, other: Client) -> None:
+def test_of_many_or_large_early_messages_the_newest_are_kept(
+    bridge: Bridge, client: Client, other: Client
+) -> None:
     client.say("advertise", topic="/many", type="std_msgs/Int32")
     for number in range(150):
         client.say("publish", topic="/many", msg={"data": number})
@@ -192,9 +195,13 @@ def test_of_many_or_large_early_messages_the_newest_are_kept(client: Client, oth
     assert other.heard_of("/many") == [{"data": number} for number in range(50, 150)]
     client.say("advertise", topic="/large", type="std_msgs/String")
     for letter in "abc":
-        client.say("publish", topic="/large", msg={"data": letter * 500_000})
+        client.say("publish", topic="/large", msg={"data": letter * 100_000})
     other.say("subscribe", topic="/large")
     assert [message["data"][0] for message in other.heard_of("/large")] == ["b", "c"]
+    client.say("publish", topic="/large", msg={"data": "d" * 300_000})
+    late = Client(bridge)
+    late.say("subscribe", topic="/large")
+    assert late.heard() == []
 
 
 def test_a_subscriber_that_wants_nothing_old_is_given_nothing_early(client: Client, other: Client) -> None:

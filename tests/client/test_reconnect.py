@@ -14,6 +14,7 @@ from rwt_client import (
     CannotConnect,
     ConnectionEvent,
     ConnectionLost,
+    NoAnswer,
     NotConnected,
     connect,
 )
@@ -228,7 +229,10 @@ async def test_a_server_that_is_started_again_is_found_again() -> None:
             await until(lambda: not robot.connected)
             # Clients hear of the end before the port is free.
             await ended.wait()
+            with pytest.raises(NoAnswer, match=r"no connection to the server within 0\.02 s"):
+                await robot.wait_connected(timeout=0.02)
             await tasks.start(_serve, graph, url, anyio.Event())
+            await robot.wait_connected(timeout=10)
             await until(lambda: talker.subscriber_count)
             talker.publish({"data": "after"})
             await until(lambda: heard)
