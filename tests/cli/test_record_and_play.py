@@ -244,6 +244,7 @@ def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFi
         (("record", "--max-seconds", "-1"), 2, "expected seconds, for example 2.5, got '-1'"),
         (("play", "ws://127.0.0.1:0"), 2, "expected a recording to play"),
         (("play", str(path)), 1, "is not a recording"),
+        (("play", str(tmp_path)), 1, "is no recording: a folder of rosbag2 has a file metadata.yaml"),
         (("play", str(tmp_path / "gone.mcap")), 1, "there is no such file"),
         (("record", "ws://127.0.0.1:1", "-o", str(tmp_path / "new.mcap")), 3, "rwt: "),
         (("play", str(good), "ws://127.0.0.1:0", "--start", "9"), 2, "cannot be played from 9.0 s"),
