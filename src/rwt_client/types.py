@@ -167,8 +167,8 @@ class LiveTypes:
             return find(name)
         except (CallFailed, NoAnswer, InterfaceError) as error:
             # A robot that knows what we know says the same once more.
-            answer = "" if str(error) == str(unknown) else f"; asked for it, the robot says: {error}"
-            raise TypeUnavailable(f"{unknown}{answer}") from None
+            answer = " the same" if str(error) == str(unknown) else f": {error}"
+            raise TypeUnavailable(f"{unknown}; asked for it, the robot says{answer}") from None
 
     async def _name_of(self, what: str, name: str, question: str) -> str:
         try:
