@@ -24,6 +24,7 @@ from rwt_nodes.demo.pose import Pose
 from rwt_nodes.demo.view import View
 from rwt_nodes.demo.world import house
 from rwt_nodes.video import WebVideoServer
+from rwt_transports.http import HttpRequest, HttpResponse
 
 Picture = NDArray[np.uint8]
 
@@ -105,13 +106,21 @@ def _message(sequence: NDArray[np.uint8], number: int) -> dict[str, Any]:
     }
 
 
+def latency_page(request: HttpRequest, may_subscribe: object) -> HttpResponse:
+    """What a browser reads the pictures' age with, for :mod:`bench.latency`."""
+    return HttpResponse(
+        Path(__file__).with_name("latency.html").read_bytes(), content_type="text/html; charset=utf-8"
+    )
+
+
 async def main() -> None:
     graph = MemoryGraph()
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
         async with graph, anyio.create_task_group() as tasks:
             video, node = WebVideoServer(graph), Node(graph, "camera")
             tasks.start_soon(play, node)
-            async with serve(graph, "ws://127.0.0.1:0", pages=video.pages) as server:
+            pages = {**video.pages, "/latency.html": latency_page}
+            async with serve(graph, "ws://127.0.0.1:0", pages=pages) as server:
                 print(f"listening on {server.urls[0]}", flush=True)
                 async for _ in signals:
                     break

@@ -179,7 +179,7 @@ async def _serve(settings: Settings, arguments: argparse.Namespace) -> None:
             shown = start_nodes(graph, settings, nodes)
             shown.pages.update(_package_pages(settings))
             if settings.demo:
-                nodes.enter_context(_demo_robot(graph))
+                shown.add(nodes.enter_context(_demo_robot(graph)))
             if arguments.record is not None or arguments.introspection:
                 from rwt_cli.recorded_serving import record_graph  # Read only where something is recorded.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,7 @@ from rwt_testing.expectations import PATIENCE, refuse_on_an_event_loop
 from rwt_testing.virtual_time import VirtualTime
 
 if TYPE_CHECKING:
-    pass
+    from rwt_nodes.demo import DemoRobot
 
 
 #: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
@@ -182,7 +182,7 @@ def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
         stack.callback(portal.call, nodes.close)
         shown = portal.call(start_nodes, graph, settings, nodes)
         if wishes.demo:
-            portal.call(_start_demo, graph, nodes)
+            shown.add(portal.call(_start_demo, graph, nodes))
         world = RobotWorld(wishes, settings, graph, portal, stack, shown)
         _OPEN.append(world)
         try:
@@ -197,10 +197,10 @@ def transcripts(most: int) -> list[str]:
     return [text for text in texts if text]
 
 
-def _start_demo(graph: ObservedGraph, stack: ExitStack) -> None:
+def _start_demo(graph: ObservedGraph, stack: ExitStack) -> DemoRobot:
     from rwt_nodes.demo import DemoRobot  # Its code is read only where it runs.
 
-    stack.callback(DemoRobot(graph).close)
+    return stack.enter_context(closing(DemoRobot(graph)))
 
 
 def _settings(wishes: Wishes) -> Settings:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 
 import pytest
 
-from tests.browser.driver import NODE, Browser
+from tests.browser.driver import NODE, Browser, find_chromium
 
-_NAMES = ("chromium", "chromium-browser", "google-chrome")
 _HOW = (
     "Chromium is not installed: `apt-get install chromium` on Debian, or name it in the environment variable"
     " CHROMIUM"
@@ -32,7 +30,7 @@ def anyio_backend() -> str:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    chromium = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
+    chromium = find_chromium()
     if chromium is None:
         # A run that nobody watches must not pass for want of a browser.
         (pytest.fail if os.environ.get("CI") else pytest.skip)(_HOW)

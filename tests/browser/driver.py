@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import queue
+import shutil
 import subprocess
 import sys
 import threading
@@ -27,8 +29,15 @@ PATIENCE = 20.0
 #: Seconds that a command may take beyond that.
 _SLACK = 8.0
 
+_CHROMIUMS = ("chromium", "chromium-browser", "google-chrome")
+
 Pixels = Any
 """A numpy array of height, width and the three colours."""
+
+
+def find_chromium() -> str | None:
+    """The browser's program: what the environment variable CHROMIUM says, or the first that is installed."""
+    return os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _CHROMIUMS)), None)
 
 
 class Browser:

@@ -64,9 +64,9 @@ async def stand(
     }
     async with MemoryGraph(registry=REGISTRIES[distro]) as graph, AsyncExitStack() as stack:
         served.update(stack.enter_context(closing(WebVideoServer(graph))).pages)
+        if robot:
+            served.update(stack.enter_context(closing(DemoRobot(graph))).pages)
         server = await stack.enter_async_context(serve(graph, "ws://127.0.0.1:0", pages=served))
         Rosapi(graph)
         Tf2WebRepublisher(graph)
-        if robot:
-            DemoRobot(graph)
         yield Stand(server.urls[0].replace("ws", "http", 1) + "/", graph, Node(graph, "test"))

@@ -22,7 +22,7 @@ from rwt_nodes.interactive_markers import (
 )
 from tests.browser.driver import Browser, near, until
 from tests.browser.stand import Stand, stand
-from tests.browser.test_scene import BACKGROUND, scene
+from tests.browser.test_scene import BACKGROUND, BODY, scene
 
 pytestmark = pytest.mark.anyio
 
@@ -147,5 +147,5 @@ async def test_the_demo_robot_drives_to_where_its_marker_is_dropped(browser: Bro
             )
             assert not near(picture.at(*disc, 0), ORANGE)
             await until(lambda: places[-1] > 1.1)
-            body = await page.pixel(-2.2, -2.5, 0.16)
-            await page.picture_when("goal reached", lambda seen: near(seen.at(*body), (0, 0, 0), 12))
+            body = await page.pixel(-2.2, -2.4, 0.15)
+            await page.picture_when("goal reached", lambda seen: near(seen.at(*body), BODY, 15))

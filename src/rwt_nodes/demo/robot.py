@@ -17,13 +17,14 @@ from rwt_nodes.demo.frames import MAP, frame
 from rwt_nodes.demo.goal_marker import GoalMarker
 from rwt_nodes.demo.lens import DEFAULT_LENS, Lens
 from rwt_nodes.demo.lidar import Lidar
+from rwt_nodes.demo.meshes import Meshes
 from rwt_nodes.demo.navigation import Navigation
 from rwt_nodes.demo.parameters import declare_tunables
 from rwt_nodes.demo.planner import Planner
 from rwt_nodes.demo.sensors import BatteryPublisher, ScanPublisher
 from rwt_nodes.demo.state import StatePublisher
 from rwt_nodes.demo.teleop import Teleop
-from rwt_nodes.demo.urdf import camera_mount, urdf
+from rwt_nodes.demo.urdf import camera_mount, looks, urdf
 from rwt_nodes.demo.world import World, draw_map, house
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 
@@ -62,6 +63,9 @@ class DemoRobot:
         namespace: of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
             frames of one in `/anna` are `anna/odom` and so on.
         lens: of the cameras.
+
+    Attributes:
+        pages: the meshes that its description names, which `serve` takes as its argument of that name.
     """
 
     def __init__(
@@ -97,6 +101,7 @@ class DemoRobot:
         self._declare_parameters()
         self._publish_map()
         self._describe(urdf(chassis))
+        self.pages = Meshes(looks(chassis)).pages
         self._chatter = self._node.advertise("chatter", "std_msgs/String")
         self._said = 0
         self._stepped = self._node.clock.monotonic()

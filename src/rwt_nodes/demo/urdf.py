@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from rwt_nodes.demo.arm import ARM, ArmJoint
 from rwt_nodes.demo.drive import Chassis
+from rwt_nodes.demo.meshes import Look, mesh_url
+from rwt_nodes.demo.shapes import Cuboid, Cylinder, Sphere, text
 
 BASE = "base_link"
 LASER = "laser"
@@ -33,7 +36,11 @@ _CAMERA_HEIGHT = 0.3
 #: Behind the laser, so that it does not stand before the camera.
 _ARM_X = -0.12
 _ARM_BASE_SIZE = (0.04, ARM[0].height)  # radius, height
-_ARM_COLOURS = ("0.9 0.5 0.1 1", "0.85 0.85 0.85 1")
+_ARM_COLOURS = ((0.9, 0.5, 0.1), (0.85, 0.85, 0.85))
+_BLACK = (0.1, 0.1, 0.1)
+_WHEEL_WIDTH = 0.03
+#: How far within its mesh the same shape is, so that the mesh hides it.
+_INSET = 0.002
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,43 +92,66 @@ def arm_mounts() -> tuple[Mount, ...]:
     )
 
 
+def looks(chassis: Chassis) -> Mapping[str, Look]:
+    """What each link that can be seen looks like, around its visual origin."""
+    wheel = Look(Cylinder(chassis.wheel_radius, _WHEEL_WIDTH), _BLACK)
+    return {
+        BASE: Look(Cylinder(chassis.radius, _BODY_HEIGHT), (0.2, 0.4, 0.8)),
+        LASER: Look(Cylinder(*_LASER_SIZE), _BLACK),
+        CASTER: Look(Sphere(_CASTER_RADIUS), (0.6, 0.6, 0.6)),
+        CAMERA: Look(Cuboid(*_CAMERA_SIZE), _BLACK),
+        LEFT_WHEEL: wheel,
+        RIGHT_WHEEL: wheel,
+        ARM_BASE: Look(Cylinder(*_ARM_BASE_SIZE), (0.2, 0.2, 0.2)),
+        **{
+            joint.link: Look(Cylinder(joint.radius, joint.length), _ARM_COLOURS[number % 2])
+            for number, joint in enumerate(ARM)
+        },
+    }
+
+
 def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
     """The description as XML text."""
     robot = ET.Element("robot", name=name)
-    _link(robot, BASE, _cylinder(chassis.radius, _BODY_HEIGHT), "0.2 0.4 0.8 1", "0 0 0.09")
+    seen = looks(chassis)
+    _link(robot, BASE, seen, "0 0 0.09")
     laser, caster, camera, optical, arm_base, tool = fixed_mounts(chassis)
-    _link(robot, LASER, _cylinder(*_LASER_SIZE), "0.1 0.1 0.1 1")
-    _joint(robot, "laser_joint", laser)
-    _link(robot, CASTER, ET.Element("sphere", radius=_text(_CASTER_RADIUS)), "0.6 0.6 0.6 1")
-    _joint(robot, "caster_joint", caster)
-    _link(robot, CAMERA, ET.Element("box", size=_texts(_CAMERA_SIZE)), "0.1 0.1 0.1 1")
-    _joint(robot, "camera_joint", camera)
+    for joint, mount in (("laser", laser), ("caster", caster), ("camera", camera)):
+        _link(robot, mount.link, seen)
+        _joint(robot, f"{joint}_joint", mount)
     _frame(robot, "camera_optical_joint", optical)
     for joint, mount in zip((LEFT_JOINT, RIGHT_JOINT), wheel_mounts(chassis), strict=True):
         # A cylinder stands on z: a quarter turn around x lays it on the axle.
-        wheel = _cylinder(chassis.wheel_radius, 0.03)
-        _link(robot, mount.link, wheel, "0.1 0.1 0.1 1", rpy="1.5707963 0 0")
+        _link(robot, mount.link, seen, rpy="1.5707963 0 0")
         _joint(robot, joint, mount, axis="0 1 0")
-    _link(robot, ARM_BASE, _cylinder(*_ARM_BASE_SIZE), "0.2 0.2 0.2 1", f"0 0 {_text(ARM[0].height / 2)}")
+    _link(robot, ARM_BASE, seen, f"0 0 {text(ARM[0].height / 2)}")
     _joint(robot, "arm_base_joint", arm_base)
-    for number, (arm_joint, mount) in enumerate(zip(ARM, arm_mounts(), strict=True)):
-        _arm_joint(robot, arm_joint, mount, _ARM_COLOURS[number % 2])
+    for arm_joint, mount in zip(ARM, arm_mounts(), strict=True):
+        _link(robot, arm_joint.link, seen, f"0 0 {text(arm_joint.length / 2)}")
+        _arm_joint(robot, arm_joint, mount)
     _frame(robot, "tool_joint", tool)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
 def _link(
-    robot: ET.Element, name: str, shape: ET.Element, colour: str, xyz: str = "0 0 0", rpy: str = "0 0 0"
+    robot: ET.Element, name: str, looks: Mapping[str, Look], xyz: str = "0 0 0", rpy: str = "0 0 0"
 ) -> None:
+    """A link with a mesh, and the same shape within it, for viewers that cannot load the mesh."""
+    look = looks[name]
     link = ET.SubElement(robot, "link", name=name)
-    for part in ("visual", "collision"):
+    mesh = ET.Element("mesh", filename=mesh_url(name))
+    for part, geometry in (
+        ("visual", mesh),
+        ("visual", look.shape.element(_INSET)),
+        ("collision", look.shape.element()),
+    ):
         element = ET.SubElement(link, part)
         ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
-        ET.SubElement(element, "geometry").append(shape)
+        ET.SubElement(element, "geometry").append(geometry)
         if part == "visual":
             material = ET.SubElement(element, "material", name=f"{name}_colour")
-            ET.SubElement(material, "color", rgba=colour)
+            ET.SubElement(material, "color", rgba=f"{_texts(look.colour)} 1")
 
 
 def _frame(robot: ET.Element, joint: str, mount: Mount) -> None:
@@ -130,12 +160,10 @@ def _frame(robot: ET.Element, joint: str, mount: Mount) -> None:
     _joint(robot, joint, mount)
 
 
-def _arm_joint(robot: ET.Element, joint: ArmJoint, mount: Mount, colour: str) -> None:
-    shape = _cylinder(joint.radius, joint.length)
-    _link(robot, joint.link, shape, colour, f"0 0 {_text(joint.length / 2)}")
+def _arm_joint(robot: ET.Element, joint: ArmJoint, mount: Mount) -> None:
     axis = "0 1 0" if joint.axis == "y" else "0 0 1"
     element = _joint(robot, joint.name, mount, axis, kind="revolute")
-    limit, speed = _text(joint.limit), _text(joint.speed)
+    limit, speed = text(joint.limit), text(joint.speed)
     ET.SubElement(element, "limit", lower=f"-{limit}", upper=limit, velocity=speed, effort="10")
 
 
@@ -152,13 +180,5 @@ def _joint(
     return joint
 
 
-def _cylinder(radius: float, length: float) -> ET.Element:
-    return ET.Element("cylinder", radius=_text(radius), length=_text(length))
-
-
 def _texts(values: tuple[float, ...]) -> str:
-    return " ".join(map(_text, values))
-
-
-def _text(value: float) -> str:
-    return f"{value:.6g}"
+    return " ".join(map(text, values))

@@ -15,8 +15,9 @@ _VIEWER = """<!doctype html>
 {element}
 """
 
-_FILM = """<video src="{source}" autoplay muted playsinline preload="none"></video>
+_FILM = """<video src="{source}" autoplay muted playsinline oncanplay="this.play()"></video>
 <script>
+// autoplay alone waits until the player believes that it could play to the end: of a live film that is late.
 // A browser gathers some seconds before it begins, and would stay behind: play faster until caught up.
 const film = document.querySelector("video");
 film.onprogress = film.ontimeupdate = () => {{

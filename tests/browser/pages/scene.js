@@ -38,6 +38,28 @@ const show = {
     ros, tfClient, topic: asked.get('handles') ?? '/goal_marker', camera: viewer.camera,
     rootObject: viewer.selectableObjects,
   }),
+  depthcloud: () => {
+    const cloud = new ROS3D.DepthCloud({
+      url: asked.get('stream'),
+      streamType: asked.get('type'),
+      f: Number(asked.get('f')),
+      maxDepthPerTile: Number(asked.get('tile')),
+      width: 256,
+      height: 256,
+      pointSize: 4,
+    });
+    if (!cloud.isMjpeg) {
+      // DepthCloud looks at new pictures only when the player could play to the end, and of a live film Chromium
+      // seldom believes that.
+      const renew = () => {
+        cloud.texture.needsUpdate = true;
+        cloud.video.requestVideoFrameCallback(renew);
+      };
+      cloud.video.addEventListener('canplay', () => { cloud.startStream(); renew(); }, { once: true });
+    }
+    scene.add(new ROS3D.SceneNode({ frameID: asked.get('optical'), tfClient, object: cloud }));
+    return cloud;
+  },
 };
 const shown = {};
 for (const name of (asked.get('show') ?? '').split(',')) shown[name] = show[name]();

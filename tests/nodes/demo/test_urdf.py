@@ -8,7 +8,7 @@ import pytest
 
 from rwt_nodes.demo.arm import ARM
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.urdf import BASE, arm_mounts, fixed_mounts, urdf, wheel_mounts
+from rwt_nodes.demo.urdf import BASE, arm_mounts, fixed_mounts, looks, urdf, wheel_mounts
 
 ROBOT = ET.fromstring(urdf(Chassis()))
 
@@ -68,3 +68,25 @@ def test_every_link_can_be_drawn_and_bumped_into() -> None:
             geometry = link.find(f"{part}/geometry")
             assert geometry is not None
             assert len(geometry) == 1
+
+
+def test_a_mesh_hides_the_same_shape_within_it() -> None:
+    drawn = {str(link.get("name")): link for link in ROBOT.findall("link") if len(link)}
+    assert drawn.keys() == looks(Chassis()).keys()
+    for name, link in drawn.items():
+        mesh, within, bumper = (_shape(part) for part in (*link.findall("visual"), link.find("collision")))
+        assert mesh.attrib == {"filename": f"package://rwt_demo/meshes/{name}.dae"}
+        assert within.tag == bumper.tag
+        for inner, outer in zip(_sizes(within), _sizes(bumper), strict=True):
+            assert 0.0019 < outer - inner < 0.0041
+
+
+def _shape(part: ET.Element | None) -> ET.Element:
+    """What has this place in a link."""
+    assert part is not None
+    (shape,) = part.findall("geometry/*")
+    return shape
+
+
+def _sizes(shape: ET.Element) -> list[float]:
+    return [float(value) for values in shape.attrib.values() for value in values.split()]

@@ -463,7 +463,8 @@ async def test_the_index_lists_cameras_with_their_topics(theatre: Theatre) -> No
 
 async def test_a_viewer_page_shows_film_in_a_video_and_escapes_what_it_is_given(theatre: Theatre) -> None:
     page = (await theatre.gets("/stream_viewer?topic=/cam/image&type=vp8&bitrate=5000")).body.decode()
-    assert '<video src="/stream?topic=/cam/image&amp;type=vp8&amp;bitrate=5000" autoplay' in page
+    assert '<video src="/stream?topic=/cam/image&amp;type=vp8&amp;bitrate=5000" autoplay muted' in page
+    assert 'oncanplay="this.play()"' in page
     page = (await theatre.gets('/stream_viewer?topic=/"><script>alert(1)</script>')).body.decode()
     assert "<script>" not in page
 

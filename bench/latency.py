@@ -1,0 +1,143 @@
+"""`python -m bench.latency`: how old a camera's picture is when Chromium shows it.
+
+A camera of 640x480 at 30 Hz in a process with the server; each picture carries the time of its publishing,
+and a page in headless Chromium reads it from the pixels that it got. `catch-up` is the page's own: it plays
+faster while the player holds more than a tenth of a second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import anyio
+
+from bench.paper.camera import RATE, pictures
+from bench.paper.report import Report
+from bench.processes import Server
+from tests.browser.driver import Browser, find_chromium
+
+SECONDS: Final = 10.0
+_WARM_UP: Final = 6.0
+MOST_MJPEG: Final = 60
+"""Milliseconds, the median that is the project's own bound for MJPEG."""
+
+WAYS: Final = (
+    "type=mjpeg&quality=80",
+    "type=mjpeg&quality=95",
+    "type=vp8&bitrate=2736000&qmin=4",
+    "type=vp9&bitrate=1300000&qmin=4",
+    "type=h264&bitrate=2736000&preset=veryfast",
+    "type=vp8&bitrate=2736000&qmin=4&catch-up",
+    "type=h264&bitrate=2736000&preset=veryfast&catch-up",
+)
+
+_NOTES: Final = (
+    "From publishing to the decoded pixel. MJPEG is looked at with each frame of the screen, at 60 Hz.",
+    "Films are late because a <video> begins to play when it holds a stock, and keeps it.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a page saw.
+
+    Attributes:
+        way: the stream's parameters.
+        ages: of each picture, from its publishing to the decoded pixel; milliseconds, sorted.
+    """
+
+    way: str
+    ages: Sequence[int]
+
+    @property
+    def median(self) -> float:
+        """Milliseconds."""
+        return median(self.ages)
+
+
+async def watch(browser: Browser, url: str, way: str, seconds: float, warm_up: float = _WARM_UP) -> Seen:
+    """Look at a stream for so long, after a moment in which it finds its pace.
+
+    Args:
+        browser: opens the page.
+        url: of the server, with a slash at the end; its camera is that of :mod:`bench.paper.camera`.
+        way: the stream's parameters.
+        seconds: of looking.
+        warm_up: seconds before it.
+
+    Raises:
+        RuntimeError: no picture was seen.
+    """
+    async with browser.page(f"{url}latency.html?{way}", 640, 480) as page:
+        await page.wait("ages.length > 0")
+        await anyio.sleep(warm_up)
+        await page.evaluate("void (ages.length = 0)")
+        await anyio.sleep(seconds)
+        ages = sorted(await page.evaluate("ages"))
+    if not ages:
+        raise RuntimeError(f"{way}: the page saw no new picture in {seconds:g} s")
+    return Seen(way, ages)
+
+
+def measure(browser: Browser, seconds: float = SECONDS) -> Report:
+    """The table."""
+    pictures()
+    server = Server("camera", ["-m", "bench.paper.camera"])
+    try:
+        url = f"http://{server.host}:{server.port}/"
+        seen = [anyio.run(watch, browser, url, way, seconds) for way in WAYS]
+    finally:
+        server.stop()
+    return Report(
+        title=f"A camera of 640x480 at {RATE} Hz in Chromium {browser.version}, {seconds:g} s of each",
+        head=("", "median ms", "95 % ms", "Hz"),
+        rows=[_row(each, seconds) for each in seen],
+        notes=_NOTES,
+        missed=missed(seen),
+    )
+
+
+def _row(seen: Seen, seconds: float) -> Sequence[str]:
+    late = seen.ages[int(len(seen.ages) * 0.95)]
+    return seen.way, f"{seen.median:.0f}", f"{late}", f"{len(seen.ages) / seconds:.1f}"
+
+
+def missed(seen: Sequence[Seen]) -> list[str]:
+    """What is above the bound, in words."""
+    return [
+        f"{each.way}: median {each.median:.0f} ms, bound {MOST_MJPEG} ms"
+        for each in seen
+        if "mjpeg" in each.way and each.median > MOST_MJPEG
+    ]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m bench.latency", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=SECONDS, help=f"of each (default {SECONDS:g})")
+    parser.add_argument("--check", action="store_true", help="exit with 1 when the bound of MJPEG is missed")
+    options = parser.parse_args(argv)
+    chromium = find_chromium()
+    if chromium is None:
+        parser.error("Chromium is not installed; name it in the environment variable CHROMIUM")
+    with TemporaryDirectory() as folder, (Path(folder) / "browser.log").open("wb") as log:
+        browser = Browser(chromium, Path(folder), log)
+        try:
+            report = measure(browser, options.seconds)
+        finally:
+            browser.close()
+    print(report.text())
+    return int(bool(report.missed) and options.check)
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -1,0 +1,150 @@
+"""The shapes that the robot is made of: as URDF says them, and as surfaces of triangles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+from xml.etree import ElementTree as ET
+
+Point = tuple[float, float, float]
+
+#: Corners of what is round.
+_AROUND: Final = 32
+#: Bands of a sphere from pole to pole.
+_BANDS: Final = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Triangles that are counted anticlockwise from outside.
+
+    Attributes:
+        points: of all corners, metres.
+        normals: of the surface at each of the points, of length 1.
+        triangles: three indexes of points each.
+    """
+
+    points: Sequence[Point]
+    normals: Sequence[Point]
+    triangles: Sequence[tuple[int, int, int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Cuboid:
+    """A box around the origin; metres."""
+
+    x: float
+    y: float
+    z: float
+
+    def element(self, inset: float = 0.0) -> ET.Element:
+        """For URDF, every side so many metres further in."""
+        return ET.Element("box", size=" ".join(text(side - 2 * inset) for side in (self.x, self.y, self.z)))
+
+    def surface(self) -> Surface:
+        """All six sides, flat."""
+        points: list[Point] = []
+        normals: list[Point] = []
+        for axis in range(3):
+            for sign in (-1.0, 1.0):
+                # Two more directions, so that the three turn like x, y and z.
+                for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+                    points.append(self._corner(axis, sign, a * sign, float(b)))
+                normals += [_axes(axis, sign, 0.0, 0.0)] * 4
+        sides = range(0, len(points), 4)
+        return Surface(points, normals, [(at, at + i, at + i + 1) for at in sides for i in (1, 2)])
+
+    def _corner(self, axis: int, sign: float, a: float, b: float) -> Point:
+        x, y, z = _axes(axis, sign, a, b)
+        return x * self.x / 2, y * self.y / 2, z * self.z / 2
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """A cylinder around the origin that stands on z; metres."""
+
+    radius: float
+    length: float
+
+    def element(self, inset: float = 0.0) -> ET.Element:
+        """For URDF, its surface so many metres further in."""
+        radius, length = text(self.radius - inset), text(self.length - 2 * inset)
+        return ET.Element("cylinder", radius=radius, length=length)
+
+    def surface(self) -> Surface:
+        """Round, with sharp edges."""
+        top, side = self.length / 2, self.radius
+        return _revolved(
+            (
+                (_Rim(0.0, -top, 0.0, -1.0), _Rim(side, -top, 0.0, -1.0)),
+                (_Rim(side, -top, 1.0, 0.0), _Rim(side, top, 1.0, 0.0)),
+                (_Rim(side, top, 0.0, 1.0), _Rim(0.0, top, 0.0, 1.0)),
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """A sphere around the origin; metres."""
+
+    radius: float
+
+    def element(self, inset: float = 0.0) -> ET.Element:
+        """For URDF, its surface so many metres further in."""
+        return ET.Element("sphere", radius=text(self.radius - inset))
+
+    def surface(self) -> Surface:
+        """Round all over."""
+        return _revolved(tuple(pairwise(self._rims())))
+
+    def _rims(self) -> Iterator[_Rim]:
+        for band in range(_BANDS + 1):
+            height = -math.cos(math.pi * band / _BANDS)
+            out = math.sin(math.pi * band / _BANDS)
+            yield _Rim(self.radius * out, self.radius * height, out, height)
+
+
+Shape = Cuboid | Cylinder | Sphere
+
+
+@dataclass(frozen=True, slots=True)
+class _Rim:
+    """A circle about z, and how much the surface there faces outwards and upwards."""
+
+    radius: float
+    z: float
+    outwards: float
+    upwards: float
+
+
+def text(value: float) -> str:
+    """A number as XML has it."""
+    return f"{value:.6g}"
+
+
+def _axes(axis: int, along: float, a: float, b: float) -> Point:
+    """A vector by its part along an axis and those along the two after it, in their order round."""
+    x, y, z = ((along, a, b), (b, along, a), (a, b, along))[axis]
+    return x, y, z
+
+
+def _revolved(strips: Sequence[tuple[_Rim, _Rim]]) -> Surface:
+    """The surface between pairs of rims, each pair from below to above as seen from outside."""
+    circle = [
+        (math.cos(angle), math.sin(angle)) for angle in (math.tau * i / _AROUND for i in range(_AROUND))
+    ]
+    rims = [rim for strip in strips for rim in strip]
+    triangles = []
+    for first in range(0, len(rims) * _AROUND, 2 * _AROUND):
+        for here in range(_AROUND):
+            low, next_low = first + here, first + (here + 1) % _AROUND
+            high, next_high = low + _AROUND, next_low + _AROUND
+            triangles += [(low, next_low, next_high), (low, next_high, high)]
+    return Surface(
+        [(rim.radius * cos, rim.radius * sin, rim.z) for rim in rims for cos, sin in circle],
+        [(rim.outwards * cos, rim.outwards * sin, rim.upwards) for rim in rims for cos, sin in circle],
+        triangles,
+    )
