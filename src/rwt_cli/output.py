@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Final, Literal, TextIO
 
+from rwt_cli.errors import CommandError
+
 Style = Literal["name", "type", "good", "warning", "bad", "faint", "heading"]
 
 _CODES: Final[dict[Style, str]] = {
@@ -19,6 +21,10 @@ _UP_AND_CLEAR: Final = "\x1b[{}F\x1b[J"
 
 class OutputClosed(Exception):
     """Who read the output has gone: there is nobody to tell anything."""
+
+
+class OutputFailed(CommandError):
+    """The output cannot be written, as to a file on a full disk."""
 
 
 class Output:
@@ -41,6 +47,7 @@ class Output:
 
         Raises:
             OutputClosed: nobody reads any more.
+            OutputFailed: it cannot be written.
         """
         self.text(f"{text}\n")
 
@@ -49,6 +56,7 @@ class Output:
 
         Raises:
             OutputClosed: nobody reads any more.
+            OutputFailed: it cannot be written.
         """
         self._live_lines = 0
         try:
@@ -56,6 +64,8 @@ class Output:
             self._stream.flush()
         except BrokenPipeError:
             raise OutputClosed from None
+        except OSError as error:
+            raise OutputFailed(f"the output cannot be written: {error.strerror}") from None
 
     def record(self, value: object) -> None:
         """Print a value as one line of JSON."""
