@@ -12,7 +12,7 @@ from pathlib import Path
 from conformance import SUITE_VERSION
 from conformance.case import PROFILES, Case
 from conformance.client_runner import run_client_cases
-from conformance.dialing import dialer
+from conformance.dialing import BadAddress, dialer
 from conformance.loading import CASES, CLIENT_CASES, CaseError, load_cases
 from conformance.pipes import takes_several_clients
 from conformance.program import ProgramError
@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if given[:1] == ["client"]:
             return _run_client(given[1:])
         return _run(given)
-    except (CaseError, TargetError, ReportError, ProgramError) as error:
+    except (CaseError, TargetError, ReportError, ProgramError, BadAddress) as error:
         _complain(str(error))
         return 2
     except WireError as error:
@@ -87,13 +87,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _complain(text: str) -> None:
-    sys.stderr.write(f"conformance: {text}\n")
+    sys.stderr.write(f"rwt conformance: {text}\n")
 
 
 def _diff(argv: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(prog="conformance diff", description="Compare two runs (--json files).")
-    parser.add_argument("before", type=Path)
-    parser.add_argument("after", type=Path)
+    parser = argparse.ArgumentParser(
+        prog="rwt conformance diff",
+        description="Print the cases whose verdict changed between two runs.",
+        epilog="exit codes: 0 no verdict got worse, 1 some did, 2 called wrongly",
+    )
+    parser.add_argument("before", type=Path, metavar="BEFORE.json", help="what --json wrote")
+    parser.add_argument("after", type=Path, metavar="AFTER.json", help="what --json wrote later")
     arguments = parser.parse_args(argv)
     comparison = compare_files(arguments.before, arguments.after)
     sys.stdout.write(comparison.text)
@@ -170,6 +174,8 @@ def _target(arguments: argparse.Namespace, find: Callable[[str], Target]) -> Tar
 
 
 def _selected(arguments: argparse.Namespace, target: Target) -> tuple[Case, ...]:
+    if not arguments.cases.is_dir():
+        raise CaseError(f"--cases {arguments.cases}: there is no such folder")
     cases = select(load_cases(arguments.cases), target, arguments.run, arguments.skip)
     if arguments.profile:
         cases = tuple(case for case in cases if case.profile in target.profiles)
@@ -188,6 +194,7 @@ def _run(argv: Sequence[str]) -> int:
         return 0
     if arguments.url is None:
         parser.error("the URL of a server is missing")
+    _check_files(arguments)
     run = asyncio.run(_play(cases, target, arguments))
     _report(run, arguments)
     return 0 if run.ok else 1
@@ -206,6 +213,7 @@ def _run_client(argv: Sequence[str]) -> int:
         return 0
     if not command:
         parser.error("the command that starts the client is missing; it stands after --")
+    _check_files(arguments)
     run = asyncio.run(_play_client(cases, target, arguments, command))
     _report(run, arguments)
     return 0 if run.ok else 1
@@ -245,6 +253,21 @@ async def _play_client(
     run = await run_client_cases(cases, target, command, arguments.listen, conditions, progress)
     progress.end()
     return run
+
+
+def _check_files(arguments: argparse.Namespace) -> None:
+    """A report that cannot be written is said before minutes are spent on it.
+
+    Raises:
+        ReportError: a file cannot be written.
+    """
+    for path in (arguments.json, arguments.junit, arguments.html, arguments.badge, arguments.summary):
+        if path is None:
+            continue
+        try:
+            path.open("a", encoding="utf-8").close()
+        except OSError as error:
+            raise ReportError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _report(run: Run, arguments: argparse.Namespace) -> None:

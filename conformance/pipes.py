@@ -79,7 +79,7 @@ class _Program(StreamWire):
                 *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
             )
         except OSError as error:
-            raise WireError(f"{shlex.join(command)}: cannot start: {error}") from error
+            raise WireError(f"{shlex.join(command)}: cannot start: {error.strerror}") from error
         if process.stdin is None or process.stdout is None:
             raise WireError(f"{shlex.join(command)}: has no pipes")
         return cls(process.stdout, process.stdin, process)

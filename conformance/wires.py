@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import codecs
+import os
+import socket
+import ssl
 from collections.abc import Awaitable, Callable
 from typing import Literal, Protocol, TypeAlias
 from urllib.parse import urlsplit
 
 from websockets.asyncio.client import connect
 from websockets.asyncio.connection import Connection
-from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, InvalidURI
 
 _READ_SIZE = 65536
 _OPEN_SECONDS = 10.0
@@ -18,6 +21,28 @@ _OPEN_SECONDS = 10.0
 
 class WireError(Exception):
     """A connection that cannot be made; the text says where to and why."""
+
+
+def _why(error: Exception) -> str:
+    """Why there is no connection, in words of the suite."""
+    match error:
+        case ConnectionRefusedError():
+            return "nobody listens there"
+        case TimeoutError():
+            return f"no answer within {_OPEN_SECONDS:g} s"
+        case InvalidStatus():
+            return f"it answers with HTTP status {error.response.status_code} instead of a WebSocket"
+        case InvalidHandshake() | InvalidURI():
+            return "it does not speak WebSocket"
+        case socket.gaierror():
+            return "the host is not known"
+        case ssl.SSLCertVerificationError():
+            return f"its certificate is not trusted: {error.verify_message}"
+        case ssl.SSLError():
+            return "it does not speak TLS"
+        case OSError(errno=int(number)):
+            return os.strerror(number)
+    return "nobody listens there"  # asyncio joins what several addresses of a host said, without a number.
 
 
 class WireClosed(Exception):
@@ -79,7 +104,7 @@ class WebSocketWire:
                 open_timeout=_OPEN_SECONDS,
             )
         except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
-            raise WireError(f"{url}: cannot connect: {error}") from error
+            raise WireError(f"{url}: cannot connect: {_why(error)}") from error
         return cls(connection)
 
     async def send(self, data: str | bytes) -> None:
@@ -162,7 +187,7 @@ class StreamWire:
             async with asyncio.timeout(_OPEN_SECONDS):
                 return cls(*await how())
         except (OSError, TimeoutError) as error:
-            raise WireError(f"{url}: cannot connect: {error}") from error
+            raise WireError(f"{url}: cannot connect: {_why(error)}") from error
 
     async def send(self, data: str | bytes) -> None:
         """Send one message as its bytes. Raises WireClosed."""

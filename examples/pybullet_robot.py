@@ -14,9 +14,14 @@ from urllib.parse import urlsplit
 
 import anyio
 
-from husky_xarm.arm import ACTION
-from husky_xarm.description import PACKAGE_FOLDERS
-from husky_xarm.robot import HuskyXArm
+try:
+    from husky_xarm.arm import ACTION
+    from husky_xarm.description import PACKAGE_FOLDERS
+    from husky_xarm.robot import HuskyXArm
+except ModuleNotFoundError as missing:
+    if missing.name not in ("pybullet", "pybullet_data"):
+        raise
+    raise SystemExit("pybullet_robot: PyBullet is not installed: pip install pybullet") from None
 from rwt_bridge import serve
 from rwt_bridge.serve import Server
 from rwt_graph import MemoryGraph
@@ -25,6 +30,7 @@ from rwt_nodes.demo.lens import Lens
 from rwt_nodes.depth_cloud import DepthCloudEncoder
 from rwt_nodes.packages import Packages
 from rwt_nodes.video import WebVideoServer
+from rwt_transports.errors import TransportError
 
 DEPTH_PER_TILE = 2.0
 """Metres; the depth cloud reaches twice as far. `ROS3D.DepthCloud` has an option `maxDepthPerTile` for it."""
@@ -39,7 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--size", type=_size, default="640x480", help="of pictures (%(default)s)")
     parser.add_argument("--camera-rate", type=_rate, default=10.0, help="pictures a second (%(default)g)")
     given = parser.parse_args(arguments)
-    anyio.run(run, given.url, Lens(*given.size), given.camera_rate)
+    try:
+        anyio.run(run, given.url, Lens(*given.size), given.camera_rate)
+    except TransportError as error:
+        raise SystemExit(f"pybullet_robot: {error}") from None
 
 
 async def run(url: str, lens: Lens, camera_rate: float) -> None:

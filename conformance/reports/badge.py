@@ -8,7 +8,7 @@ from conformance.reports.counts import conformance, grade
 from conformance.rules import Rule
 from conformance.runner import Run
 
-_COLOURS = {"A+": "#2c7a3f", "A": "#2c7a3f", "B": "#7a8a1c", "C": "#b7791f", "D": "#b03a2e"}
+_COLOURS = {"A+": "#2c7a3f", "A": "#2c7a3f", "B": "#7a8a1c", "C": "#b7791f", "D": "#b03a2e", "none": "#777"}
 
 
 def render(run: Run, rules: Mapping[str, Rule]) -> str:

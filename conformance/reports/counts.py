@@ -71,9 +71,12 @@ def by_section(run: Run) -> tuple[Row, ...]:
 def grade(run: Run) -> str:
     """The grade (docs/how-to/conformance.md): A to D by what failed, `+` without failures in robustness.
 
-    A: nothing failed. B: no MUST failed. C: at most a tenth of the MUST cases failed. D: more.
+    A: nothing failed. B: no MUST failed. C: at most a tenth of the MUST cases failed. D: more. None where
+    no case was judged.
     Expected failures count: an expectation explains a failure and does not undo it.
     """
+    if not row("", run.results).asked:
+        return "none"
     failed = [result for result in run.results if result.verdict == "fail"]
     plain = [result for result in failed if not result.robustness]
     must = [result for result in plain if result.case.level == "MUST"]

@@ -71,6 +71,8 @@ def report(run: Run, rules: Mapping[str, Rule], *, verbose: bool = False) -> str
     if verbose and unexpected:
         text += "\n" + "".join(failure(result, rules) + _frames(result) for result in unexpected)
     verdict = "ok" if run.ok else f"{len(unexpected)} failed unexpectedly, {len(run.stale)} stale"
+    if grade(run) == "none":
+        verdict = "no case was judged: the target does not claim what was selected (--target, --profile)"
     return f"{text}\ngrade {grade(run)}, {verdict}\n"
 
 

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from rwt_cli.errors import INTERRUPTED, PIPE_CLOSED, CommandError, failure_line
-from rwt_cli.output import OutputClosed
-from rwt_cli.parser import Parser
+from rwt_cli.errors import INTERRUPTED, PIPE_CLOSED, CommandError
+from rwt_cli.output import OutputClosed, OutputFailed, failure_line
+from rwt_cli.parser import Parser, ShowVersion
 
 __all__ = ["COMMANDS", "Command", "main", "parser_for"]
 
@@ -78,6 +78,7 @@ def parser_for(wanted: str | None) -> Parser:
     parser = Parser(
         prog="rwt", description="Robot Web Tools without ROS: rosbridge v2 for any robot.", epilog=_EXAMPLES
     )
+    parser.add_argument("--version", action=ShowVersion, help="print the version and end")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
         if wanted in (command.name, "*"):
@@ -91,14 +92,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code, see :mod:`rwt_cli.errors`."""
     words = sys.argv[1:] if argv is None else list(argv)
     try:
-        arguments = parser_for(words[0] if words else None).parse_args(words)
+        command = next((word for word in words if not word.startswith("-")), None)
+        arguments = parser_for(command).parse_args(words)
         return int(arguments.run(arguments))
     except CommandError as error:
         print(failure_line(error), file=sys.stderr)
+        if isinstance(error, OutputFailed):
+            _forget_output()
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED
     except (OutputClosed, BrokenPipeError):
-        # What is still buffered has no reader either, and must not complain at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _forget_output()
         return PIPE_CLOSED
+
+
+def _forget_output() -> None:
+    """What is still buffered cannot be written either, and must not complain at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import difflib
-import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Final
-
-from rwt_cli.output import printable
 
 FAILED: Final = 1
 """It was asked for rightly and did not work, or the robot said no."""
@@ -33,23 +30,6 @@ class CommandError(Exception):
     def __init__(self, text: str, exit_code: int = FAILED) -> None:
         super().__init__(text)
         self.exit_code = exit_code
-
-
-def reported(act: Callable[[], object]) -> int:
-    """Run a part of a command in a process of its own; the exit code, with why it failed on stderr."""
-    try:
-        act()
-    except CommandError as error:
-        print(failure_line(error), file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    return 0
-
-
-def failure_line(error: CommandError) -> str:
-    """What is said of a failure: one line, whatever a robot's answer has in it."""
-    return f"rwt: {printable(' '.join(str(error).splitlines()))}"
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

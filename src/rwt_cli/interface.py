@@ -163,6 +163,12 @@ def _add_show(verbs: Commands) -> None:
 
 
 def _show(arguments: Arguments, output: Output) -> None:
+    if "/" not in arguments.type:
+        raise CommandError(
+            f"expected a type, for example geometry_msgs/msg/Twist, got {arguments.type!r}; "
+            "`rwt interface list PACKAGE` has the types of a package",
+            CALLED_WRONGLY,
+        )
     registry, (found,) = _types(arguments, [arguments.type])
     parts = _parts(found)
     if output.json:

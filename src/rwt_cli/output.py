@@ -6,8 +6,10 @@ import io
 import json
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final, Literal, TextIO
+
+from rwt_cli.errors import INTERRUPTED, CommandError
 
 Style = Literal["name", "type", "good", "warning", "bad", "faint", "heading"]
 
@@ -19,6 +21,10 @@ _UP_AND_CLEAR: Final = "\x1b[{}F\x1b[J"
 
 class OutputClosed(Exception):
     """Who read the output has gone: there is nobody to tell anything."""
+
+
+class OutputFailed(CommandError):
+    """The output cannot be written, as to a file on a full disk."""
 
 
 class Output:
@@ -41,6 +47,7 @@ class Output:
 
         Raises:
             OutputClosed: nobody reads any more.
+            OutputFailed: it cannot be written.
         """
         self.text(f"{text}\n")
 
@@ -49,6 +56,7 @@ class Output:
 
         Raises:
             OutputClosed: nobody reads any more.
+            OutputFailed: it cannot be written.
         """
         self._live_lines = 0
         try:
@@ -56,6 +64,8 @@ class Output:
             self._stream.flush()
         except BrokenPipeError:
             raise OutputClosed from None
+        except OSError as error:
+            raise OutputFailed(f"the output cannot be written: {error.strerror}") from None
 
     def record(self, value: object) -> None:
         """Print a value as one line of JSON."""
@@ -110,6 +120,23 @@ def printable(text: str) -> str:
         if text.isprintable()
         else "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     )
+
+
+def reported(act: Callable[[], object]) -> int:
+    """Run a part of a command in a process of its own; the exit code, with why it failed on stderr."""
+    try:
+        act()
+    except CommandError as error:
+        print(failure_line(error), file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return 0
+
+
+def failure_line(error: CommandError) -> str:
+    """What is said of a failure: one line, whatever a robot's answer has in it."""
+    return f"rwt: {printable(' '.join(str(error).splitlines()))}"
 
 
 def note(text: str) -> None:

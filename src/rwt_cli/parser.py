@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Sequence
 from typing import Final, NoReturn, TypeAlias
 
 from rwt_cli.errors import CALLED_WRONGLY, did_you_mean
@@ -42,10 +43,40 @@ class Parser(argparse.ArgumentParser):
             allow_abbrev=False,
         )
 
+    def parse_known_args(  # type: ignore[override]  # the stubs' overloads come to this
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """As argparse does it, but the command whose the words are says what is wrong with them: argparse
+        leaves that to the outermost one, which knows nothing of its options."""
+        found, left = super().parse_known_args(args, namespace)
+        if left:
+            self.error(self._unknown(left[0]))
+        return found, left
+
+    def _unknown(self, word: str) -> str:
+        option, _, _ = word.partition("=")
+        if not option.startswith("-"):
+            return f"unexpected argument {word!r}"
+        return f"unknown option {option!r}{did_you_mean(option, self._option_string_actions)}"
+
     def error(self, message: str) -> NoReturn:
         """End the program with one line on stderr and the exit code for being called wrongly."""
         sys.stderr.write(f"{self.prog}: {_plainly(message)} (`{self.prog} --help` says more)\n")
         raise SystemExit(CALLED_WRONGLY)
+
+
+class ShowVersion(argparse.Action):
+    """An option that prints the version and ends; the version is looked up when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, default=argparse.SUPPRESS, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """Print it."""
+        from importlib.metadata import version
+
+        sys.stdout.write(f"rwt {version('robot-web-tools')}\n")
+        parser.exit()
 
 
 def _plainly(message: str) -> str:

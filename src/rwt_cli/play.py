@@ -20,6 +20,7 @@ from rwt_cli.errors import CommandError
 from rwt_cli.keys import Key, keys
 from rwt_cli.logs import log_to_stderr
 from rwt_cli.nodes import start_nodes
+from rwt_cli.verbs import topic_glob
 from rwt_nodes.playback.rates import FASTEST, SLOWEST
 from rwt_transports.errors import TransportError
 
@@ -61,13 +62,17 @@ def add_play_command(commands: argparse._SubParsersAction[argparse.ArgumentParse
     )
     parser.add_argument(
         "what",
-        nargs="+",
+        nargs="*",
         metavar="FILE|URL",
         help="MCAP files, .bag files or folders of rosbag2; and where to listen (default ws://127.0.0.1:9090)",
     )
     _add_time(parser)
-    parser.add_argument("--topics", nargs="+", action="extend", default=[], metavar="GLOB", help="only these")
-    parser.add_argument("--exclude", nargs="+", action="extend", default=[], metavar="GLOB", help="not these")
+    parser.add_argument(
+        "--topics", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB", help="only these"
+    )
+    parser.add_argument(
+        "--exclude", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB", help="not these"
+    )
     parser.add_argument(
         "--remap", nargs="+", action="extend", default=[], type=parse_remap, metavar="OLD:=NEW",
         help="publish a topic under another name",
@@ -114,7 +119,11 @@ def _run(arguments: argparse.Namespace) -> int:
     urls = tuple(word for word in arguments.what if _is_url(word))
     files = [Path(word) for word in arguments.what if not _is_url(word)]
     if not files:
-        raise CommandError("expected a recording to play, for example: rwt play run.mcap", exit_code=2)
+        raise CommandError(
+            "expected a recording to play, for example: rwt play run.mcap; "
+            "it stands before options that take several words, such as --topics",
+            exit_code=2,
+        )
     settings = settings_of(arguments, {"listen": urls or None}).settings
     try:
         with open_recording(files) as recording:

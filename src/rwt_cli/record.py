@@ -17,13 +17,15 @@ from typing import TYPE_CHECKING
 import anyio
 import anyio.to_thread
 
-from rwt_cli.errors import CommandError
+from rwt_cli.errors import CALLED_WRONGLY, CommandError
 from rwt_cli.verbs import (
     DEFAULT_URL,
     TOKEN_VARIABLE,
     URL_VARIABLE,
     command_error,
     request_headers,
+    seconds,
+    topic_glob,
     url_of,
 )
 from rwt_nodes.recording import (
@@ -96,7 +98,9 @@ def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
     parser.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
     _add_topics(parser)
     _add_form(parser)
-    parser.add_argument("--max-seconds", type=float, metavar="S", help="end by itself after so many seconds")
+    parser.add_argument(
+        "--max-seconds", type=seconds, metavar="S", help="end by itself after so many seconds"
+    )
     parser.add_argument(
         "--no-reconnect", action="store_true", help="end when the connection is lost; else it is retried"
     )
@@ -106,11 +110,17 @@ def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
 
 def _add_topics(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--topics", nargs="+", action="extend", default=[], metavar="GLOB",
+        "--topics", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB",
         help="only topics that fit one of these patterns (default: all)",
     )  # fmt: skip
     parser.add_argument(
-        "--exclude", nargs="+", action="extend", default=[], metavar="GLOB", help="no topics that fit these"
+        "--exclude",
+        nargs="+",
+        action="extend",
+        default=[],
+        type=topic_glob,
+        metavar="GLOB",
+        help="no topics that fit these",
     )
     parser.add_argument(
         "--services", action="store_true", help="also service calls, where the robot publishes them as events"
@@ -119,7 +129,7 @@ def _add_topics(parser: argparse.ArgumentParser) -> None:
         "--actions", action="store_true", help="also the topics that carry the robot's actions (ROS 2)"
     )
     parser.add_argument(
-        "--latched", nargs="+", action="extend", default=[], metavar="GLOB",
+        "--latched", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB",
         help="topics whose last message late joiners get, where the server does not show that",
     )  # fmt: skip
 
@@ -162,6 +172,7 @@ def _run(arguments: argparse.Namespace) -> int:
     logging.getLogger("rwt_nodes.recording.writer").setLevel(logging.CRITICAL)
     if arguments.verbose:
         logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
+    _refuse_file(arguments.url)
     path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
     order = _Order(
         url_of(arguments),
@@ -186,6 +197,14 @@ def _run(arguments: argparse.Namespace) -> int:
     except RecordingError as error:
         raise CommandError(str(error)) from error
     return 0
+
+
+def _refuse_file(url: str | None) -> None:
+    """Raise :exc:`CommandError` for the name of a file where the robot's URL stands."""
+    if url is not None and Path(url).suffix == ".mcap":
+        raise CommandError(
+            f"expected the robot's URL, got {url!r}; to record to it: -o {url}", CALLED_WRONGLY
+        )
 
 
 async def _record(order: _Order) -> None:
@@ -266,6 +285,10 @@ def _finish(writer: RecordingWriter, verbose: bool) -> None:
     size = writer.bytes_on_disk / 1e6
     begin = "\r" if sys.stderr.isatty() else ""
     print(f"{begin}{writer.messages} messages in {files}, {size:.1f} MB", file=sys.stderr)
+    if not writer.channels:
+        print(
+            "nothing was heard on the topics that were asked for: `rwt topic list` has all", file=sys.stderr
+        )
     if writer.dropped:
         print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
     for channel in writer.channels if verbose else ():

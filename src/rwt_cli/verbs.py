@@ -141,6 +141,15 @@ def _positive(text: str, expected: str) -> float:
     return number
 
 
+def topic_glob(text: str) -> str:
+    """A pattern of topics. The options that take several would take a URL behind them, too."""
+    if "://" in text:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no pattern of topics; a URL stands before options that take several patterns"
+        )
+    return text
+
+
 def count(text: str) -> int:
     """An option's value that counts something: 1 or more."""
     return _whole(text, 1)

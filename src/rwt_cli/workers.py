@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING
 import anyio
 
 from rwt_bridge.tls import server_tls
-from rwt_cli.errors import CommandError, reported
+from rwt_cli.errors import CommandError
 from rwt_cli.logs import name_worker
 from rwt_cli.nodes import ON_EVERY_WORKER
+from rwt_cli.output import reported
 from rwt_cli.supervision import Say, Supervisor, parent_lives
 from rwt_cli.worker_figures import WorkerFigures
 from rwt_interfaces.distro import DISTROS

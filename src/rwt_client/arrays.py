@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import msgspec
 
@@ -16,6 +16,12 @@ ArrayKind = Literal["list", "numpy"]
 """What numeric arrays of a message become: lists (and `bytes` for octets), or numpy arrays."""
 
 Convert = Callable[[Any], Any]
+
+
+def check_kind(arrays: str) -> None:
+    """Raise :exc:`ValueError` for what is no :data:`ArrayKind`."""
+    if arrays not in get_args(ArrayKind):
+        raise ValueError(f"arrays: expected list or numpy, got {arrays!r}")
 
 
 def to_numpy(message_type: MessageType) -> Callable[[msgspec.Struct], msgspec.Struct] | None:

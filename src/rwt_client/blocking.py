@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import ExitStack
-from typing import Any, Concatenate, ParamSpec, TypeVar, Unpack
+from typing import Any, Concatenate, ParamSpec, TypeVar, TypeVarTuple, Unpack, overload
 
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
@@ -35,13 +35,46 @@ from rwt_protocol.frames import Accept
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Arguments = TypeVarTuple("Arguments")
 S = TypeVar("S")
+
+
+class _Loop:
+    """The event loop in its thread.
+
+    Attributes:
+        closed: whether this program has closed the connection, and the loop with it.
+    """
+
+    def __init__(self, portal: BlockingPortal) -> None:
+        self._portal = portal
+        self.closed = False
+
+    @overload
+    def call(self, function: Callable[[Unpack[Arguments]], Awaitable[T]], *args: *Arguments) -> T: ...
+
+    @overload
+    def call(self, function: Callable[[Unpack[Arguments]], T], *args: *Arguments) -> T: ...
+
+    def call(self, function: Callable[[Unpack[Arguments]], Any], *args: *Arguments) -> Any:
+        """Run a function there and wait for it.
+
+        Raises:
+            ConnectionClosed: the connection was closed before.
+        """
+        try:
+            pending = self._portal.start_task_soon(function, *args)
+        except RuntimeError:
+            if not self.closed:
+                raise
+            raise ConnectionClosed("the connection was closed by this program") from None
+        return pending.result()
 
 
 class _Face:
     """Something of an asynchronous robot, for other threads."""
 
-    def __init__(self, portal: BlockingPortal, inner: Any) -> None:
+    def __init__(self, portal: _Loop, inner: Any) -> None:
         self._portal = portal
         self._inner = inner
 
@@ -236,7 +269,7 @@ class BlockingRobot(_Face):
 
     _inner: Robot
 
-    def __init__(self, portal: BlockingPortal, inner: Robot) -> None:
+    def __init__(self, portal: _Loop, inner: Robot) -> None:
         super().__init__(portal, inner)
         self.api = BlockingApi(portal, inner.api)
         self.params = BlockingParameters(portal, inner.params)
@@ -347,6 +380,13 @@ def connect(target: str | Accept, **options: Unpack[ConnectKeywords]) -> Blockin
     with ExitStack() as stack:
         portal = stack.enter_context(start_blocking_portal())
         connecting = portal.wrap_async_context_manager(connection.connect(target, **options))
-        robot = BlockingRobot(portal, stack.enter_context(connecting))
-        robot.when_closed(stack.pop_all().close)
+        loop = _Loop(portal)
+        robot = BlockingRobot(loop, stack.enter_context(connecting))
+        everything = stack.pop_all()
+
+        def close() -> None:
+            loop.closed = True
+            everything.close()
+
+        robot.when_closed(close)
     return robot

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Literal, TypedDict, Unpack
 import anyio
 import anyio.lowlevel
 
-from rwt_client.arrays import ArrayKind
+from rwt_client.arrays import ArrayKind, check_kind
 from rwt_client.backoff import Backoff
 from rwt_client.errors import BadAddress, CannotConnect, ConnectionClosed, ConnectionLost
 from rwt_client.events import ConnectionEvent
@@ -92,7 +92,9 @@ async def connect(
     Raises:
         BadAddress: the URL is not one to connect to.
         CannotConnect: there is no connection; says why.
+        ValueError: `arrays` is another word.
     """
+    check_kind(arrays)
     bounds = limits or Limits()
     fragments = FragmentLimits(max_size=2 * bounds.message_bytes)
     line = Line(status_level, WireLimits(bounds.message_bytes, fragments=fragments))

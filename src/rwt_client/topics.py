@@ -7,11 +7,11 @@ import logging
 from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import anyio
 
-from rwt_client.arrays import ArrayKind, has_big_arrays, ros1_sends_as_cbor
+from rwt_client.arrays import ArrayKind, check_kind, has_big_arrays, ros1_sends_as_cbor
 from rwt_client.errors import (
     ClientError,
     ConnectionClosed,
@@ -48,6 +48,9 @@ class SubscribeOptions:
         queue_bytes: the same bound in bytes; the newest message stays however big it is.
         fragment_size: ask the server to split what is longer than this many characters.
         qos: quality of service, where the server speaks ROS 2.
+
+    Raises:
+        ValueError: `arrays` or `compression` is another word.
     """
 
     arrays: ArrayKind = "list"
@@ -57,6 +60,12 @@ class SubscribeOptions:
     queue_bytes: int = 64 * 1024 * 1024
     fragment_size: int | None = None
     qos: Qos | None = None
+
+    def __post_init__(self) -> None:
+        check_kind(self.arrays)
+        if self.compression not in get_args(Compression):
+            known = ", ".join(get_args(Compression))
+            raise ValueError(f"compression: expected one of {known}, got {self.compression!r}")
 
 
 class TopicSubscriptions:

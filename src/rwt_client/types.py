@@ -166,7 +166,9 @@ class LiveTypes:
             await fetch()
             return find(name)
         except (CallFailed, NoAnswer, InterfaceError) as error:
-            raise TypeUnavailable(f"{unknown}; asked for it, the robot says: {error}") from None
+            # A robot that knows what we know says the same once more.
+            answer = " the same" if str(error) == str(unknown) else f": {error}"
+            raise TypeUnavailable(f"{unknown}; asked for it, the robot says{answer}") from None
 
     async def _name_of(self, what: str, name: str, question: str) -> str:
         try:

@@ -57,7 +57,11 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         return
     from rwt_pytest.wishes import distros_of
 
-    distros = distros_of(metafunc.config, list(metafunc.definition.iter_markers("rwt")))
+    try:
+        distros = distros_of(metafunc.config, list(metafunc.definition.iter_markers("rwt")))
+    except pytest.UsageError as error:
+        # Said without the way through pytest that led here.
+        raise pytest.Collector.CollectError(str(error)) from None
     if len(distros) > 1:
         metafunc.parametrize("rwt_distro", distros, indirect=True)
 

@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TypedDict
+from typing import Final, TypedDict
 from urllib.parse import urlsplit
 
 import anyio
@@ -325,6 +325,15 @@ async def _tick(reception: Reception) -> None:
         await anyio.sleep(TICK_SECONDS)
 
 
+_NO_TLS: Final = "it does not speak TLS there; is it ws:// or tcp://, without an s?"
+_TLS_REASONS: Final = {
+    "WRONG_VERSION_NUMBER": _NO_TLS,
+    "RECORD_LAYER_FAILURE": _NO_TLS,
+    "HTTP_REQUEST": _NO_TLS,
+}
+"""OpenSSL's names of what happens where something else than TLS answers."""
+
+
 async def _open(dialed: Dialed, tls: ssl.SSLContext | None, tasks: TaskGroup) -> None:
     """Reach the other side and set its bytes moving.
 
@@ -342,7 +351,8 @@ async def _open(dialed: Dialed, tls: ssl.SSLContext | None, tasks: TaskGroup) ->
         else:
             tasks.start_soon(serve_stream, dialed.attach, await _stream(target, tls))
     except ssl.SSLError as error:
-        reason = getattr(error, "verify_message", "") or error.reason or "the handshake failed"
+        reason = getattr(error, "verify_message", "") or _TLS_REASONS.get(error.reason or "", error.reason)
+        reason = reason or "the handshake failed"
         raise ConnectError(f"cannot connect to {target} in TLS: {reason}") from error
     except OSError as error:
         raise ConnectError(f"cannot connect to {target}: {_why(error)}") from error

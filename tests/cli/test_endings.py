@@ -59,6 +59,14 @@ def test_a_reader_that_was_never_there(demo: str) -> None:
     assert (done.returncode, done.stderr) == (141, b"")
 
 
+def test_a_full_disk_is_one_line(demo: str) -> None:
+    command = [sys.executable, "-m", "rwt_cli", "topic", "list", "--url", demo]
+    with open("/dev/full", "wb") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=20)
+    said = "rwt: the output cannot be written: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, said)
+
+
 def test_a_lost_connection_ends_what_waits_for_an_answer() -> None:
     with demo_server() as url:
         running = process("action", "send_goal", "/fibonacci", "{order: 40}", "-f", url=url)

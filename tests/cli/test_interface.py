@@ -206,3 +206,8 @@ def test_generate_offline_to_standard_output(rwt: Rwt) -> None:
 def test_generate_that_cannot_be(rwt: Rwt, words: tuple[str, ...], code: int, expected: str) -> None:
     ended = rwt("interface", "generate", "--lang", "python", *words)
     assert (ended.code, expected in ended.err) == (code, True), ended.err
+
+
+def test_a_package_has_no_definition(rwt: Rwt) -> None:
+    ended = rwt("interface", "show", "geometry_msgs")
+    assert (ended.code, "expected a type, for example geometry_msgs/msg/Twist" in ended.err) == (2, True)

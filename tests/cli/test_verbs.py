@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import anyio
@@ -548,3 +549,36 @@ def test_csv_for_people_is_harmless() -> None:
 
     anyio.run(echo)
     assert stream.getvalue() == "\ufffd[2J\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ("topic", "echo", "/odom", "--fild", "x"),
+            "rwt topic echo: unknown option '--fild'; did you mean --field?",
+        ),
+        (("topic", "list", "--jsn=1"), "rwt topic list: unknown option '--jsn'; did you mean --json?"),
+        (("topic", "list", "more"), "rwt topic list: unexpected argument 'more'"),
+        (("serve", "--dmo"), "rwt serve: unknown option '--dmo'; did you mean --demo?"),
+        (("--verson", "topic", "list"), "rwt: unknown option '--verson'; did you mean --version?"),
+    ],
+    ids=lambda value: value[-1] if isinstance(value, tuple) else "",
+)
+def test_an_unknown_option_is_said_by_the_command_that_lacks_it(
+    words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    line = capsys.readouterr().err
+    assert (ended.value.code, line.startswith(said), line.count("\n")) == (2, True, 1)
+
+
+def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert (ended.value.code, capsys.readouterr().out) == (0, f"rwt {version('robot-web-tools')}\n")
+
+
+def test_a_type_that_the_robot_lacks_too_is_said_once(rwt: Rwt) -> None:
+    assert rwt("topic", "pub", "/new", "std_msgs/msg/Strin", "{}").err.count("did you mean") == 1

@@ -6,11 +6,11 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
-from rwt_client import BadAddress, CannotConnect, GoalStatus, NoAnswer, ReceivedGoal
+from rwt_client import BadAddress, CannotConnect, ConnectionClosed, GoalStatus, NoAnswer, ReceivedGoal
 from rwt_client.blocking import BlockingRobot, connect
 
 FIBONACCI = "example_interfaces/Fibonacci"
@@ -116,3 +116,20 @@ def test_errors_come_out_as_themselves() -> None:
         connect("ws://127.0.0.1:1")
     with pytest.raises(BadAddress, match="use one of ws:"):
         connect("robot:9090")
+
+
+def test_a_closed_robot_says_that_it_was_closed(url: str) -> None:
+    robot = connect(url)
+    robot.close()
+    robot.close()
+    with pytest.raises(ConnectionClosed, match="was closed by this program"):
+        robot.call("/add_two_ints")
+
+
+def test_words_that_choose_nothing_are_refused(robot: BlockingRobot, url: str) -> None:
+    with pytest.raises(ValueError, match="arrays: expected list or numpy, got 'nump'"):
+        connect(url, arrays=cast(Any, "nump"))
+    with pytest.raises(ValueError, match="arrays: expected list or numpy, got 'nump'"):
+        robot.once("/scan", arrays=cast(Any, "nump"))
+    with pytest.raises(ValueError, match="compression: expected one of auto, none, png, cbor, got 'zip'"):
+        robot.topic("/odom", compression=cast(Any, "zip"))

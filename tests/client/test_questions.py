@@ -209,7 +209,9 @@ async def test_the_graphs_definition_wins_over_the_standard_one() -> None:
 
 async def test_a_type_that_nobody_knows() -> None:
     async with world() as it:
-        with pytest.raises(TypeUnavailable, match='asked for it, the robot says: no message "my_msgs/X"'):
+        with pytest.raises(
+            TypeUnavailable, match='no message "my_msgs/X" is known; asked for it, the robot says the same'
+        ):
             await it.robot.types.fetch("my_msgs/X")
         with pytest.raises(TypeUnavailable):
             await it.robot.types.fetch("not a name")

@@ -58,6 +58,7 @@ def test_a_run_is_ok_without_unexpected_failures_and_stale_expectations() -> Non
         ([_result("pass"), _result("fail", level="SHOULD")], "B"),
         ([_result("fail"), *[_result("pass") for _ in range(9)]], "C"),
         ([_result("fail"), _result("pass")], "D"),
+        ([_result("unimplemented"), _result("informational")], "none"),
     ],
 )
 def test_grades(results: list[Result], mark: str) -> None:

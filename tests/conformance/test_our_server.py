@@ -162,7 +162,9 @@ def test_with_globs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_server_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ws://127.0.0.1:9", "--run", "publish/*"]) == 3
-    assert "cannot connect" in capsys.readouterr().err
+    assert capsys.readouterr().err == (
+        "rwt conformance: ws://127.0.0.1:9: cannot connect: nobody listens there\n"
+    )
 
 
 @pytest.mark.parametrize(
@@ -171,6 +173,13 @@ def test_a_server_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
         (["ws://x", "--target", "nobody"], "shipped targets"),
         (["ws://x", "--profile", "NOPE"], "known are CORE"),
         (["ws://x", "--run", "nothing/like/it"], "no case fits"),
+        (["ws://x", "--cases", "/no/such/cases"], "--cases /no/such/cases: there is no such folder"),
+        (["ws://x", "--json", "/no/such/folder/x"], "/no/such/folder/x: cannot be written"),
+        (["x"], "expected ws://"),
+        (["http://x"], "expected ws://"),
+        (["tcp://x"], "expected tcp://HOST:PORT"),
+        (["ws://x:99999"], "expected ws://HOST:PORT"),
+        (["stdio:"], "expected stdio:COMMAND"),
         (["diff", "/nope.json", "/nope.json"], "cannot be read"),
     ],
 )

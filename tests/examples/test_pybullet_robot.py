@@ -132,3 +132,28 @@ def test_options_that_make_no_sense(arguments: list[str], complaint: str, tmp_pa
     )
     assert done.returncode == 2
     assert complaint in done.stderr
+
+
+def _ended(*before: str) -> subprocess.CompletedProcess[str]:
+    """The program with a URL that cannot be, after some lines of Python."""
+    code = f"import runpy, sys; sys.argv = ['x', 'nowhere']; {'; '.join(before)}; "
+    return subprocess.run(
+        [sys.executable, "-c", f"{code}runpy.run_path({str(_PROGRAM)!r}, run_name='__main__')"],
+        env={"PYTHONPATH": f"{ROOT / 'src'}:{ROOT / 'examples'}"},
+        capture_output=True,
+        text=True,
+        timeout=_PATIENCE,
+        check=False,
+    )
+
+
+def test_without_pybullet_it_says_what_to_install() -> None:
+    done = _ended("sys.modules['pybullet_data'] = sys.modules['pybullet'] = None")
+    assert (done.returncode, "Traceback" in done.stderr) == (1, False)
+    assert "pip install pybullet" in done.stderr
+
+
+def test_an_address_that_cannot_be_is_one_line() -> None:
+    done = _ended("pass")
+    assert (done.returncode, "Traceback" in done.stderr) == (1, False)
+    assert "cannot listen on 'nowhere'" in done.stderr

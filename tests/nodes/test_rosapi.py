@@ -234,6 +234,21 @@ async def test_declared_parameters(asker: Asker, robot: Node, distro: str) -> No
     assert (await asker.ask("/rosapi/search_param", name="max_speed"))["global_name"] == name
 
 
+async def test_viewers_find_the_description_of_the_one_robot_under_its_old_name(
+    graph: MemoryGraph, asker: Asker, robot: Node, distro: str
+) -> None:
+    if distro == "noetic":
+        pytest.skip("there the parameter has that name")
+    robot.parameters.declare("robot_description", "<robot/>")
+    robot.parameters.declare("secret", 1)
+    for name in ("/robot_description", "robot_description"):
+        assert json.loads((await asker.ask("/rosapi/get_param", name=name))["value"]) == "<robot/>"
+    assert (await asker.ask("/rosapi/get_param", name="/secret"))["value"] == "null"
+    assert "/robot_description" not in (await asker.ask("/rosapi/get_param_names"))["names"]
+    Node(graph, "another").parameters.declare("robot_description", "<robot/>")
+    assert (await asker.ask("/rosapi/get_param", name="/robot_description"))["value"] == "null"
+
+
 async def test_the_default_of_a_missing_parameter(asker: Asker, distro: str) -> None:
     field = "default_value" if distro == "jazzy" else "default"
     answer = await asker.ask("/rosapi/get_param", name="/nothing", **{field: "42"})

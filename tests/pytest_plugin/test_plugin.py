@@ -338,6 +338,7 @@ def test_both_distributions_and_interfaces_beside_the_test(suite: Suite) -> None
 def test_a_wrong_wish_is_named(suite: Suite, line: str, complaint: str) -> None:
     said = suite.run(f"import pytest\n\n{line}\ndef test_it(rwt_server):\n    pass\n")
     assert complaint in said, said
+    assert "pluggy" not in said
     assert " passed" not in said
 
 

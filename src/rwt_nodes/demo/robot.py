@@ -219,15 +219,16 @@ class DemoRobot:
         )
 
     def _describe(self, description: str) -> None:
-        """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global parameter."""
+        """The URDF where programs look for it: a latched topic and a parameter, on ROS 1 a global one."""
         node = self._node
         node.advertise("robot_description", "std_msgs/String", latch=True).publish({"data": description})
+        graph = node.graph
         if node.distro.ros_version == 2:
             node.parameters.declare(
                 "robot_description", description, description="The robot as URDF.", read_only=True
             )
-        graph = node.graph
-        graph.run_on_graph(lambda: graph.parameters.set(node.resolve("robot_description"), description))
+        else:
+            graph.run_on_graph(lambda: graph.parameters.set(node.resolve("robot_description"), description))
 
 
 def _add_two_ints(request: _Addends) -> messages.Message:

@@ -91,11 +91,17 @@ def pose(at: Point, orientation: Quaternion = UPRIGHT) -> Mapping[str, object]:
 
 def quaternion(value: Quaternion) -> Mapping[str, object]:
     """`geometry_msgs/Quaternion`."""
-    return dict(zip("xyzw", value, strict=True))
+    return _fields("xyzw", value, "a rotation")
 
 
 def _point(value: Point) -> Mapping[str, object]:
-    return dict(zip("xyz", value, strict=True))
+    return _fields("xyz", value, "a place or size")
+
+
+def _fields(names: str, value: tuple[float, ...], what: str) -> Mapping[str, object]:
+    if len(value) != len(names):
+        raise ValueError(f"{what} has {', '.join(names)}; got {value}")
+    return dict(zip(names, value, strict=True))
 
 
 def _shape(

@@ -118,6 +118,8 @@ def open_recording(paths: Sequence[Path]) -> Recording:
 def _open(path: Path) -> Recording:
     if not path.exists():
         raise RecordingUnreadable(f"{path}: there is no such file")
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        raise RecordingUnreadable(f"{path} is no recording: a folder of rosbag2 has a file metadata.yaml")
     if path.is_dir() or path.suffix == ".bag":
         require("rosbags")
         from rwt_nodes.recording.bags import BagRecording  # an extra, loaded where a bag is read

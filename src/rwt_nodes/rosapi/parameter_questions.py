@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 Answer = dict[str, object]
 
+_DESCRIPTION = "robot_description"
+
 
 class ParameterQuestions:
     """Handlers of the parameter services. Names are `/node:name` on ROS 2 and `/name` on ROS 1 (API-08).
@@ -31,12 +33,27 @@ class ParameterQuestions:
         """One value; if there is none, the request's default, and without that null (API-07)."""
         default = request.default_value if self._tells else request.default
         try:
-            value = await self._node.get_param(request.name)
+            value = await self._node.get_param(await self._full_name(request.name))
         except GraphError as error:
             if default or not self._tells:
                 return {"value": default or "null", **self._done()}
             return {"value": "null", "successful": False, "reason": str(error)}
         return {"value": json.dumps(value), **self._done()}
+
+    async def _full_name(self, name: str) -> str:
+        """Where the robot's description is on ROS 2: what viewers ask for has the name that it had on ROS 1.
+
+        Nothing is guessed where several nodes of that namespace have one, or none has.
+        """
+        above, _, last = name.rpartition("/")
+        if not self._tells or last != _DESCRIPTION or await self._node.has_param(name):
+            return name
+        found = [
+            known
+            for known in await self._node.list_params()
+            if known.startswith(f"{above}/") and known.endswith(f":{_DESCRIPTION}")
+        ]
+        return found[0] if len(found) == 1 else name
 
     async def set_param(self, request: Any) -> Answer:
         """Set one value from JSON text."""

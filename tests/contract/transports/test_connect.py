@@ -278,6 +278,14 @@ async def test_a_certificate_that_nobody_vouches_for(tmp_path: Path, certificate
                 pass
 
 
+async def test_tls_where_there_is_none(tmp_path: Path, certificate: Path) -> None:
+    place = Place("ws", tmp_path, certificate)
+    async with listen(place.listen_url, place.accept_far) as listener:
+        with pytest.raises(ConnectError, match=r"in TLS: it does not speak TLS there; is it ws:// or tcp://"):
+            async with connect(listener.url.replace("ws://", "wss://"), place.accept_near):
+                pass
+
+
 async def test_an_unknown_host() -> None:
     with pytest.raises(ConnectError, match=r"the host is not known|nobody listens|could be made"):
         async with connect("ws://no-such-host.invalid:9090", End):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -104,3 +104,8 @@ def test_everything_fits_the_types_of_either_distribution(registry: Registry) ->
     by_file, coloured = marker.controls[-2].markers[3:5]
     assert (by_file.mesh_use_embedded_materials, coloured.mesh_use_embedded_materials) == (True, False)
     assert marker.controls[-1].markers[0].text == "All of it"
+
+
+def test_a_place_has_three_numbers() -> None:
+    with pytest.raises(ValueError, match=r"a place or size has x, y, z; got \(0.1, 0.2\)"):
+        box(cast(Any, (0.1, 0.2)), Colour(1.0, 0.0, 0.0))
