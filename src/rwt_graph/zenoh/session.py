@@ -29,6 +29,9 @@ _DEFAULTS: dict[str, tuple[object, object]] = {
     "scouting/multicast/enabled": (False, None),
     # Zenoh's 1, 2 and then 4 seconds leave a link that was cut apart for long after it could be back.
     "connect/retry": ({"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5}, None),
+    # Milliseconds after which a peer that says nothing is gone, and open calls to it fail: by Zenoh's 10 s a
+    # host that was cut off for five would leave its callers waiting.
+    "transport/link/tx/lease": (3000, 10000),
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (_WAIT_BEFORE_DROP, 1000),
     # Batches of 64 KiB that wait on a link: Zenoh's 2 are full at once when the other side is not scheduled.
     "transport/link/tx/queue/size/data": (16, 2),
