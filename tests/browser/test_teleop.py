@@ -34,7 +34,8 @@ async def test_arrow_keys_drive_the_robot_over_its_map(browser: Browser, distro:
         await page.picture_when("teleop forth", lambda seen: metres(seen)[0] > -2.7)
         await page.keyboard("down", "ArrowLeft")
         await page.picture_when(f"teleop turn {distro}", lambda seen: metres(seen)[1] > -2.2)
-        assert speeds[-1] == pytest.approx(0.6)
+        # On a slow machine the robot may stand at a wall by the time that it is seen.
+        assert max(speeds) == pytest.approx(0.6)
         await page.keyboard("up", "ArrowLeft")
         await page.keyboard("up", "ArrowUp")
         await until(lambda: speeds[-1] == 0.0)
