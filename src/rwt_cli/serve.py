@@ -78,28 +78,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         help="dial in at a hub, wss://HUB/robots/NAME, and serve the clients it passes on; may be given"
         " several times; without a URL to listen on, nothing else is served",
     )
-    parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
-    parser.add_argument(
-        "--script",
-        type=Path,
-        metavar="FILE",
-        help="add a robot that does what a .toml or .py file says, for tests of apps",
-    )
-    parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
-    parser.add_argument(
-        "--interfaces",
-        action="append",
-        type=Path,
-        metavar="DIR",
-        help="folder with .msg, .srv and .action files; may be given several times",
-    )
-    parser.add_argument(
-        "--packages",
-        action="append",
-        type=Path,
-        metavar="DIR",
-        help="folder of ROS packages, whose meshes are served under /packages/; may be given several times",
-    )
+    _add_robot_options(parser)
     parser.add_argument(
         "--record", type=Path, metavar="FILE", help="write all topics, calls and goals to an MCAP file"
     )
@@ -122,6 +101,32 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         help="lines for people, or one JSON object a line (default text)",
     )
     parser.set_defaults(run=_run)
+
+
+def _add_robot_options(parser: argparse.ArgumentParser) -> None:
+    """What there is to serve, and which names and types it has."""
+    parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
+    parser.add_argument(
+        "--script",
+        type=Path,
+        metavar="FILE",
+        help="add a robot that does what a .toml or .py file says, for tests of apps",
+    )
+    parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
+    parser.add_argument(
+        "--interfaces",
+        action="append",
+        type=Path,
+        metavar="DIR",
+        help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    parser.add_argument(
+        "--packages",
+        action="append",
+        type=Path,
+        metavar="DIR",
+        help="folder of ROS packages, whose meshes are served under /packages/; may be given several times",
+    )
 
 
 def _run(arguments: argparse.Namespace) -> int:
