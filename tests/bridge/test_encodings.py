@@ -152,7 +152,7 @@ def test_each_encoding_carries_the_same_message(distro: str, type_name: str) -> 
     listeners["none"].say("publish", topic="/t", msg=STANDARD[type_name])
     ((plain,), (picture,), (cbor,), (raw,)) = (frames_of(listener) for listener in listeners.values())
     said = decoded("none", plain)
-    assert said["msg"]["header"]["frame_id"] == STANDARD[type_name]["header"]["frame_id"]  # type: ignore[index]
+    assert said["msg"]["header"]["frame_id"] == STANDARD[type_name]["header"]["frame_id"]  # type: ignore[index]  # a value of any kind
     assert decoded("png", picture) == said
     assert octets_as_text(decoded("cbor", cbor)) == said
     found = decoded("cbor-raw", raw)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Callable
 from typing import Final
 
 from rwt_protocol.frames import Buffer, Frame
@@ -18,6 +17,7 @@ from ..api import Framing, WireEvents
 from ..close_codes import PROTOCOL_ERROR, TOO_BIG
 from ..limits import Limits
 from .spare import Spare
+from .stream import StreamWire
 
 logger = logging.getLogger("rwt_transports.bson_stream")
 
@@ -27,7 +27,7 @@ _LENGTH: Final = struct.Struct("<i")
 SMALLEST: Final = 5
 
 
-class BsonStreamWire:
+class BsonStreamWire(StreamWire):
     """One connection's documents.
 
     Args:
@@ -35,36 +35,11 @@ class BsonStreamWire:
         max_size: largest document in bytes; a larger one is skipped as it comes in, and kept nowhere.
     """
 
-    __slots__ = ("_buffer", "_events", "_max_size", "_over", "_to_skip", "message")
+    __slots__ = ("_to_skip",)
 
     def __init__(self, events: WireEvents, *, max_size: int) -> None:
-        self._events = events
-        self._max_size = max_size
-        self.message: Callable[[bytes, bool], None] = _ignore
-        self._buffer = bytearray()
+        super().__init__(events, max_size, DOCUMENTS)
         self._to_skip = 0
-        self._over = False
-
-    @property
-    def framing(self) -> Framing:
-        """How outgoing frames become bytes: a document is its own frame."""
-        return DOCUMENTS
-
-    def close(self, code: int, reason: str) -> bytes:
-        """Nothing is said at the end of this protocol."""
-        self._over = True
-        self.message = _ignore
-        return b""
-
-    def ping(self) -> bytes:
-        """There is none."""
-        return b""
-
-    def space(self) -> None:
-        """Documents are put together in a buffer of the wire's own."""
-
-    def filled(self, count: int) -> None:
-        """Never called, since there is no :meth:`space`."""
 
     def feed(self, data: bytes) -> None:
         """Read documents; each whole one goes to :attr:`message` within the call."""
@@ -108,10 +83,6 @@ class BsonStreamWire:
     def _end(self, code: int, reason: str) -> None:
         self._over = True
         self._events.ended(code, reason, agreed=False)
-
-
-def _ignore(_data: bytes, _binary: bool) -> None:
-    """Where messages go before an endpoint is there, and after the connection began to close."""
 
 
 def _pieces(frame: Frame) -> tuple[Buffer, ...]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
 
 from rwt_protocol.frames import Buffer, Frame
 
@@ -20,6 +19,7 @@ from ..api import Framing, WireEvents
 from ..close_codes import POLICY, TOO_BIG
 from ..limits import Limits
 from .spare import Spare
+from .stream import StreamWire
 
 logger = logging.getLogger("rwt_transports.json_stream")
 
@@ -34,7 +34,7 @@ _IN_STRING = re.compile(rb'["\\]')
 _BACKSLASH, _QUOTE, _OPEN = b'\\"{'
 
 
-class JsonStreamWire:
+class JsonStreamWire(StreamWire):
     """One connection's objects.
 
     Args:
@@ -43,44 +43,15 @@ class JsonStreamWire:
         framing: :data:`PLAIN` or :data:`LINES`.
     """
 
-    __slots__ = (
-        "_buffer", "_depth", "_events", "_framing", "_fresh", "_in_string", "_max_size", "_over", "_scanned",
-        "_skipping", "message",
-    )  # fmt: skip
+    __slots__ = ("_depth", "_fresh", "_in_string", "_scanned", "_skipping")
 
     def __init__(self, events: WireEvents, *, max_size: int, framing: Framing) -> None:
-        self._events = events
-        self._max_size = max_size
-        self._framing = framing
-        self.message: Callable[[bytes, bool], None] = _ignore
-        self._buffer = bytearray()
+        super().__init__(events, max_size, framing)
         self._scanned = 0  # bytes of the buffer that were looked at
         self._depth = 0
         self._in_string = False
         self._skipping = False
-        self._over = False
         self._fresh = True  # nothing was handed over yet
-
-    @property
-    def framing(self) -> Framing:
-        """How outgoing frames become bytes."""
-        return self._framing
-
-    def close(self, code: int, reason: str) -> bytes:
-        """Nothing is said at the end of this protocol."""
-        self._over = True
-        self.message = _ignore
-        return b""
-
-    def ping(self) -> bytes:
-        """There is none."""
-        return b""
-
-    def space(self) -> None:
-        """An object's length is not known before its end."""
-
-    def filled(self, count: int) -> None:
-        """Never called, since there is no :meth:`space`."""
 
     def feed(self, data: bytes) -> None:
         """Read objects; each whole one goes to :attr:`message` within the call."""
@@ -170,10 +141,6 @@ class JsonStreamWire:
             self._over = True
             reason = f"a message of {size} bytes or more; the limit is {self._max_size} (message_bytes)"
             self._events.ended(TOO_BIG, reason, agreed=False)
-
-
-def _ignore(_data: bytes, _binary: bool) -> None:
-    """Where messages go before an endpoint is there, and after the connection began to close."""
 
 
 def _framing(end: bytes) -> Framing:

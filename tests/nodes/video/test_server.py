@@ -200,7 +200,7 @@ async def test_a_film_that_plays_from_where_a_viewer_came_in(theatre: Theatre, t
         sizes = 0
         for number in range(5):
             theatre.publish(number * 10)
-            body = await early.read_until(lambda body, sizes=sizes: len(body) > sizes + 30)  # type: ignore[misc]
+            body = await early.read_until(lambda body, sizes=sizes: len(body) > sizes + 30)  # type: ignore[misc]  # a default in a lambda
             sizes = len(body)
         assert early.headers["content-type"] == ("video/mp4" if type_ == "h264" else "video/webm")
         frames = shown(early.body)
