@@ -20,9 +20,9 @@ from mcap.writer import CompressionType, Writer
 
 from bench import messages
 from rwt_bridge.encodings import ENCODINGS
-from rwt_client.line import Line
-from rwt_client.raw import RawMessage, RawSubscription
-from rwt_client.types import LiveTypes
+from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
+from rwt_client.endpoints.remote_types import LiveTypes
+from rwt_client.wire.session import Line
 from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Payload
 from rwt_interfaces.structs import MessageType

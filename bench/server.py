@@ -7,7 +7,7 @@ from typing import Any
 
 import anyio
 
-from rwt_bridge.serve import serve
+from rwt.server import serve
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes.rosapi import Rosapi
 

@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import ClassVar
 
-from rwt_protocol.frames import Frame, PeerInfo, Sink
+from rwt_protocol.transport import Frame, PeerInfo, Sink
 from rwt_transports import listen
 
 TWIST = (

@@ -9,7 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
-from conformance.case import (
+from conformance.player import NO_TIME, Fault, Line, Played, Raw, Stop, describe, show
+from conformance.program import Driven, ProgramEnded
+from conformance.suite.case import (
     Case,
     Close,
     Expect,
@@ -25,17 +27,15 @@ from conformance.case import (
     Tell,
     Wait,
 )
-from conformance.line_protocol import ASIDE
-from conformance.listening import Listener
-from conformance.matching import Context, Difference, Match, fill, match_frame
-from conformance.pace import Pace
-from conformance.player import NO_TIME, Fault, Line, Played, Raw, Stop, describe, show
-from conformance.program import Driven, ProgramEnded
-from conformance.target import Target
-from conformance.unwrap import decode_text
-from conformance.values import Json, Value, as_text, as_value, shorten
-from conformance.wires import Wire, WireClosed
-from conformance.wrap import wrap
+from conformance.suite.matching import Context, Difference, Match, fill, match_frame
+from conformance.suite.target import Target
+from conformance.suite.values import Json, Value, as_text, as_value, shorten
+from conformance.wire.line_protocol import ASIDE
+from conformance.wire.listening import Listener
+from conformance.wire.pace import Pace
+from conformance.wire.unwrap import decode_text
+from conformance.wire.wires import Wire, WireClosed
+from conformance.wire.wrap import wrap
 
 _GOODBYE_SECONDS = 3.0
 _ANSWER_SECONDS = 10.0

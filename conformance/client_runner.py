@@ -8,15 +8,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from urllib.parse import urlsplit
 
-from conformance.case import Case
 from conformance.client_player import play_as_server
-from conformance.listening import listen
-from conformance.pace import RealPace
 from conformance.player import Played
 from conformance.program import Program
 from conformance.runner import Conditions, Result, Run, judge_cases
-from conformance.target import Target
-from conformance.wires import WireError
+from conformance.suite.case import Case
+from conformance.suite.target import Target
+from conformance.wire.listening import listen
+from conformance.wire.pace import RealPace
+from conformance.wire.wires import WireError
 
 
 async def run_client_cases(

@@ -10,18 +10,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from conformance import SUITE_VERSION
-from conformance.case import PROFILES, Case
 from conformance.client_runner import run_client_cases
-from conformance.dialing import BadAddress, dialer
-from conformance.loading import CASES, CLIENT_CASES, CaseError, load_cases
-from conformance.pipes import takes_several_clients
 from conformance.program import ProgramError
 from conformance.reports import badge, html, json_file, junit, summary, terminal
 from conformance.reports.compare import compare_files
 from conformance.reports.json_file import ReportError
-from conformance.rules import load_rules
 from conformance.runner import Conditions, Run, run_cases, select
-from conformance.target import (
+from conformance.suite.case import PROFILES, Case
+from conformance.suite.loading import CASES, CLIENT_CASES, CaseError, load_cases
+from conformance.suite.rules import load_rules
+from conformance.suite.target import (
     SHIPPED,
     Target,
     TargetError,
@@ -30,7 +28,9 @@ from conformance.target import (
     shipped,
     shipped_clients,
 )
-from conformance.wires import WireError, framing_of
+from conformance.wire.dialing import BadAddress, dialer
+from conformance.wire.pipes import takes_several_clients
+from conformance.wire.wires import WireError, framing_of
 
 ADAPTERS = Path(__file__).parent / "adapters"
 """Programs around client libraries that come with the suite."""

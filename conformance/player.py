@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
-from conformance.auth import fill_auth
-from conformance.case import (
+from conformance.suite.case import (
     Case,
     Close,
     Expect,
@@ -26,18 +25,19 @@ from conformance.case import (
     Tell,
     Wait,
 )
-from conformance.matching import Context, Difference, Match, fill, match_frame
-from conformance.pace import Pace
-from conformance.target import Target
-from conformance.unwrap import (
+from conformance.suite.matching import Context, Difference, Match, fill, match_frame
+from conformance.suite.target import Target
+from conformance.suite.values import Json, Value, as_text, as_value, shorten
+from conformance.wire.auth import fill_auth
+from conformance.wire.pace import Pace
+from conformance.wire.unwrap import (
     decode_cbor,
     decode_text,
     first_fault_of_fragment,
     join_fragments,
     open_png,
 )
-from conformance.values import Json, Value, as_text, as_value, shorten
-from conformance.wires import Dial, Wire, WireClosed, WireError
+from conformance.wire.wires import Dial, Wire, WireClosed, WireError
 
 _PROBE_AGAIN = 0.5
 NO_TIME = 1e-6

@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from conformance.values import Json
+from conformance.suite.values import Json
 
 _LONGEST_LINE = 1 << 26
 _START_SECONDS = 20.0

@@ -10,12 +10,12 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from conformance.case import Case, Close
-from conformance.matching import Difference
-from conformance.pace import Pace, RealPace
 from conformance.player import Fault, Line, Played, play
-from conformance.target import Target
-from conformance.wires import Dial, Framing
+from conformance.suite.case import Case, Close
+from conformance.suite.matching import Difference
+from conformance.suite.target import Target
+from conformance.wire.pace import Pace, RealPace
+from conformance.wire.wires import Dial, Framing
 
 Verdict: TypeAlias = Literal["pass", "non-strict", "informational", "unimplemented", "fail"]
 

@@ -22,13 +22,12 @@ except ModuleNotFoundError as missing:
     if missing.name not in ("pybullet", "pybullet_data"):
         raise
     raise SystemExit("pybullet_robot: PyBullet is not installed: pip install pybullet") from None
-from rwt_bridge import serve
-from rwt_bridge.serve import Server
+from rwt.server import Server, serve
 from rwt_graph import MemoryGraph
 from rwt_nodes import Rosapi, Tf2WebRepublisher
-from rwt_nodes.demo.lens import Lens
+from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.depth_cloud import DepthCloudEncoder
-from rwt_nodes.packages import Packages
+from rwt_nodes.mesh_files import Packages
 from rwt_nodes.video import WebVideoServer
 from rwt_transports.errors import TransportError
 

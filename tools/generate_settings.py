@@ -1,6 +1,6 @@
 """Writes docs/reference/settings.md from the models of the settings.
 
-Run it after a change of `rwt_bridge.settings`: ``python tools/generate_settings.py``. A test compares.
+Run it after a change of `rwt.settings.models`: ``python tools/generate_settings.py``. A test compares.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pydantic.fields import FieldInfo
 
-from rwt_bridge.settings_words import Key, expected, known_settings, table_at
+from rwt.settings.errors import Key, expected, known_settings, table_at
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "settings.md"
 

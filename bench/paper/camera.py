@@ -17,12 +17,12 @@ import anyio
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt_bridge.serve import serve
+from rwt.server import serve
 from rwt_graph import MemoryGraph, Node
-from rwt_nodes.demo.lens import Lens
-from rwt_nodes.demo.pose import Pose
-from rwt_nodes.demo.view import View
-from rwt_nodes.demo.world import house
+from rwt_nodes.demo.world.lens import Lens
+from rwt_nodes.demo.world.map import house
+from rwt_nodes.demo.world.pose import Pose
+from rwt_nodes.demo.world.view import View
 from rwt_nodes.video import WebVideoServer
 from rwt_transports.http import HttpRequest, HttpResponse
 

@@ -10,13 +10,13 @@ from typing import Any
 import cbor2
 
 from rwt_bridge import Bridge
-from rwt_protocol.frames import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
+from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
 
 Take = Callable[[Any], None]
 
 
 class CountingClient:
-    """One client; satisfies :class:`rwt_protocol.frames.Sink`.
+    """One client; satisfies :class:`rwt_protocol.transport.Sink`.
 
     Attributes:
         received: bytes so far, with the WebSocket headers that a server adds.

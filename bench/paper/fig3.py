@@ -14,7 +14,8 @@ import anyio.lowlevel
 from bench.paper.arm_robot import DRIVES, LINKS, MINUTE, ROOT
 from bench.paper.counting import CountingClient
 from bench.paper.report import Report
-from rwt_bridge import Bridge, Settings
+from rwt import Settings
+from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph, Node, SimulatedClock, TopicPublisher
 from rwt_nodes import Tf2WebRepublisher
 from rwt_tf2 import IDENTITY, Buffer, StampedTransform, Transform, write_transform

@@ -21,10 +21,10 @@ from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_nodes.depth_cloud.depths import square
 from rwt_nodes.depth_cloud.picture import DepthPicture, decode_picture, encode_picture
-from rwt_nodes.video.encoded import Encoded, Encoder
-from rwt_nodes.video.film import FilmEncoder
-from rwt_nodes.video.still import StillEncoder
-from rwt_nodes.video.wish import Film, read_wish
+from rwt_nodes.video.encoders.encoded import Encoded, Encoder
+from rwt_nodes.video.encoders.image import StillEncoder
+from rwt_nodes.video.encoders.video import FilmEncoder
+from rwt_nodes.video.stream_request import Film, read_wish
 
 Picture = NDArray[np.uint8]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from conformance.reports.counts import conformance, grade
-from conformance.rules import Rule
 from conformance.runner import Run
+from conformance.suite.rules import Rule
 
 _COLOURS = {"A+": "#2c7a3f", "A": "#2c7a3f", "B": "#7a8a1c", "C": "#b7791f", "D": "#b03a2e", "none": "#777"}
 

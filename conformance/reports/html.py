@@ -7,8 +7,8 @@ from html import escape
 
 from conformance import SUITE_VERSION
 from conformance.reports.counts import MARKS, by_section, conformance, grade, robustness
-from conformance.rules import Rule
 from conformance.runner import VERDICTS, Result, Run
+from conformance.suite.rules import Rule
 
 _STYLE = """
 :root{color-scheme:light dark;--pass:#2c7a3f;--non-strict:#8a7a10;--informational:#3b6ea5;

@@ -9,9 +9,9 @@ from typing import TypedDict
 
 from conformance import SUITE_VERSION
 from conformance.reports.counts import grade
-from conformance.rules import Rule
 from conformance.runner import Result, Run
-from conformance.values import Json
+from conformance.suite.rules import Rule
+from conformance.suite.values import Json
 
 FORMAT = 1
 """Version of the form of these files."""

@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 
 from conformance.reports.terminal import failure
-from conformance.rules import Rule
 from conformance.runner import Result, Run
+from conformance.suite.rules import Rule
 
 
 def render(run: Run, rules: Mapping[str, Rule]) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from conformance import SUITE_VERSION
 from conformance.reports.counts import by_section, conformance, grade, robustness
-from conformance.rules import Rule
 from conformance.runner import VERDICTS, Run
+from conformance.suite.rules import Rule
 
 
 def render(run: Run, rules: Mapping[str, Rule]) -> str:

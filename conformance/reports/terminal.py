@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TextIO
 
-from conformance.case import Case
 from conformance.player import describe
 from conformance.reports.counts import MARKS, Row, by_section, conformance, grade, robustness
-from conformance.rules import Rule
 from conformance.runner import Result, Run
-from conformance.target import Target
+from conformance.suite.case import Case
+from conformance.suite.rules import Rule
+from conformance.suite.target import Target
 
 
 class Progress:

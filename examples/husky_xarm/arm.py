@@ -17,7 +17,7 @@ from husky_xarm.description import ARM_JOINTS, describe
 from husky_xarm.simulation import Simulation
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node
 from rwt_nodes.demo import messages
-from rwt_nodes.demo.trajectory import Trajectory, Waypoint
+from rwt_nodes.demo.arm.trajectory import Trajectory, Waypoint
 from rwt_tf2 import stamp_ns
 
 ACTION: Final = "/xarm6_traj_controller/follow_joint_trajectory"

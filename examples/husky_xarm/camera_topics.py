@@ -11,7 +11,7 @@ from husky_xarm.description import OPTICAL
 from husky_xarm.simulation import Simulation
 from rwt_graph import SENSOR_DATA, Node
 from rwt_nodes.demo import messages
-from rwt_nodes.demo.lens import Lens
+from rwt_nodes.demo.world.lens import Lens
 
 if TYPE_CHECKING:
     from husky_xarm.scene import Snapshot

@@ -10,11 +10,11 @@ from multiprocessing.connection import Connection
 import anyio
 import anyio.to_thread
 
-from rwt_bridge import serve
+from rwt.server import serve
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi, Tf2WebRepublisher
 from rwt_nodes.demo import DemoRobot
-from rwt_nodes.demo.lens import Lens
+from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.video import WebVideoServer
 from teaching.plan import Camera, name_of
 

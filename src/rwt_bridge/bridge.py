@@ -7,18 +7,19 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Never
 
-from rwt_bridge import actions, control, services, topics
-from rwt_bridge.admission import Admission
-from rwt_bridge.census import Census
-from rwt_bridge.doorstep import Doorstep
+from rwt.observability.loop_lag import LoopLag
+from rwt.settings.models import SettingsError
+from rwt_access.admission import Admission
+from rwt_access.audit import write
+from rwt_bridge.connected_clients import Census
 from rwt_bridge.encodings import BSON, ENCODINGS, Encoding
-from rwt_bridge.fanout import Fanout
-from rwt_bridge.ledger import Ledger
-from rwt_bridge.logs import write
-from rwt_bridge.loop_lag import LoopLag
+from rwt_bridge.ops import actions, services, topics
+from rwt_bridge.ops import auth as control
 from rwt_bridge.peer import Peer
-from rwt_bridge.publications import Publications
-from rwt_bridge.settings import SettingsError
+from rwt_bridge.pending_auth import Doorstep
+from rwt_delivery.counters import Ledger
+from rwt_delivery.fanout import Fanout
+from rwt_delivery.shared_publishers import Publications
 from rwt_graph.errors import GraphError
 from rwt_interfaces.errors import InterfaceError
 from rwt_protocol import ops
@@ -29,14 +30,14 @@ from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
-    from rwt_bridge.actions import SentGoal
-    from rwt_bridge.policy import Role
-    from rwt_bridge.settings import Settings
+    from rwt.settings.models import Settings
+    from rwt_access.roles import Role
+    from rwt_bridge.ops.actions import SentGoal
     from rwt_graph.api import Graph
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Codec
-    from rwt_protocol.frames import Endpoint, PeerInfo, Sink
-    from rwt_transports.dial import Dialed
+    from rwt_protocol.transport import Endpoint, PeerInfo, Sink
+    from rwt_transports.relay.dial import Dialed
 
 #: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
 _MOST_ORPHANS = 1000

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from rwt_protocol.codecs import cbor, json, png
-from rwt_protocol.frames import Frame
+from rwt_protocol.transport import Frame
 
 if TYPE_CHECKING:
     from rwt_graph.api import Sample

@@ -5,29 +5,29 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
+from rwt_access.audit import is_written, one_line, write
+from rwt_access.log_rate import LogRate
+from rwt_access.quotas import message_rate, too_large
 from rwt_bridge.encodings import plain_message
-from rwt_bridge.ledger import UNKNOWN
-from rwt_bridge.log_rate import LogRate
-from rwt_bridge.logs import is_written, one_line, write
-from rwt_bridge.quotas import message_rate, too_large
-from rwt_bridge.topics import release_publishers
+from rwt_bridge.ops.topics import release_publishers
+from rwt_delivery.counters import UNKNOWN
 from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.ops import OPS, ActionResult, CallService, SendActionGoal, ServiceResponse, Status
 from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal
-from rwt_transports.close_codes import POLICY
+from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
-    from rwt_bridge.actions import ProvidedAction, SentGoal
+    from rwt_access.roles import Role
     from rwt_bridge.bridge import Bridge
-    from rwt_bridge.policy import Role
-    from rwt_bridge.publications import Publication
-    from rwt_bridge.services import ClientCall, ProvidedService
-    from rwt_bridge.subscriptions import ClientSubscription
+    from rwt_bridge.ops.actions import ProvidedAction, SentGoal
+    from rwt_bridge.ops.services import ClientCall, ProvidedService
+    from rwt_bridge.ops.subscriptions import ClientSubscription
+    from rwt_delivery.shared_publishers import Publication
     from rwt_interfaces.payload import Payload
-    from rwt_protocol.frames import Frame, PeerInfo, Sink
     from rwt_protocol.ops import Op
     from rwt_protocol.session import Session
+    from rwt_protocol.transport import Frame, PeerInfo, Sink
 
 _LOG_LEVELS = {
     "error": logging.WARNING,

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from rwt_cli.console.output import OutputClosed, OutputFailed, failure_line
 from rwt_cli.errors import INTERRUPTED, PIPE_CLOSED, CommandError
-from rwt_cli.output import OutputClosed, OutputFailed, failure_line
 from rwt_cli.parser import Parser, ShowVersion
 
 __all__ = ["COMMANDS", "Command", "main", "parser_for"]
@@ -23,7 +23,7 @@ __all__ = ["COMMANDS", "Command", "main", "parser_for"]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command: the function ``add_NAME_command`` of the module ``rwt_cli.NAME`` adds it.
+    """One command: the function ``add_NAME_command`` of the module ``rwt_cli.commands.NAME`` adds it.
 
     Attributes:
         name: as it is typed.
@@ -35,7 +35,9 @@ class Command:
 
     def add_to(self, commands: argparse._SubParsersAction[Parser]) -> None:
         """Import it and add its parser."""
-        getattr(importlib.import_module(f"rwt_cli.{self.name}"), f"add_{self.name}_command")(commands)
+        getattr(importlib.import_module(f"rwt_cli.commands.{self.name}"), f"add_{self.name}_command")(
+            commands
+        )
 
 
 COMMANDS: Final = (

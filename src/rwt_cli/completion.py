@@ -7,7 +7,7 @@ import re
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from rwt_cli.output import standard_output
+from rwt_cli.console.output import standard_output
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments, connecting, sentence
 

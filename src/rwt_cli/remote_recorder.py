@@ -9,14 +9,14 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from rwt_client import CallFailed, ClientError, ConnectionLost, NoAnswer, TypeUnavailable
-from rwt_client.raw import RawMessage
+from rwt_client.endpoints.raw_subscription import RawMessage
 from rwt_interfaces import InterfaceError, Payload, PayloadError
 from rwt_nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
 from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
 
 if TYPE_CHECKING:
     from rwt_client import Robot
-    from rwt_client.raw import RawSubscription
+    from rwt_client.endpoints.raw_subscription import RawSubscription
     from rwt_graph.qos import QoS
     from rwt_interfaces.structs import MessageType
     from rwt_nodes.recording.channels import Encoding

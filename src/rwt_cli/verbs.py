@@ -15,8 +15,8 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TypeVar
 
+from rwt_cli.console.output import Output, standard_output
 from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
-from rwt_cli.output import Output, standard_output
 from rwt_cli.parser import Commands
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from typing import Any
 
 import anyio
 
-from rwt_client.cbor import Unreadable, read_cbor
-from rwt_protocol.frames import Frame, PeerInfo, Sink
+from rwt_client.wire.cbor import Unreadable, read_cbor
+from rwt_protocol.transport import Frame, PeerInfo, Sink
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class WireProbe:
         return self
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """A message has come; satisfies :class:`rwt_protocol.frames.Endpoint`."""
+        """A message has come; satisfies :class:`rwt_protocol.transport.Endpoint`."""
         frame = HeardFrame(binary, len(data), _opened(data, binary), anyio.current_time())
         if frame.is_op("status"):
             self.complaints.append(str(frame.op.get("msg", "")))

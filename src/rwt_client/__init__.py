@@ -7,10 +7,16 @@
 :mod:`rwt_client.blocking` is the same for notebooks and scripts.
 """
 
-from rwt_client.actions import Goal, GoalResult, GoalStatus
-from rwt_client.api import FieldInfo, NodeInfo, RosApi, RosVersion, TopicInfo, TypeInfo
-from rwt_client.backoff import Backoff
 from rwt_client.connection import connect
+from rwt_client.endpoints.action_server import OfferedAction, ReceivedGoal
+from rwt_client.endpoints.goals import Goal, GoalResult, GoalStatus
+from rwt_client.endpoints.parameters import Parameters
+from rwt_client.endpoints.publisher import Publisher
+from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
+from rwt_client.endpoints.remote_types import LiveTypes
+from rwt_client.endpoints.services import OfferedService
+from rwt_client.endpoints.subscriptions import Subscription
+from rwt_client.endpoints.transforms import Transforms
 from rwt_client.errors import (
     BadAddress,
     CallFailed,
@@ -33,15 +39,9 @@ from rwt_client.errors import (
     TypeUnavailable,
 )
 from rwt_client.events import ConnectionEvent, EventStream
-from rwt_client.offered_actions import OfferedAction, ReceivedGoal
-from rwt_client.params import Parameters
-from rwt_client.publishing import Publisher
-from rwt_client.raw import RawMessage, RawSubscription
 from rwt_client.robot import Robot
-from rwt_client.services import OfferedService
-from rwt_client.topics import Subscription
-from rwt_client.transforms import Transforms
-from rwt_client.types import LiveTypes
+from rwt_client.rosapi import FieldInfo, NodeInfo, RosApi, RosVersion, TopicInfo, TypeInfo
+from rwt_client.wire.backoff import Backoff
 
 __all__ = [
     "connect",

@@ -17,21 +17,21 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, TypeVarTuple, Unpack, o
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from rwt_client import connection
-from rwt_client.actions import Goal, GoalResult, GoalStatus
-from rwt_client.api import RosApi
 from rwt_client.connection import ConnectKeywords
+from rwt_client.endpoints.action_server import Execute, OfferedAction
+from rwt_client.endpoints.goals import Goal, GoalResult, GoalStatus
+from rwt_client.endpoints.parameters import Parameters
+from rwt_client.endpoints.publisher import MessageLike, Publisher
+from rwt_client.endpoints.remote_types import LiveTypes
+from rwt_client.endpoints.services import OfferedService, ServiceHandler
+from rwt_client.endpoints.subscriptions import Callback, Subscription
+from rwt_client.endpoints.transforms import Transforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent
-from rwt_client.offered_actions import Execute, OfferedAction
-from rwt_client.params import Parameters
-from rwt_client.publishing import MessageLike, Publisher
-from rwt_client.reading import Message
 from rwt_client.robot import AdvertiseKeywords, Robot, SubscribeKeywords
-from rwt_client.services import OfferedService, ServiceHandler
-from rwt_client.topics import Callback, Subscription
-from rwt_client.transforms import Transforms
-from rwt_client.types import LiveTypes
-from rwt_protocol.frames import Accept
+from rwt_client.rosapi import RosApi
+from rwt_client.wire.decoding import Message
+from rwt_protocol.transport import Accept
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -90,7 +90,7 @@ def _waits(method: Callable[Concatenate[S, P], Awaitable[T]]) -> Callable[Concat
 
 
 class BlockingApi(_Face):
-    """What rosapi answers; see :class:`rwt_client.api.RosApi`."""
+    """What rosapi answers; see :class:`rwt_client.rosapi.RosApi`."""
 
     topics = _waits(RosApi.topics)
     topics_for_type = _waits(RosApi.topics_for_type)
@@ -119,7 +119,7 @@ class BlockingApi(_Face):
 
 
 class BlockingParameters(_Face):
-    """The parameters of a robot; see :class:`rwt_client.params.Parameters`."""
+    """The parameters of a robot; see :class:`rwt_client.endpoints.parameters.Parameters`."""
 
     get = _waits(Parameters.get)
     set = _waits(Parameters.set)
@@ -129,7 +129,7 @@ class BlockingParameters(_Face):
 
 
 class BlockingTransforms(_Face):
-    """Where the robot's frames are; see :class:`rwt_client.transforms.Transforms`."""
+    """Where the robot's frames are; see :class:`rwt_client.endpoints.transforms.Transforms`."""
 
     _inner: Transforms
 
@@ -149,7 +149,7 @@ class BlockingTransforms(_Face):
 
 
 class BlockingSubscription(_Face):
-    """The messages of a topic, as an iterator; see :class:`rwt_client.topics.Subscription`."""
+    """The messages of a topic, as an iterator; see :class:`rwt_client.endpoints.subscriptions.Subscription`."""
 
     _inner: Subscription
 
@@ -187,7 +187,7 @@ class BlockingSubscription(_Face):
 
 
 class BlockingPublisher(_Face):
-    """Publishes on one topic; see :class:`rwt_client.publishing.Publisher`."""
+    """Publishes on one topic; see :class:`rwt_client.endpoints.publisher.Publisher`."""
 
     _inner: Publisher
 
@@ -209,7 +209,7 @@ class BlockingPublisher(_Face):
 
 
 class BlockingGoal(_Face):
-    """A goal that was sent, and an iterator over its feedback; see :class:`rwt_client.actions.Goal`."""
+    """A goal that was sent, and an iterator over its feedback; see :class:`rwt_client.endpoints.goals.Goal`."""
 
     _inner: Goal
 
@@ -224,7 +224,7 @@ class BlockingGoal(_Face):
         return self._inner.done
 
     def result(self, timeout: float | None = None) -> GoalResult:
-        """Wait for the end of the goal; see :meth:`rwt_client.actions.Goal.result`."""
+        """Wait for the end of the goal; see :meth:`rwt_client.endpoints.goals.Goal.result`."""
         return self._portal.call(self._inner.result, timeout)
 
     def cancel(self) -> None:

@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING, Final, Literal, TypedDict, Unpack
 import anyio
 import anyio.lowlevel
 
-from rwt_client.arrays import ArrayKind, check_kind
-from rwt_client.backoff import Backoff
 from rwt_client.errors import BadAddress, CannotConnect, ConnectionClosed, ConnectionLost
 from rwt_client.events import ConnectionEvent
-from rwt_client.line import Line
 from rwt_client.robot import Robot
+from rwt_client.wire.arrays import ArrayKind, check_kind
+from rwt_client.wire.backoff import Backoff
+from rwt_client.wire.session import Line
 from rwt_protocol.errors import Level
 from rwt_protocol.fragments import FragmentLimits
-from rwt_protocol.frames import Accept
 from rwt_protocol.session import WireLimits
+from rwt_protocol.transport import Accept
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.connect import ConnectOptions, carries_binary
 from rwt_transports.connect import connect as connect_transport
+from rwt_transports.drivers.in_process import connect_pair
 from rwt_transports.errors import BadUrl, TransportError
 from rwt_transports.limits import Limits
-from rwt_transports.pair import connect_pair
 
 if TYPE_CHECKING:
     from anyio.abc import TaskGroup, TaskStatus

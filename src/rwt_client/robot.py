@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import msgspec
 
-from rwt_client.actionlib import ActionlibGoals
-from rwt_client.actions import Goal, SentGoals
-from rwt_client.api import RosApi
-from rwt_client.arrays import ArrayKind
+from rwt_client.endpoints.action_server import Execute, OfferedAction, OfferedActions
+from rwt_client.endpoints.actionlib import ActionlibGoals
+from rwt_client.endpoints.goals import Goal, SentGoals
+from rwt_client.endpoints.parameters import Parameters
+from rwt_client.endpoints.publisher import AdvertiseOptions, MessageLike, Publisher, payload_of
+from rwt_client.endpoints.qos import qos_of
+from rwt_client.endpoints.raw_subscription import RawCallback, RawSubscription
+from rwt_client.endpoints.remote_types import LiveTypes
+from rwt_client.endpoints.services import Calls, OfferedService, OfferedServices, ServiceHandler
+from rwt_client.endpoints.subscriptions import Callback, Compression, Hub, SubscribeOptions, Subscription
+from rwt_client.endpoints.transforms import Transforms
 from rwt_client.errors import (
     CallFailed,
     ConnectionClosed,
@@ -21,18 +28,11 @@ from rwt_client.errors import (
     TypeUnavailable,
 )
 from rwt_client.events import ConnectionEvent, EventStream
-from rwt_client.line import Line
-from rwt_client.offered_actions import Execute, OfferedAction, OfferedActions
-from rwt_client.params import Parameters
-from rwt_client.publishing import AdvertiseOptions, MessageLike, Publisher, payload_of
-from rwt_client.qos import qos_of
-from rwt_client.raw import RawCallback, RawSubscription
-from rwt_client.reading import Message
-from rwt_client.services import Calls, OfferedService, OfferedServices, ServiceHandler
-from rwt_client.topics import Callback, Compression, Hub, SubscribeOptions, Subscription
-from rwt_client.transforms import Transforms
-from rwt_client.types import LiveTypes
-from rwt_client.waiting import Outcome
+from rwt_client.rosapi import RosApi
+from rwt_client.wire.arrays import ArrayKind
+from rwt_client.wire.decoding import Message
+from rwt_client.wire.future import Outcome
+from rwt_client.wire.session import Line
 from rwt_interfaces import InterfaceError
 from rwt_protocol.decoded import plain_value
 from rwt_protocol.dispatcher import Dispatcher
@@ -64,7 +64,7 @@ _DEFAULT: Any = object()
 
 
 class SubscribeKeywords(TypedDict, total=False):
-    """Keyword arguments of everything that subscribes; see :class:`~rwt_client.topics.SubscribeOptions`."""
+    """Keyword arguments of everything that subscribes; see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`."""
 
     arrays: ArrayKind
     compression: Compression
@@ -76,7 +76,7 @@ class SubscribeKeywords(TypedDict, total=False):
 
 
 class AdvertiseKeywords(TypedDict, total=False):
-    """Keyword arguments of :meth:`Robot.advertise`; see :class:`~rwt_client.publishing.AdvertiseOptions`."""
+    """Keyword arguments of :meth:`Robot.advertise`; see :class:`~rwt_client.endpoints.publisher.AdvertiseOptions`."""
 
     latch: bool
     queue_size: int | None
@@ -181,7 +181,7 @@ class Robot:
         Args:
             name: the topic.
             type_name: its type; None asks the robot, which must know the topic then.
-            options: see :class:`~rwt_client.topics.SubscribeOptions`.
+            options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
         """
         return Subscription(self._hub, name, type_name, self._options(options))
 
@@ -206,7 +206,7 @@ class Robot:
         """Call `callback` with each message of a topic as the robot serialises it, and with its stamp.
 
         For programs that keep or pass on messages: nothing is decoded. See
-        :class:`~rwt_client.raw.RawSubscription`.
+        :class:`~rwt_client.endpoints.raw_subscription.RawSubscription`.
 
         Raises:
             TypeUnavailable: the topic's type is not known.
@@ -239,7 +239,7 @@ class Robot:
         """Advertise a topic; gives what publishes on it.
 
         Args:
-            options: see :class:`~rwt_client.publishing.AdvertiseOptions`.
+            options: see :class:`~rwt_client.endpoints.publisher.AdvertiseOptions`.
 
         Raises:
             TypeUnavailable: the type is not known.

@@ -5,7 +5,6 @@ Robot programs use :class:`MemoryGraph` and :class:`Node`; :mod:`rwt_graph.api` 
 
 from rwt_graph.api import GoalStatus, Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, SteadyClock, Timer, WallClock
-from rwt_graph.endpoints import Message, MessageLike, TopicPublisher, TopicSubscription
 from rwt_graph.errors import (
     CallFailed,
     CallTimeout,
@@ -24,9 +23,10 @@ from rwt_graph.errors import (
     TypeConflict,
     WrongThread,
 )
-from rwt_graph.goals import ActionGoal, GoalHandle
-from rwt_graph.memory import MemoryGraph
-from rwt_graph.node import Handle, Node
+from rwt_graph.memory.graph import MemoryGraph
+from rwt_graph.program.endpoints import Message, MessageLike, TopicPublisher, TopicSubscription
+from rwt_graph.program.goals import ActionGoal, GoalHandle
+from rwt_graph.program.node import Handle, Node
 from rwt_graph.qos import BEST_AVAILABLE, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 
 __all__ = [

@@ -2,7 +2,7 @@
 
 It is low-level on purpose: payloads instead of messages, callbacks instead of coroutines, so that a bridge
 can pass bytes through and a backend over a network is as easy to write as one in memory. Programs use
-:class:`rwt_graph.node.Node`, which is written on this contract alone.
+:class:`rwt_graph.program.node.Node`, which is written on this contract alone.
 
 Rules that hold for every backend:
 
@@ -35,7 +35,7 @@ from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_graph.errors import CallFailed
-    from rwt_graph.param_tree import ParameterTree
+    from rwt_graph.parameters.tree import ParameterTree
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.registry import Registry

@@ -43,7 +43,7 @@ class NotFound(GraphError, LookupError):
 
 
 class InvalidTransition(GraphError, RuntimeError):
-    """The goal's state forbids this; see the table in :mod:`rwt_graph.actions`."""
+    """The goal's state forbids this; see the table in :mod:`rwt_graph.memory.actions`."""
 
 
 class CallFailed(GraphError):

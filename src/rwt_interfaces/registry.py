@@ -13,8 +13,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TypeVar
 
-from rwt_interfaces import actionlib, folders, parser, standard
-from rwt_interfaces.definitions import ActionDefinition, MessageDefinition, ServiceDefinition
+from rwt_interfaces import standard
+from rwt_interfaces.definitions import actionlib, parser
+from rwt_interfaces.definitions import package_directories as folders
+from rwt_interfaces.definitions.model import ActionDefinition, MessageDefinition, ServiceDefinition
 from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName, UnknownType
 from rwt_interfaces.names import KINDS, Kind, parse_type_name, three_part

@@ -15,15 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from rwt_interfaces import hashes, shapes
-from rwt_interfaces.definitions import MessageDefinition, ServiceDefinition
-from rwt_interfaces.numbers import float32
-from rwt_interfaces.shapes import Shape, Slot
+from rwt_interfaces import field_types as shapes
+from rwt_interfaces.definitions import hashes
+from rwt_interfaces.definitions.model import MessageDefinition, ServiceDefinition
+from rwt_interfaces.field_types import Shape, Slot
+from rwt_interfaces.validation.numbers import float32
 
 if TYPE_CHECKING:
-    from rwt_interfaces.completion import Completer
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import JsonCodec
+    from rwt_interfaces.validation.lenient_decoder import Completer
 
 #: One field of :func:`msgspec.defstruct`: name, annotation, default.
 _StructField = tuple[str, object, object]
@@ -91,7 +92,7 @@ class MessageType:
     @cached_property
     def completer(self) -> Completer:
         """Builds a message from whatever came, filling what is missing."""
-        from rwt_interfaces.completion import compile_message
+        from rwt_interfaces.validation.lenient_decoder import compile_message
 
         return compile_message(self)
 

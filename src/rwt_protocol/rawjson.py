@@ -9,7 +9,7 @@ import msgspec
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from rwt_protocol.frames import Buffer
+from rwt_protocol.transport import Buffer
 
 Shape = Literal["object", "array", "string", "number", "boolean", "null"]
 
@@ -29,7 +29,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
     Attributes:
         data: the bytes. A `memoryview` is a slice of the frame that they came in, and keeps that frame alive.
         prove: None when the bytes are known to be one JSON value in UTF-8. In a large message they are not
-            looked at on arrival (see :mod:`rwt_protocol.codecs.large`): whoever decodes them strictly as a
+            looked at on arrival (see :mod:`rwt_protocol.codecs.head_tail_split`): whoever decodes them strictly as a
             message type proves them by that, and everybody else calls :meth:`proven` first.
     """
 

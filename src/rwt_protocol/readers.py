@@ -10,7 +10,7 @@ import msgspec
 from pydantic import ValidationError
 
 from rwt_protocol.codecs.base import Members
-from rwt_protocol.codecs.members import UNDECODED
+from rwt_protocol.codecs.envelope import UNDECODED
 from rwt_protocol.decoded import RawPayload, plain_value
 from rwt_protocol.ops import OPS, Direction, Op, OpSpec
 from rwt_protocol.ops.base import Opaque

@@ -11,13 +11,13 @@ from pydantic import ValidationError
 
 from rwt_protocol.codecs import CBOR, JSON, png
 from rwt_protocol.codecs.base import Codec, Fault, Members
+from rwt_protocol.error_text import describe, explain, nearest
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
-from rwt_protocol.frames import Frame
 from rwt_protocol.ops import ALIASES, OPS, Address, Direction, Fragment, Op, Png, SetLevel, Status
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
-from rwt_protocol.wording import describe, explain, nearest
+from rwt_protocol.transport import Frame
 
 _MAPS: Final = frozenset(bytes((byte,)) for byte in range(0xA0, 0xC0))
 """The first bytes of a CBOR map; no JSON text begins with one."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from rwt_pytest.world import RobotServer, RobotWorld
+    from rwt_pytest.environment import RobotServer, RobotWorld
     from rwt_testing import ObservedGraph, ScriptedRobot
     from rwt_testing.virtual_time import VirtualTime
 
@@ -55,7 +55,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run a test once for each distribution that it wants, where it wants several."""
     if "rwt_distro" not in metafunc.fixturenames:
         return
-    from rwt_pytest.wishes import distros_of
+    from rwt_pytest.options import distros_of
 
     try:
         distros = distros_of(metafunc.config, list(metafunc.definition.iter_markers("rwt")))
@@ -72,9 +72,9 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Add what went over the wire to the report of a failing test."""
     report = yield
-    worlds = sys.modules.get("rwt_pytest.world")  # Read by the first test that needs it, or never.
+    worlds = sys.modules.get("rwt_pytest.environment")  # Read by the first test that needs it, or never.
     if worlds is not None and report.failed:
-        from rwt_pytest.wishes import transcript_lines
+        from rwt_pytest.options import transcript_lines
 
         for text in worlds.transcripts(transcript_lines(item.config)):
             report.sections.append((_SECTION, text))
@@ -87,15 +87,15 @@ def rwt_distro(request: pytest.FixtureRequest) -> str:
     chosen = getattr(request, "param", None)
     if chosen is not None:
         return str(chosen)
-    from rwt_pytest.wishes import distros_of
+    from rwt_pytest.options import distros_of
 
     return distros_of(request.config, list(request.node.iter_markers("rwt")))[0]
 
 
 @pytest.fixture
 def _rwt_world(request: pytest.FixtureRequest, rwt_distro: str) -> Iterator[RobotWorld]:
-    from rwt_pytest.wishes import wishes_of
-    from rwt_pytest.world import open_world
+    from rwt_pytest.environment import open_world
+    from rwt_pytest.options import wishes_of
 
     with ExitStack() as stack:
         try:

@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rwt_graph.endpoints import Message
+    from rwt_graph.program.endpoints import Message
     from rwt_interfaces.payload import Payload
 
 #: Entries kept of each kind and name; the oldest make room.

@@ -18,7 +18,7 @@ from rwt_graph.api import (
     ServiceCall,
     Subscription,
 )
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 from rwt_testing.journal import Journal, Kind, Received
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class ObservedGraph(MemoryGraph):
-    """A :class:`~rwt_graph.memory.MemoryGraph` with a journal.
+    """A :class:`~rwt_graph.memory.graph.MemoryGraph` with a journal.
 
     Attributes:
         journal: every message that nodes and clients published, and what scripted robots add.

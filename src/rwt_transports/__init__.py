@@ -3,11 +3,11 @@ protocol."""
 
 from __future__ import annotations
 
-from .api import Listener, OversizeAware
-from .errors import BadUrl, ListenError, Refused, TransportError
-from .http import HttpRequest, HttpResponse, Routes
-from .limits import Limits
-from .listener import listen
+from rwt_transports.api import Listener, OversizeAware
+from rwt_transports.errors import BadUrl, ListenError, Refused, TransportError
+from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_transports.limits import Limits
+from rwt_transports.listener import listen
 
 __all__ = [
     "listen",

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from ssl import SSLContext
 from typing import Protocol, runtime_checkable
 
-from rwt_protocol.frames import Buffer, Frame
+from rwt_protocol.transport import Buffer, Frame
 
 
 @dataclass(frozen=True, slots=True)

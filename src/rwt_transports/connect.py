@@ -21,18 +21,17 @@ from anyio.abc import ByteStream, Process, TaskGroup
 from anyio.streams.stapled import StapledByteStream
 from websockets.uri import WebSocketURI
 
-from rwt_protocol.frames import Accept, Buffer
-
-from .api import Driven, Link
-from .background import background_tasks
-from .connection import Connection, MakeWire, Reception
-from .drivers.anyio_stream import serve_stream
-from .drivers.asyncio_protocol import client_link
-from .errors import BadUrl, ConnectError, TransportError
-from .limits import Limits
-from .opening import Opening
-from .wires.json_stream import json_lines, json_over_tcp
-from .wires.websocket import websocket_client
+from rwt_protocol.transport import Accept, Buffer
+from rwt_transports.api import Driven, Link
+from rwt_transports.background import background_tasks
+from rwt_transports.connection import Connection, MakeWire, Reception
+from rwt_transports.drivers.anyio_stream import serve_stream
+from rwt_transports.drivers.asyncio_protocol import client_link
+from rwt_transports.errors import BadUrl, ConnectError, TransportError
+from rwt_transports.limits import Limits
+from rwt_transports.websocket.client_handshake import Opening
+from rwt_transports.websocket.wire import websocket_client
+from rwt_transports.wires.json_stream import json_lines, json_over_tcp
 
 TICK_SECONDS = 0.5
 

@@ -9,20 +9,19 @@ from dataclasses import dataclass, field
 
 import anyio
 
-from rwt_protocol.frames import Accept, Buffer, Endpoint, PeerInfo
-
-from .api import Link, OversizeAware, ValveAware, Wire, WireEvents
-from .background import TaskStarter
-from .close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
-from .errors import Refused
-from .extensions import DeflateTerms
-from .handshake import HandshakeAnswer
-from .http import HttpConversation, HttpRequest, HttpResponse, Routes
-from .incidents import report
-from .limits import Limits
-from .outbox import Outbox
-from .wires.deflate import deflate_server
-from .wires.spare import Spare
+from rwt_protocol.transport import Accept, Buffer, Endpoint, PeerInfo
+from rwt_transports.api import Link, OversizeAware, ValveAware, Wire, WireEvents
+from rwt_transports.background import TaskStarter
+from rwt_transports.errors import Refused
+from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
+from rwt_transports.incidents import report
+from rwt_transports.limits import Limits
+from rwt_transports.outbox import Outbox
+from rwt_transports.websocket.close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
+from rwt_transports.websocket.deflate import deflate_server
+from rwt_transports.websocket.extensions import DeflateTerms
+from rwt_transports.websocket.handshake import HandshakeAnswer
+from rwt_transports.wires.receive_buffer import Spare
 
 logger = logging.getLogger("rwt_transports")
 
@@ -38,7 +37,7 @@ class Reception:
         accept: makes the endpoint of a new peer.
         make_wire: makes its wire.
         routes: plain HTTP on the same port; None for transports that begin with messages at once.
-        transport: the URL scheme, for :class:`~rwt_protocol.frames.PeerInfo`.
+        transport: the URL scheme, for :class:`~rwt_protocol.transport.PeerInfo`.
         single: whether everything ends with the one peer that there is.
         idle_seconds: silence after which a peer is forgotten; 0 never.
         carries: bytes of the largest message that can be sent; 0 for any.

@@ -16,9 +16,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
 
-from rwt_protocol.frames import DropReason, FlowRules, Frame
-
-from .limits import Limits
+from rwt_protocol.transport import DropReason, FlowRules, Frame
+from rwt_transports.limits import Limits
 
 _Message = tuple[Frame, tuple[Frame, ...], int]
 """What waits: its first frame, the further ones, and when it expires (0: never)."""

@@ -11,8 +11,8 @@ from typing import Protocol
 
 import h11
 
-from .handshake import HandshakeAnswer, answer_handshake, wants_websocket
-from .limits import Limits
+from rwt_transports.limits import Limits
+from rwt_transports.websocket.handshake import HandshakeAnswer, answer_handshake, wants_websocket
 
 logger = logging.getLogger("rwt_transports.http")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .extensions import Deflate
+from rwt_transports.websocket.extensions import Deflate
 
 KIB = 1024
 MIB = 1024 * KIB

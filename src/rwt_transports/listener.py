@@ -12,18 +12,17 @@ from ssl import SSLContext
 import anyio
 import anyio.lowlevel
 
-from rwt_protocol.frames import Accept
-
-from .api import Driver
-from .background import TaskStarter
-from .close_codes import GOING_AWAY
-from .connection import MakeWire, Reception
-from .drivers.anyio_stream import AnyioDriver
-from .drivers.asyncio_protocol import AsyncioDriver
-from .errors import BadUrl
-from .http import Routes
-from .limits import Limits
-from .urls import ListenUrl, parse_listen_url
+from rwt_protocol.transport import Accept
+from rwt_transports.api import Driver
+from rwt_transports.background import TaskStarter
+from rwt_transports.connection import MakeWire, Reception
+from rwt_transports.drivers.anyio_stream import AnyioDriver
+from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
+from rwt_transports.errors import BadUrl
+from rwt_transports.http import Routes
+from rwt_transports.limits import Limits
+from rwt_transports.urls import ListenUrl, parse_listen_url
+from rwt_transports.websocket.close_codes import GOING_AWAY
 
 TICK_SECONDS = 0.5
 

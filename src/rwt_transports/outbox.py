@@ -15,11 +15,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from time import time_ns
 
-from rwt_protocol.frames import AS_MANY_AS_FIT, Buffer, DropReason, FlowRules, Frame, Traffic
-
-from .api import Framing
-from .data_lane import DataLane, Queue
-from .limits import Limits
+from rwt_protocol.transport import AS_MANY_AS_FIT, Buffer, DropReason, FlowRules, Frame, Traffic
+from rwt_transports.api import Framing
+from rwt_transports.data_lane import DataLane, Queue
+from rwt_transports.limits import Limits
 
 READY_BYTES = 128 * 1024
 """Bytes that may wait in front of the lanes: what one write joins, and the most that dropping cannot
@@ -34,7 +33,7 @@ PIECES_BYTES = 256 * 1024
 
 
 class OutboxFlow:
-    """One topic's way through an outbox; satisfies :class:`rwt_protocol.frames.Flow`."""
+    """One topic's way through an outbox; satisfies :class:`rwt_protocol.transport.Flow`."""
 
     __slots__ = ("_outbox", "_queue")
 
@@ -86,7 +85,7 @@ class OutboxFlow:
 
 
 class Outbox:
-    """The sending side of one connection; satisfies :class:`rwt_protocol.frames.Sink`.
+    """The sending side of one connection; satisfies :class:`rwt_protocol.transport.Sink`.
 
     Args:
         framing: how a frame becomes bytes.
@@ -139,7 +138,7 @@ class Outbox:
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame in the control lane; see :meth:`rwt_protocol.frames.Sink.send`."""
+        """Queue one frame in the control lane; see :meth:`rwt_protocol.transport.Sink.send`."""
         if self.room > 0:
             self.send_at_once(frame)
         elif not self._closed:
@@ -159,7 +158,7 @@ class Outbox:
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
     ) -> OutboxFlow:
-        """A way for samples, in the data lane; see :meth:`rwt_protocol.frames.Sink.flow`."""
+        """A way for samples, in the data lane; see :meth:`rwt_protocol.transport.Sink.flow`."""
         return OutboxFlow(self, Queue(topic, rules, on_drop, time_ns))
 
     def send_at_once(self, frame: Frame) -> None:

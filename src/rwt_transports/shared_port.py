@@ -6,8 +6,8 @@ import socket
 from dataclasses import dataclass
 from ssl import SSLContext
 
-from .drivers.sockets import bind_tcp
-from .urls import parse_listen_url
+from rwt_transports.drivers.sockets import bind_tcp
+from rwt_transports.urls import parse_listen_url
 
 
 def can_share(url: str, tls: SSLContext | None = None) -> bool:

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from ssl import SSLContext
 from urllib.parse import urlsplit
 
-from .api import Driver, Place
-from .connection import MakeWire
-from .drivers.datagrams import DatagramDriver
-from .drivers.standard_streams import StandardStreamsDriver
-from .errors import BadUrl
-from .wires.bson_stream import bson_documents
-from .wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
-from .wires.json_stream import json_lines, json_over_tcp
-from .wires.websocket import websocket_server
+from rwt_transports.api import Driver, Place
+from rwt_transports.connection import MakeWire
+from rwt_transports.drivers.datagrams import DatagramDriver
+from rwt_transports.drivers.standard_streams import StandardStreamsDriver
+from rwt_transports.errors import BadUrl
+from rwt_transports.websocket.wire import websocket_server
+from rwt_transports.wires.bson_stream import bson_documents
+from rwt_transports.wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
+from rwt_transports.wires.json_stream import json_lines, json_over_tcp
 
 DEFAULT_PORT = 9090
 """The port of rosbridge (CFG-01)."""

@@ -10,8 +10,8 @@ import pytest
 
 from bench.client import Row, table
 from bench.client_peer import CASES, MESSAGES, Frames
-from rwt_protocol.frames import Frame
-from rwt_transports.wires.websocket import CLIENT_FRAMING
+from rwt_protocol.transport import Frame
+from rwt_transports.websocket.wire import CLIENT_FRAMING
 
 
 def test_the_table() -> None:

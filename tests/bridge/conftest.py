@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import pytest
 
+from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.settings import Settings
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from tests.bridge.recording_client import Client

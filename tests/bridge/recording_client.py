@@ -8,9 +8,9 @@ from time import time_ns
 from typing import Any
 
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.doorstep import Doorstep
 from rwt_bridge.peer import Peer
-from rwt_protocol.frames import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
+from rwt_bridge.pending_auth import Doorstep
+from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
 
 Message = dict[str, Any]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from tests.bridge.recording_client import Client
 
 FIBONACCI = {"action": "/fibonacci", "type": "example_interfaces/Fibonacci"}

@@ -16,14 +16,16 @@ from hypothesis import strategies as st
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from rwt_bridge import Bridge, Settings, SettingsError, serve
-from rwt_bridge.auth import NotAuthenticated, Rosauth, mac_of, presented_token
-from rwt_bridge.policy import Role
-from rwt_bridge.settings import RoleSettings
+from rwt import Settings, SettingsError
+from rwt.server import serve
+from rwt.settings.models import RoleSettings
+from rwt_access.credentials import NotAuthenticated, Rosauth, mac_of, presented_token
+from rwt_access.roles import Role
+from rwt_bridge import Bridge
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.memory import MemoryGraph
-from rwt_protocol.frames import PeerInfo
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_protocol.ops import Auth
+from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
 from tests.bridge.recording_client import Client
 

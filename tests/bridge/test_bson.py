@@ -9,9 +9,9 @@ from typing import Any
 import bson
 import pytest
 
+from rwt.settings.models import Settings, SettingsError
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.settings import Settings, SettingsError
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from tests.bridge.recording_client import Client
 
 

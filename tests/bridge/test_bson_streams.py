@@ -10,7 +10,8 @@ import pytest
 from anyio.abc import ByteStream
 from anyio.streams.buffered import BufferedByteReceiveStream
 
-from rwt_bridge import Settings, serve
+from rwt import Settings
+from rwt.server import serve
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import BadUrl
 

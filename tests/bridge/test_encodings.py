@@ -16,17 +16,17 @@ import pytest
 from PIL import Image
 from rosbags.typesys import Stores, get_typestore
 
+from rwt.settings.models import Settings
 from rwt_bridge import bridge as bridge_module
 from rwt_bridge import encodings
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.encodings import Encoder, Encoding
-from rwt_bridge.settings import Settings
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
-from rwt_protocol.frames import Frame
+from rwt_protocol.transport import Frame
 from tests.bridge.recording_client import Client
 
 SHARED = json.loads((Path(__file__).parents[1] / "protocol" / "examples.json").read_text())

@@ -10,7 +10,7 @@ import pytest
 
 from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
-from rwt_protocol.frames import DropReason
+from rwt_protocol.transport import DropReason
 from rwt_transports import Limits
 from rwt_transports.connection import Reception
 from rwt_transports.drivers.memory import MemoryPipe

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from rwt.settings.models import LimitSettings, Settings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.settings import LimitSettings, Settings
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_protocol.fragments import MOST_PIECES
 from tests.bridge.recording_client import Client
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from rwt_access.audit import LostLines
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.logs import LostLines
 from rwt_graph.clock import SimulatedClock
 from tests.bridge.recording_client import Client
 

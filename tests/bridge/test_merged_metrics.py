@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwt_bridge.exposition import Exposition, merged
+from rwt.observability.prometheus import Exposition, merged
 
 
 def page(clients: int, topic: str) -> bytes:

@@ -12,15 +12,16 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from websockets.asyncio.client import connect as connect_websocket
 
-from rwt_bridge import Settings, serve
+from rwt import Settings
+from rwt.observability.metrics import metrics
+from rwt.observability.prometheus import Exposition
+from rwt.pages import routes
+from rwt.server import serve
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.exposition import Exposition
-from rwt_bridge.ledger import MOST_TOPICS, Ledger
-from rwt_bridge.metrics import metrics
-from rwt_bridge.pages import routes
+from rwt_delivery.counters import MOST_TOPICS, Ledger
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.memory import MemoryGraph
-from rwt_protocol.frames import DropReason, Traffic
+from rwt_graph.memory.graph import MemoryGraph
+from rwt_protocol.transport import DropReason, Traffic
 from rwt_transports.http import HttpRequest, HttpResponse
 from tests.bridge.recording_client import Client
 

@@ -14,9 +14,11 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin, Subprotocol
 
-from rwt_bridge import Bridge, Settings, serve
-from rwt_bridge.origins import Origins, is_loopback_listener
-from rwt_bridge.pages import Page
+from rwt import Settings
+from rwt.pages import Page
+from rwt.server import serve
+from rwt_access.origins import Origins, is_loopback_listener
+from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import Refused
 from rwt_transports.http import HttpRequest, HttpResponse

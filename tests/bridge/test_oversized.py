@@ -7,7 +7,7 @@ import json
 import pytest
 from websockets.asyncio.client import connect
 
-from rwt_bridge import serve
+from rwt.server import serve
 from rwt_graph import MemoryGraph
 
 MEBIBYTE = 1024 * 1024

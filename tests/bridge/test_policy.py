@@ -9,9 +9,10 @@ from typing import Any
 import anyio.lowlevel
 import pytest
 
-from rwt_bridge import Bridge, Settings
-from rwt_bridge.policy import ACTS, Role
-from rwt_bridge.settings import RoleSettings
+from rwt import Settings
+from rwt.settings.models import RoleSettings
+from rwt_access.roles import ACTS, Role
+from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.api import Graph
 from rwt_interfaces.distro import DISTROS

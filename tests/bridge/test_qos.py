@@ -9,9 +9,9 @@ import pytest
 
 from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.qos import SENSOR_DATA, Durability, History, QoS, Reliability
-from rwt_protocol.frames import FlowRules
+from rwt_protocol.transport import FlowRules
 from tests.bridge.recording_client import Client
 
 INT = "std_msgs/Int32"

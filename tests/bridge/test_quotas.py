@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from rwt_bridge import Bridge, Settings
-from rwt_bridge.quotas import MessageRate
+from rwt import Settings
+from rwt_access.quotas import MessageRate
+from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
 from rwt_transports.errors import Refused

@@ -10,12 +10,14 @@ from typing import Any
 import pytest
 from websockets.asyncio.client import connect as connect_websocket
 
-from rwt_bridge import Settings, encodings, serve
+from rwt import Settings
+from rwt.server import serve
 from rwt_bridge import bridge as bridge_module
+from rwt_bridge import encodings
 from rwt_bridge.encodings import Encoder, Encoding
 from rwt_graph.api import Sample
-from rwt_graph.memory import MemoryGraph
-from rwt_protocol.frames import Frame
+from rwt_graph.memory.graph import MemoryGraph
+from rwt_protocol.transport import Frame
 from tests.bridge.recording_client import Client
 
 

@@ -22,7 +22,8 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import NameOID
 from websockets.asyncio.client import connect
 
-from rwt_bridge import Settings, SettingsError, serve
+from rwt import Settings, SettingsError
+from rwt.server import serve
 from rwt_graph import MemoryGraph
 
 

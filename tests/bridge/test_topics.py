@@ -8,7 +8,7 @@ import pytest
 
 from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from tests.bridge.recording_client import Client
 
 TWIST = {

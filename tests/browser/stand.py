@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwt_bridge import serve
+from rwt.server import serve
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
@@ -20,7 +20,7 @@ from rwt_transports.http import HttpRequest, HttpResponse
 from tests.browser.driver import HERE, NODE
 
 if TYPE_CHECKING:
-    from rwt_bridge.pages import MaySubscribe, Page
+    from rwt.pages import MaySubscribe, Page
 
 REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}
 

@@ -10,7 +10,7 @@ import pytest
 
 from rwt_graph import Node
 from rwt_graph.qos import SENSOR_DATA
-from rwt_nodes.demo.lens import Lens
+from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.depth_cloud import DepthCloudEncoder
 from tests.browser.driver import Browser, Page, Picture, near
 from tests.browser.stand import stand

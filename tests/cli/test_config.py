@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_bridge.settings import Settings, SettingsError
-from rwt_bridge.settings_sources import Given, load_settings, read_settings
-from rwt_bridge.settings_words import expected, known_settings
+from rwt.settings.errors import expected, known_settings
+from rwt.settings.models import Settings, SettingsError
+from rwt.settings.sources import Given, load_settings, read_settings
 from rwt_cli import main
-from rwt_cli.config import show
+from rwt_cli.commands.config import show
 
 TOKEN = "a-token-of-some-length"
 

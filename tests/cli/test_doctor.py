@@ -13,7 +13,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from rwt_cli.doctor import ENCODINGS
+from rwt_cli.commands.doctor import ENCODINGS
 from tests.cli.conftest import Rwt, demo_server
 
 

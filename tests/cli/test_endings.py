@@ -121,7 +121,15 @@ def test_a_verb_loads_no_server_and_no_arrays(demo: str) -> None:
     for words in (("topic", "list"), ("topic", "echo", "/scan", "--once"), ("service", "list")):
         loaded = _loaded_by(*words, url=demo)
         assert "rwt_client" in loaded
-        assert not loaded & {"numpy", "PIL", "rwt_bridge", "rwt_graph", "rwt_nodes", "trio", "rwt_cli.doctor"}
+        assert not loaded & {
+            "numpy",
+            "PIL",
+            "rwt_bridge",
+            "rwt_graph",
+            "rwt_nodes",
+            "trio",
+            "rwt_cli.commands.doctor",
+        }
 
 
 def test_output_survives_a_terminal_without_unicode(demo: str, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 from websockets.sync.client import connect
 
-from rwt_cli.logs import JsonFormatter, SteadyHandler
+from rwt_cli.console.logs import JsonFormatter, SteadyHandler
 
 logger = logging.getLogger("tests.log")
 

@@ -10,13 +10,14 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt_bridge import Bridge, Settings
+from rwt import Settings
+from rwt_bridge import Bridge
 from rwt_cli.remote_recorder import EARLIER_NS, RemoteRecorder
 from rwt_client import connect
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_nodes import Rosapi
 from rwt_nodes.recording import Encoding, RecordingWriter, TopicSelection, open_recording
-from rwt_protocol.frames import Endpoint, PeerInfo, Sink
+from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 from tests.client.worlds import AT_ONCE, until
 
 pytestmark = pytest.mark.anyio

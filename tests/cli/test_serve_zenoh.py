@@ -89,7 +89,7 @@ def test_without_the_extra_the_command_says_what_to_install(
 
 def test_a_server_without_it_does_not_load_it() -> None:
     program = (
-        "import sys, rwt_cli.serve, rwt_cli.backends\n"
+        "import sys, rwt_cli.commands.serve, rwt.graphs\n"
         "print([name for name in sys.modules if name.split('.')[0] in ('zenoh', 'xxhash')])"
     )
     done = subprocess.run(

@@ -14,7 +14,7 @@ _COMMAND = [sys.executable, "-m", "rwt_cli", "serve", "stdio:"]
 
 _NOISY = """
 import os, sys, anyio
-from rwt_bridge.serve import serve
+from rwt.server import serve
 from rwt_graph import MemoryGraph
 print("printed before")
 async def main():

@@ -10,12 +10,12 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt_bridge import serve
+from rwt.server import serve
 from rwt_cli import COMMANDS, main, parser_for
+from rwt_cli.commands.topic.echo import ECHO
+from rwt_cli.console.output import Output
+from rwt_cli.console.yaml_reader import read_yaml
 from rwt_cli.live_names import rooted
-from rwt_cli.output import Output
-from rwt_cli.topic_echo import ECHO
-from rwt_cli.yaml_reader import read_yaml
 from rwt_client import connect
 from rwt_graph import MemoryGraph, Node
 from tests.cli.conftest import Rwt, demo_server

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from rwt_cli import yaml_writer
-from rwt_cli.yaml_reader import YamlError, YamlValue, read_yaml
+from rwt_cli.console import yaml_writer
+from rwt_cli.console.yaml_reader import YamlError, YamlValue, read_yaml
 
 
 def _oracle() -> YAML:

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_client.cbor import TypedArray, Unreadable, read_cbor
-from rwt_client.reading import MessageReader
+from rwt_client.wire.cbor import TypedArray, Unreadable, read_cbor
+from rwt_client.wire.decoding import MessageReader
 from rwt_interfaces import JAZZY, NOETIC, Payload, Registry
 from tests.client.worlds import scripted, world
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from rwt_bridge import serve
+from rwt.server import serve
 from rwt_client import connect
 from rwt_graph import MemoryGraph
 from rwt_nodes import Rosapi

@@ -17,7 +17,7 @@ from rwt_client import (
     TopicInfo,
     TypeUnavailable,
 )
-from rwt_client.types import _texts
+from rwt_client.endpoints.remote_types import _texts
 from rwt_graph import ParameterRejected
 from rwt_interfaces import JAZZY, Registry
 from rwt_nodes.rosapi.typedefs import typedefs

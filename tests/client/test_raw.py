@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_client import RawMessage
-from rwt_client.cbor import read_cbor, read_raw
+from rwt_client.wire.cbor import read_cbor, read_raw
 from rwt_protocol.codecs.cbor import publish_prefix, raw_publish_frame
 from tests.client.worlds import until, world
 

@@ -8,7 +8,7 @@ import anyio
 import pytest
 from anyio.abc import TaskStatus
 
-from rwt_bridge import serve
+from rwt.server import serve
 from rwt_client import (
     Backoff,
     CannotConnect,

@@ -11,7 +11,7 @@ import anyio
 import pytest
 from anyio.from_thread import start_blocking_portal
 
-from rwt_bridge import serve
+from rwt.server import serve
 from rwt_client import CallFailed, ConnectionLost, TransformUnavailable
 from rwt_client.blocking import connect as connect_blocking
 from rwt_graph import MemoryGraph, Node

@@ -11,14 +11,16 @@ from typing import Any, Unpack
 
 import anyio
 
-from rwt_bridge import Bridge, Settings, serve
+from rwt import Settings
+from rwt.server import serve
+from rwt_bridge import Bridge
 from rwt_client import Backoff, Robot, connect
 from rwt_client.connection import ConnectKeywords
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces import DISTROS, Payload, Registry
 from rwt_nodes import Rosapi
 from rwt_protocol.codecs import cbor
-from rwt_protocol.frames import Frame, PeerInfo, Sink
+from rwt_protocol.transport import Frame, PeerInfo, Sink
 
 Sent = dict[str, Any]
 

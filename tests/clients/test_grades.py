@@ -14,12 +14,12 @@ import pytest
 
 from conformance.client_runner import run_client_cases
 from conformance.command import ADAPTERS
-from conformance.loading import CLIENT_CASES, load_cases
 from conformance.reports import json_file
 from conformance.reports.terminal import failure
-from conformance.rules import load_rules
 from conformance.runner import Conditions, select
-from conformance.target import find_client_target
+from conformance.suite.loading import CLIENT_CASES, load_cases
+from conformance.suite.rules import load_rules
+from conformance.suite.target import find_client_target
 
 NODE = str(Path(__file__).parent / "node")
 

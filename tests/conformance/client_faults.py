@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from conformance.case import Case
 from conformance.client_player import play_as_server
-from conformance.listening import Listener, listen
-from conformance.pace import RealPace
 from conformance.player import Played
 from conformance.runner import Conditions, Run, judge_cases, select
-from conformance.target import Target, find_client_target
-from conformance.values import Json
-from conformance.wires import Wire
+from conformance.suite.case import Case
+from conformance.suite.target import Target, find_client_target
+from conformance.suite.values import Json
+from conformance.wire.listening import Listener, listen
+from conformance.wire.pace import RealPace
+from conformance.wire.wires import Wire
 from tests.conformance.rwt_client_adapter import Adapter, answer, plain
 
 Message: TypeAlias = dict[str, Json]

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import time_ns
 
-from conformance.values import Json
-from rwt_protocol.frames import (
+from conformance.suite.values import Json
+from rwt_protocol.transport import (
     AS_MANY_AS_FIT,
     Accept,
     DropReason,

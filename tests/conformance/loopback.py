@@ -12,9 +12,9 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Literal
 
-from conformance.dialing import dialer
-from conformance.wires import Dial, StreamWire, Wire
-from rwt_protocol.frames import Accept
+from conformance.wire.dialing import dialer
+from conformance.wire.wires import Dial, StreamWire, Wire
+from rwt_protocol.transport import Accept
 from rwt_transports.drivers.standard_streams import StandardStreamsDriver
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen

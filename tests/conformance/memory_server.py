@@ -9,19 +9,19 @@ from contextlib import asynccontextmanager, closing
 from dataclasses import dataclass
 from functools import partial
 
-from conformance.case import Case
 from conformance.runner import Conditions, Run, run_cases
-from conformance.target import Target
-from conformance.wires import Dial, Wire, WireClosed, framing_of
+from conformance.suite.case import Case
+from conformance.suite.target import Target
+from conformance.wire.wires import Dial, Wire, WireClosed, framing_of
+from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.settings import Settings
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.memory import MemoryGraph
+from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_nodes.rosapi import Rosapi
 from rwt_nodes.tf import Tf2WebRepublisher
-from rwt_protocol.frames import Accept, Frame, PeerInfo
+from rwt_protocol.transport import Accept, Frame, PeerInfo
 from rwt_transports.drivers.memory import MemoryPeer
 
 Spoil = Callable[[Accept], Accept]

@@ -15,13 +15,13 @@ from conformance import client_player
 from conformance import program as programs
 from conformance.client_runner import run_client_cases
 from conformance.command import main
-from conformance.loading import CLIENT_CASES, CaseError, load_cases, read_case
 from conformance.program import Program, ProgramEnded, ProgramError
 from conformance.runner import Conditions, Run, select
-from conformance.target import Target, TargetError, find_client_target, find_target, shipped_clients
-from conformance.unwrap import decode_text, join_fragments, open_png
-from conformance.wires import WireError
-from conformance.wrap import cbor, fragments, png, wrap
+from conformance.suite.loading import CLIENT_CASES, CaseError, load_cases, read_case
+from conformance.suite.target import Target, TargetError, find_client_target, find_target, shipped_clients
+from conformance.wire.unwrap import decode_text, join_fragments, open_png
+from conformance.wire.wires import WireError
+from conformance.wire.wrap import cbor, fragments, png, wrap
 
 HERE = Path(__file__).parent
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from conformance.command import main
-from conformance.loading import read_case
-from conformance.matching import Difference
 from conformance.player import Fault
 from conformance.reports.counts import grade
 from conformance.reports.json_file import ReportError, read_results, render
 from conformance.runner import Result, Run, Verdict, select
-from conformance.target import Target
+from conformance.suite.loading import read_case
+from conformance.suite.matching import Difference
+from conformance.suite.target import Target
 
 _CASE = read_case(
     "topics/thing",

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from conformance.command import main
-from conformance.loading import load_cases
 from conformance.reports.terminal import failure
-from conformance.rules import load_rules
 from conformance.runner import Run, select
-from conformance.target import find_target
+from conformance.suite.loading import load_cases
+from conformance.suite.rules import load_rules
+from conformance.suite.target import find_target
 from rwt_graph.zenoh import ZenohGraph
 from tests.conformance.fault_list import FAULTS
 from tests.conformance.loopback import Transport, served

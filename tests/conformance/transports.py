@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from conformance.command import main
-from conformance.pipes import SOCKET
+from conformance.wire.pipes import SOCKET
 
 SERVE = (sys.executable, "-m", "rwt_cli", "serve")
 PIPES = f"stdio:{sys.executable} -m rwt_cli serve stdio: unix://{SOCKET}"

@@ -7,18 +7,18 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 
-from conformance.case import Case
-from conformance.pace import RealPace
 from conformance.runner import Conditions, Run, run_cases
-from conformance.target import Target
-from conformance.wires import Wire
+from conformance.suite.case import Case
+from conformance.suite.target import Target
+from conformance.wire.pace import RealPace
+from conformance.wire.wires import Wire
+from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.settings import Settings
 from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
 from rwt_nodes.rosapi import Rosapi
-from rwt_protocol.frames import Accept
+from rwt_protocol.transport import Accept
 from tests.conformance.memory_server import MemoryWire
 from tests.zenoh_links import QUICK, free_endpoint
 

@@ -11,10 +11,10 @@ from collections.abc import Callable
 import pytest
 
 import rwt_graph
-from rwt_bridge import Settings
-from rwt_cli.play import add_play_command
-from rwt_cli.record import add_record_command
-from rwt_cli.serve import add_serve_command
+from rwt import Settings
+from rwt_cli.commands.play import add_play_command
+from rwt_cli.commands.record import add_record_command
+from rwt_cli.commands.serve import add_serve_command
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi
 from tests.docs.blocks import ROOT, blocks_of

@@ -9,8 +9,9 @@ from pydantic import BaseModel
 
 import rwt_pytest
 from rwt_graph import Node
-from rwt_pytest.world import RobotServer
-from rwt_testing import Faults, ScriptedAction, ScriptedRobot, ScriptedService, ScriptedTopic, script_file
+from rwt_pytest.environment import RobotServer
+from rwt_testing import Faults, ScriptedAction, ScriptedRobot, ScriptedService, ScriptedTopic
+from rwt_testing.script import file as script_file
 from rwt_testing.virtual_time import VirtualTime
 from tests.docs.blocks import ROOT
 

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from rwt_graph import GoalHandle, GoalRejected, GoalStatus, MemoryGraph, Node, SimulatedClock
-from rwt_nodes.demo.lens import Lens
-from rwt_nodes.packages import Packages
+from rwt_nodes.demo.world.lens import Lens
+from rwt_nodes.mesh_files import Packages
 from rwt_tf2 import Buffer, read_transform
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels for Linux only")

@@ -11,9 +11,10 @@ from typing import Literal
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
-from rwt_bridge import Settings, serve
+from rwt import Settings
+from rwt.server import serve
+from rwt.settings.models import LimitSettings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.settings import LimitSettings
 from rwt_graph import MemoryGraph
 from rwt_nodes import Rosapi
 from tests.faults.blocking_client import PATIENCE, BlockingClient

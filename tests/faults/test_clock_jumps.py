@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rwt_bridge import Bridge, Settings
+from rwt import Settings
+from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
 from tests.bridge.recording_client import Client

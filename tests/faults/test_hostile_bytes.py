@@ -14,18 +14,19 @@ from contextlib import contextmanager
 
 import pytest
 
-from rwt_bridge import Bridge, Settings
-from rwt_bridge.settings import LimitSettings
+from rwt import Settings
+from rwt.settings.models import LimitSettings
+from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
-from rwt_protocol.frames import Endpoint, Frame, PeerInfo, Sink
 from rwt_protocol.ops import Direction
 from rwt_protocol.session import Refusal, Session
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import Limits, Routes
 from rwt_transports.connection import MakeWire, Reception
 from rwt_transports.drivers.memory import MemoryPipe
-from rwt_transports.extensions import Deflate
+from rwt_transports.websocket.extensions import Deflate
+from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp
-from rwt_transports.wires.websocket import websocket_server
 from tests.bridge.recording_client import Client
 from tests.faults.blocking_client import BlockingClient
 from tests.faults.conftest import MIB, Robot

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from rwt_bridge import Settings
-from rwt_bridge.settings import AuthSettings
+from rwt import Settings
+from rwt.settings.models import AuthSettings
 from tests.bridge.test_auth import SECRET, signed
 from tests.faults.blocking_client import Refused
 from tests.faults.conftest import BRIEF, Robot, Start

@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 from urllib.parse import unquote_plus
 
-from rwt_bridge.admission import Admission
-from rwt_bridge.settings import (
+from rwt.settings.models import (
     AuthSettings,
     OriginSettings,
     RoleSettings,
@@ -14,8 +13,9 @@ from rwt_bridge.settings import (
     SettingsError,
     TokenSettings,
 )
-from rwt_bridge.settings_sources import load_settings
-from rwt_protocol.frames import PeerInfo
+from rwt.settings.sources import load_settings
+from rwt_access.admission import Admission
+from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
 
 TOKEN = "a-token-of-some-length"

@@ -8,14 +8,14 @@ import logging
 import struct
 import zlib
 
+from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.settings import Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
 from rwt_protocol.codecs import JSON, png
 from rwt_protocol.codecs.bson import BsonCodec
-from rwt_protocol.codecs.whole import MOST_MESSAGES
+from rwt_protocol.codecs.full_split import MOST_MESSAGES
 from rwt_protocol.errors import Refused
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.ops import Direction, Op

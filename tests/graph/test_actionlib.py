@@ -6,7 +6,7 @@ import anyio
 import pytest
 
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, GoalStatus, MemoryGraph, Message, Node
-from rwt_graph.actionlib import STATUS, ActionlibStatus
+from rwt_graph.program.actionlib import STATUS, ActionlibStatus
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

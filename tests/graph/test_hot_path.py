@@ -8,11 +8,12 @@ from collections.abc import Callable, Coroutine
 import anyio
 import pytest
 
-from rwt_graph import ActionGoal, MemoryGraph, Message, Node, SimulatedClock, topics
+from rwt_graph import ActionGoal, MemoryGraph, Message, Node, SimulatedClock
 from rwt_graph.api import GoalEvents, Sample, ServiceCall
 from rwt_graph.clock import Timer
-from rwt_graph.deadlines import Deadlines, Expiring
-from rwt_graph.memory import MemoryParticipant
+from rwt_graph.memory import topics
+from rwt_graph.memory.deadlines import Deadlines, Expiring
+from rwt_graph.memory.graph import MemoryParticipant
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
 

@@ -18,7 +18,7 @@ from rwt_graph import (
     NotFound,
     ProviderGone,
 )
-from rwt_graph.actions import ENDINGS, TRANSITIONS, GoalEvent
+from rwt_graph.memory.actions import ENDINGS, TRANSITIONS, GoalEvent
 from rwt_interfaces.errors import PayloadError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import anyio
 import pytest
 
 from rwt_graph import LATCHED, MemoryGraph, Message, Node, QoS, SimulatedClock
-from rwt_graph.endpoints import is_coroutine_function
+from rwt_graph.program.endpoints import is_coroutine_function
 from rwt_interfaces.errors import PayloadError, UnknownType
 from rwt_interfaces.payload import Payload
 

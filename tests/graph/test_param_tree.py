@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_graph import NotFound, ParameterRejected
-from rwt_graph.param_tree import ParameterTree, Value
+from rwt_graph.parameters.tree import ParameterTree, Value
 
 LEAVES = st.one_of(
     st.integers(), st.text(max_size=5), st.booleans(), st.none(), st.lists(st.integers(), max_size=3)

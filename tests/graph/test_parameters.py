@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_graph import CallTimeout, GraphError, MemoryGraph, Message, Node, NotFound, ParameterRejected
-from rwt_graph.param_tree import Value
-from rwt_graph.param_values import ParameterType, decode, encode, fitted, type_of
+from rwt_graph.parameters.tree import Value
+from rwt_graph.parameters.values import ParameterType, decode, encode, fitted, type_of
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from rwt_interfaces import shapes
+from rwt_interfaces import field_types as shapes
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_interfaces.errors import PayloadError
 from rwt_interfaces.payload import Payload

@@ -6,9 +6,9 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from rwt_interfaces import hashes
+from rwt_interfaces.definitions import hashes
+from rwt_interfaces.definitions.parser import parse_service
 from rwt_interfaces.distro import JAZZY, NOETIC, Distro
-from rwt_interfaces.parser import parse_service
 from rwt_interfaces.registry import Registry
 
 STORES = {"jazzy": get_typestore(Stores.ROS2_JAZZY), "noetic": get_typestore(Stores.ROS1_NOETIC)}

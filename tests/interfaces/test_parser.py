@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from rwt_interfaces.definitions import Constant, Field, FieldType
+from rwt_interfaces.definitions.model import Constant, Field, FieldType
+from rwt_interfaces.definitions.parser import format_message, parse_action, parse_message, parse_service
 from rwt_interfaces.errors import DefinitionError, InvalidName
-from rwt_interfaces.parser import format_message, parse_action, parse_message, parse_service
 
 
 def only_field(text: str, ros_version: int = 2) -> Field:

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from rwt_interfaces.definitions import Constant, Field, FieldType, MessageDefinition
+from rwt_interfaces.definitions.literals import Literals
+from rwt_interfaces.definitions.model import Constant, Field, FieldType, MessageDefinition
+from rwt_interfaces.definitions.parser import format_message, parse_action, parse_message, parse_service
 from rwt_interfaces.errors import DefinitionError
-from rwt_interfaces.literals import Literals
-from rwt_interfaces.parser import format_message, parse_action, parse_message, parse_service
 
 NAMES = st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,8}", fullmatch=True)
 SIZES = st.integers(1, 2**32 - 1)

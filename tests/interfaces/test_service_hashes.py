@@ -8,9 +8,9 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from rwt_interfaces.definitions.parser import format_type
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.errors import UnknownType
-from rwt_interfaces.parser import format_type
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ServiceType
 

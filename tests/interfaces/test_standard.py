@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from rwt_interfaces import standard
+from rwt_interfaces.definitions.parser import format_message, parse_message
 from rwt_interfaces.distro import DISTROS, Distro
-from rwt_interfaces.parser import format_message, parse_message
 from rwt_interfaces.registry import Registry
 
 ROOT = Path(__file__).parents[2]

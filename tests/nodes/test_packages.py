@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_nodes.packages import Packages, PackagesError
+from rwt_nodes.mesh_files import Packages, PackagesError
 from rwt_transports.http import HttpRequest
 
 pytestmark = pytest.mark.anyio

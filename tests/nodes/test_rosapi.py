@@ -9,7 +9,8 @@ from typing import Any
 import anyio.lowlevel
 import pytest
 
-from rwt_bridge import Bridge, Settings
+from rwt import Settings
+from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry

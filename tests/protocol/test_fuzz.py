@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
-from rwt_protocol.codecs.whole import MOST_MESSAGES
+from rwt_protocol.codecs.full_split import MOST_MESSAGES
 from rwt_protocol.ops import Direction
 from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Refusal, Session

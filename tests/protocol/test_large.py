@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from rwt_protocol.codecs.large import LARGE, split_large
+from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.ops import OPS, Publish
 from rwt_protocol.rawjson import RawJson

@@ -219,7 +219,7 @@ def test_a_fixture_of_a_module_shows_its_transcript_too(suite: Suite) -> None:
         """
         import pytest
         from rwt_client.blocking import connect
-        from rwt_pytest.world import Wishes, open_world
+        from rwt_pytest.environment import Wishes, open_world
 
         @pytest.fixture(scope="module")
         def lab():

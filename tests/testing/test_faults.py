@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.settings import Settings
 from rwt_graph import Node, SimulatedClock
-from rwt_protocol.frames import PeerInfo, Traffic
+from rwt_protocol.transport import PeerInfo, Traffic
 from rwt_testing import ObservedGraph, ObservedWire, ScriptError
 from rwt_transports.errors import Refused
 from tests.bridge.recording_client import Client

@@ -10,7 +10,7 @@ import pytest
 
 from rwt_graph import Node, SimulatedClock
 from rwt_testing import ObservedGraph, ObservedWire, ScriptError
-from rwt_testing.script import ScriptControl
+from rwt_testing.script.control import ScriptControl
 from rwt_testing.virtual_time import advance, settle
 
 

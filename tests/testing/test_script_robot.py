@@ -8,11 +8,11 @@ import pytest
 
 from rwt_graph import GoalRejected, GoalStatus, Node, ServiceFailed, SimulatedClock
 from rwt_testing import Faults, ObservedGraph, ObservedWire
-from rwt_testing.faults import Treatment
-from rwt_testing.script import ScriptControl
-from rwt_testing.script_file import FaultScript
-from rwt_testing.script_robot import inject
+from rwt_testing.script.control import ScriptControl
+from rwt_testing.script.file import FaultScript
+from rwt_testing.script.robot import inject
 from rwt_testing.virtual_time import advance, settle
+from rwt_testing.wire.faults import Treatment
 
 pytestmark = pytest.mark.anyio
 

@@ -10,9 +10,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from rwt_testing import ObservedGraph, ObservedWire, ScriptError
-from rwt_testing.script import ScriptControl
-from rwt_testing.script_file import Script
-from rwt_testing.script_words import dotted, read_recorded, read_script
+from rwt_testing.script.control import ScriptControl
+from rwt_testing.script.errors import dotted, read_recorded, read_script
+from rwt_testing.script.file import Script
 
 
 def complaint(tmp_path: Path, text: str) -> str:

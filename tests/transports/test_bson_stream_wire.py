@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.frames import Frame
-from rwt_transports.close_codes import PROTOCOL_ERROR, TOO_BIG
+from rwt_protocol.transport import Frame
+from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TOO_BIG
 from rwt_transports.wires.bson_stream import DOCUMENTS, BsonStreamWire
 
 DOCUMENT = bytes(bson.encode({"op": "publish", "topic": "/x", "msg": {"data": b"\x00\x01"}}))

@@ -9,11 +9,11 @@ from collections.abc import Callable
 
 import pytest
 
-from rwt_protocol.frames import Accept, Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, Refused, Routes
 from rwt_transports.connection import Reception
 from rwt_transports.drivers.memory import MemoryPipe
-from rwt_transports.wires.websocket import CLIENT_FRAMING, websocket_server
+from rwt_transports.websocket.wire import CLIENT_FRAMING, websocket_server
 
 REQUEST = (
     b"GET /robot?token=1 HTTP/1.1\r\nHost: r2\r\nUpgrade: websocket\r\nConnection: keep-alive, Upgrade\r\n"

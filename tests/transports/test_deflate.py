@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFactory
 
-from rwt_protocol.frames import Endpoint, Frame, PeerInfo, Sink
-from rwt_transports.extensions import Deflate, DeflateTerms
-from rwt_transports.handshake import answer_handshake
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
-from rwt_transports.wires.deflate import LARGEST, DeflateWire, shared_framing
+from rwt_transports.websocket.deflate import LARGEST, DeflateWire, shared_framing
+from rwt_transports.websocket.extensions import Deflate, DeflateTerms
+from rwt_transports.websocket.handshake import answer_handshake
 from tests.transports.test_websocket_wire import Heard, frame
 
 LIMIT = 100_000

@@ -9,9 +9,9 @@ import anyio
 import anyio.lowlevel
 import pytest
 
-from rwt_transports.handshake import HandshakeAnswer
 from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
+from rwt_transports.websocket.handshake import HandshakeAnswer
 
 
 class Browser:

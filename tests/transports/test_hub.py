@@ -14,13 +14,18 @@ from anyio.abc import SocketAttribute, SocketStream
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.frames import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import BadUrl, Limits, Refused, listen
-from rwt_transports.assignment import BadAssignment, decode_assignment, encode_assignment, split_client_path
 from rwt_transports.connect import connect
-from rwt_transports.dial import BackOff, Dialed, check_dial_url, dial
 from rwt_transports.errors import ConnectError
-from rwt_transports.open_hub import OpenHub, open_hub
+from rwt_transports.relay.dial import BackOff, Dialed, check_dial_url, dial
+from rwt_transports.relay.protocol import (
+    BadAssignment,
+    decode_assignment,
+    encode_assignment,
+    split_client_path,
+)
+from rwt_transports.relay.serve_hub import OpenHub, open_hub
 
 pytestmark = pytest.mark.anyio
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from websockets.uri import parse_uri
 
 from rwt_transports.errors import ConnectError
-from rwt_transports.opening import Opening
+from rwt_transports.websocket.client_handshake import Opening
 
 GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 

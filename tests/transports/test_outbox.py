@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.frames import AS_MANY_AS_FIT, DropReason, Flow, FlowRules, Frame
+from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, Flow, FlowRules, Frame
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import READY_BYTES, SLICE_BYTES, Outbox
-from rwt_transports.wires.websocket import SERVER_FRAMING
+from rwt_transports.websocket.wire import SERVER_FRAMING
 
 FILLER = b"f" * READY_BYTES
 """One frame of this size fills what waits in front of the lanes."""

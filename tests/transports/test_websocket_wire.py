@@ -14,8 +14,8 @@ from websockets.frames import Opcode
 from websockets.protocol import State
 from websockets.uri import parse_uri
 
-from rwt_protocol.frames import Frame
-from rwt_transports.wires.websocket import CLIENT_FRAMING, SERVER_FRAMING, WebSocketWire
+from rwt_protocol.transport import Frame
+from rwt_transports.websocket.wire import CLIENT_FRAMING, SERVER_FRAMING, WebSocketWire
 
 KEY = bytes.fromhex("37fa213d")
 LIMIT = 300_000

@@ -19,10 +19,10 @@ from rwt_graph import (
     QoS,
 )
 from rwt_graph.api import GoalEvents, ServerGoal, ServiceCall
-from rwt_graph.goals import ActionGoal
+from rwt_graph.program.goals import ActionGoal
 from rwt_graph.qos import DEFAULT_QOS, History
 from rwt_graph.zenoh import ZenohGraph
-from rwt_graph.zenoh import inlet as inlets
+from rwt_graph.zenoh import receive_queue as inlets
 from rwt_interfaces.payload import Payload
 from rwt_nodes.introspection import Introspection
 from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rwt_graph.zenoh import ZenohError, ZenohGraph, ZenohOptions
-from rwt_graph.zenoh.siblings import sibling
+from rwt_graph.zenoh.worker_mesh import sibling
 from tests.zenoh_links import QUICK, free_endpoint, until
 
 

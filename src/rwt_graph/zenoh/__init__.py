@@ -1,6 +1,6 @@
 """The graph over Eclipse Zenoh, on the wire of ROS 2's rmw_zenoh: many processes and hosts, one graph.
 
-Needs the extra `zenoh`. A :class:`ZenohGraph` is what :class:`~rwt_graph.memory.MemoryGraph` is to the
+Needs the extra `zenoh`. A :class:`ZenohGraph` is what :class:`~rwt_graph.memory.graph.MemoryGraph` is to the
 programs in its process; whatever takes part in it is known to, and reached by, every other process that it is
 connected to::
 

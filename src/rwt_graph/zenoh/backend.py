@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Self
 import anyio
 import anyio.to_thread
 
-from rwt_graph.action_carrier import ActionCarrier
-from rwt_graph.memory import MemoryGraph, MemoryParticipant
+from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.names import resolve
-from rwt_graph.node import Node
-from rwt_graph.remote_goals import RemoteActions
+from rwt_graph.program.node import Node
+from rwt_graph.zenoh.actions.remote_goals import RemoteActions
+from rwt_graph.zenoh.actions.server import ActionCarrier
 from rwt_graph.zenoh.discovery import Discovery
 from rwt_graph.zenoh.errors import ZenohError
 from rwt_graph.zenoh.link import Link, NodeNumbers, Presence
@@ -23,10 +23,10 @@ from rwt_graph.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt_graph.zenoh.topics import ZenohTopics
 
 if TYPE_CHECKING:
-    from rwt_graph.actions import MemoryActionServer
     from rwt_graph.api import Participant
     from rwt_graph.clock import Clock
-    from rwt_graph.ownership import Owner
+    from rwt_graph.memory.actions import MemoryActionServer
+    from rwt_graph.memory.node_resources import Owner
     from rwt_interfaces.registry import Registry
 
 
@@ -94,7 +94,7 @@ class ZenohGraph(MemoryGraph):
         )
 
     def node(self, name: str, namespace: str | None = None) -> Node:
-        """A :class:`~rwt_graph.node.Node` of this graph, in the graph's namespace by default."""
+        """A :class:`~rwt_graph.program.node.Node` of this graph, in the graph's namespace by default."""
         return Node(self, name, self.namespace if namespace is None else namespace)
 
     def participant(self, name: str) -> Participant:

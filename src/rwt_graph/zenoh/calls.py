@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from rwt_graph.errors import ProviderGone
-from rwt_graph.rmw.attachment import Attachment
-from rwt_graph.rmw.keys import data_key
-from rwt_graph.services import MemoryCall
+from rwt_graph.memory.services import MemoryCall
+from rwt_graph.zenoh.rmw.attachment import Attachment
+from rwt_graph.zenoh.rmw.keys import data_key
 from rwt_interfaces.errors import PayloadError
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply
-    from rwt_graph.rmw.tokens import Endpoint
     from rwt_graph.zenoh.link import Link, Presence
+    from rwt_graph.zenoh.rmw.tokens import Endpoint
     from rwt_interfaces.structs import MessageType
 
 #: What is written beside the text of an error reply: the provider failed, or it is gone.

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from rwt_graph.elsewhere import RemoteEndpoint
 from rwt_graph.errors import InvalidGraphName
+from rwt_graph.memory.remote import RemoteEndpoint
 from rwt_graph.names import validate
 from rwt_graph.qos import Durability
-from rwt_graph.rmw.errors import WireError
-from rwt_graph.rmw.gid import gid_of
-from rwt_graph.rmw.keys import type_name
-from rwt_graph.rmw.tokens import Endpoint, Kind, Token, all_tokens, parse
+from rwt_graph.zenoh.rmw.errors import WireError
+from rwt_graph.zenoh.rmw.gid import gid_of
+from rwt_graph.zenoh.rmw.keys import type_name
+from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, parse
 from rwt_interfaces.errors import InterfaceError
 
 if TYPE_CHECKING:
-    from rwt_graph.introspection import Introspection
-    from rwt_graph.topics import Topics
+    from rwt_graph.memory.introspection import Introspection
+    from rwt_graph.memory.topics import Topics
     from rwt_graph.zenoh.link import Link
     from rwt_graph.zenoh.services import ZenohServices
     from rwt_graph.zenoh.topics import ZenohTopics

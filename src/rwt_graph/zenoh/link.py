@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
 
-from rwt_graph.rmw.gid import gid_of
-from rwt_graph.rmw.tokens import Endpoint, Kind, Token
+from rwt_graph.zenoh.rmw.gid import gid_of
+from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token
 
 if TYPE_CHECKING:
     import zenoh
 
-    from rwt_graph.ownership import Owner
+    from rwt_graph.memory.node_resources import Owner
     from rwt_graph.zenoh.session import RunOnGraph
 
 

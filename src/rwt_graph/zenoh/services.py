@@ -12,20 +12,20 @@ import zenoh
 
 from rwt_graph.api import ServiceInfo
 from rwt_graph.errors import CallFailed, ProviderGone
-from rwt_graph.ownership import Owner
-from rwt_graph.rmw import attachment
-from rwt_graph.rmw.attachment import Attachment
-from rwt_graph.rmw.errors import WireError
-from rwt_graph.rmw.keys import data_key, dds_type, type_name
-from rwt_graph.rmw.tokens import Endpoint, Kind, Token
-from rwt_graph.services import MemoryCall
+from rwt_graph.memory.node_resources import Owner
+from rwt_graph.memory.services import MemoryCall
 from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
+from rwt_graph.zenoh.rmw import attachment
+from rwt_graph.zenoh.rmw.attachment import Attachment
+from rwt_graph.zenoh.rmw.errors import WireError
+from rwt_graph.zenoh.rmw.keys import data_key, dds_type, type_name
+from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token
 from rwt_interfaces.errors import InterfaceError, PayloadError
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply, PendingCall
-    from rwt_graph.services import MemoryProvider, Services
+    from rwt_graph.memory.services import MemoryProvider, Services
     from rwt_graph.zenoh.link import Link, Presence
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ServiceType

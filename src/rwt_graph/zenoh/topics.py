@@ -9,19 +9,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_graph.action_names import belongs_to_action
 from rwt_graph.qos import QoS
-from rwt_graph.rmw.keys import data_key, dds_type
-from rwt_graph.rmw.tokens import Endpoint, Kind
-from rwt_graph.zenoh.arrivals import Arrivals
-from rwt_graph.zenoh.inlet import Inlet
-from rwt_graph.zenoh.outlet import Outlet
-from rwt_graph.zenoh.retold import Told
+from rwt_graph.zenoh.actions.names import belongs_to_action
+from rwt_graph.zenoh.receive_queue import Inlet
+from rwt_graph.zenoh.remote_publisher import Outlet
+from rwt_graph.zenoh.replay_deduplication import Told
+from rwt_graph.zenoh.rmw.keys import data_key, dds_type
+from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind
+from rwt_graph.zenoh.sample_router import Arrivals
 
 if TYPE_CHECKING:
-    from rwt_graph.elsewhere import RemoteEndpoint
-    from rwt_graph.ownership import Owner
-    from rwt_graph.topics import MemoryPublisher, MemorySubscription, Topic, Topics
+    from rwt_graph.memory.node_resources import Owner
+    from rwt_graph.memory.remote import RemoteEndpoint
+    from rwt_graph.memory.topics import MemoryPublisher, MemorySubscription, Topic, Topics
     from rwt_graph.zenoh.link import Link, Presence
     from rwt_interfaces.structs import MessageType
 

@@ -18,9 +18,9 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from rwt_interfaces import shapes
-from rwt_interfaces.numbers import little_endian
-from rwt_interfaces.shapes import Shape
+from rwt_interfaces import field_types as shapes
+from rwt_interfaces.field_types import Shape
+from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
     import msgspec

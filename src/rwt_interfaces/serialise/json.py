@@ -1,7 +1,7 @@
 """Messages in JSON (JSN-01 to JSN-33).
 
 Two ways in. What the strict Struct accepts may be passed on untouched. Everything else is decoded to plain
-objects for :mod:`rwt_interfaces.completion`, and encoded anew.
+objects for :mod:`rwt_interfaces.validation.lenient_decoder`, and encoded anew.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pybase64
 
-from rwt_interfaces import shapes
+from rwt_interfaces import field_types as shapes
 from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.field_types import Shape
 from rwt_interfaces.serialise.long_strings import (
     LARGE,
     RawText,
@@ -25,7 +26,6 @@ from rwt_interfaces.serialise.long_strings import (
     without_long_string,
 )
 from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
-from rwt_interfaces.shapes import Shape
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

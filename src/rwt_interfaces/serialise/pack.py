@@ -13,10 +13,10 @@ from functools import lru_cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from rwt_interfaces import shapes
-from rwt_interfaces.numbers import little_endian
-from rwt_interfaces.serialise.packed import LENGTH, Rules, gap, letters
-from rwt_interfaces.shapes import Shape
+from rwt_interfaces import field_types as shapes
+from rwt_interfaces.field_types import Shape
+from rwt_interfaces.serialise.wire_rules import LENGTH, Rules, gap, letters
+from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from rwt_interfaces.errors import PayloadError
 from rwt_interfaces.serialise.pack import compile_writer
-from rwt_interfaces.serialise.packed import Rules
 from rwt_interfaces.serialise.unpack import compile_reader, read_all
+from rwt_interfaces.serialise.wire_rules import Rules
 
 if TYPE_CHECKING:
     import msgspec

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 
-from rwt_interfaces import shapes
-from rwt_interfaces.misfit import has_lone_surrogate
-from rwt_interfaces.numbers import float32, float32_list, float_annotation, int_annotation
-from rwt_interfaces.shapes import Shape
+from rwt_interfaces import field_types as shapes
+from rwt_interfaces.field_types import Shape
+from rwt_interfaces.validation.mismatch import has_lone_surrogate
+from rwt_interfaces.validation.numbers import float32, float32_list, float_annotation, int_annotation
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

@@ -7,12 +7,12 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from rwt_interfaces import shapes
+from rwt_interfaces import field_types as shapes
 from rwt_interfaces.errors import PayloadError
-from rwt_interfaces.misfit import check_length, under
-from rwt_interfaces.serialise.packed import LENGTH, Rules, gap, letters
-from rwt_interfaces.shapes import Shape
+from rwt_interfaces.field_types import Shape
+from rwt_interfaces.serialise.wire_rules import LENGTH, Rules, gap, letters
 from rwt_interfaces.structs import time_struct
+from rwt_interfaces.validation.mismatch import check_length, under
 
 if TYPE_CHECKING:
     import msgspec

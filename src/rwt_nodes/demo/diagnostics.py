@@ -6,7 +6,7 @@ from rwt_graph import Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.battery import Battery
 from rwt_nodes.demo.drive import DifferentialDrive
-from rwt_nodes.demo.navigation import Navigation
+from rwt_nodes.demo.navigation.task import Navigation
 
 #: Levels of `diagnostic_msgs/DiagnosticStatus`.
 OK, WARN, ERROR = 0, 1, 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rwt_nodes.demo.world import World
+from rwt_nodes.demo.world.map import World
 
 #: Longest way between two collision checks, metres; far less than any wall is thick.
 _CHECK_EVERY = 0.02

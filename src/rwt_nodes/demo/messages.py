@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Literal, Protocol
 
 from rwt_nodes.demo.drive import Velocity
-from rwt_nodes.demo.pose import Pose
+from rwt_nodes.demo.world.pose import Pose
 
 Message = Mapping[str, object]
 

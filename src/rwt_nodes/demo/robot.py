@@ -6,26 +6,26 @@ from typing import Protocol
 
 from rwt_graph import Graph, Node, ServiceFailed
 from rwt_nodes.demo import messages
-from rwt_nodes.demo.arm import Arm
-from rwt_nodes.demo.arm_controller import ArmController
+from rwt_nodes.demo.arm.controller import ArmController
+from rwt_nodes.demo.arm.kinematics import Arm
 from rwt_nodes.demo.battery import Battery
-from rwt_nodes.demo.cameras import CameraPublisher
 from rwt_nodes.demo.diagnostics import Diagnostics
 from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
 from rwt_nodes.demo.fibonacci import Fibonacci
 from rwt_nodes.demo.frames import MAP, frame
-from rwt_nodes.demo.goal_marker import GoalMarker
-from rwt_nodes.demo.lens import DEFAULT_LENS, Lens
-from rwt_nodes.demo.lidar import Lidar
-from rwt_nodes.demo.meshes import Meshes
-from rwt_nodes.demo.navigation import Navigation
+from rwt_nodes.demo.model.meshes import Meshes
+from rwt_nodes.demo.model.urdf import camera_mount, looks, urdf
+from rwt_nodes.demo.navigation.goal_marker import GoalMarker
+from rwt_nodes.demo.navigation.planner import Planner
+from rwt_nodes.demo.navigation.task import Navigation
 from rwt_nodes.demo.parameters import declare_tunables
-from rwt_nodes.demo.planner import Planner
 from rwt_nodes.demo.sensors import BatteryPublisher, ScanPublisher
 from rwt_nodes.demo.state import StatePublisher
 from rwt_nodes.demo.teleop import Teleop
-from rwt_nodes.demo.urdf import camera_mount, looks, urdf
-from rwt_nodes.demo.world import World, draw_map, house
+from rwt_nodes.demo.world.cameras import CameraPublisher
+from rwt_nodes.demo.world.lens import DEFAULT_LENS, Lens
+from rwt_nodes.demo.world.lidar import Lidar
+from rwt_nodes.demo.world.map import World, draw_map, house
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 
 #: Seconds from one control step to the next.

@@ -8,8 +8,8 @@ from rwt_nodes.demo import messages
 from rwt_nodes.demo.battery import CAPACITY, Battery
 from rwt_nodes.demo.drive import DifferentialDrive
 from rwt_nodes.demo.frames import frame
-from rwt_nodes.demo.lidar import Lidar
-from rwt_nodes.demo.urdf import BASE, LASER
+from rwt_nodes.demo.model.urdf import BASE, LASER
+from rwt_nodes.demo.world.lidar import Lidar
 
 #: Numbers of `sensor_msgs/BatteryState`.
 _DISCHARGING, _HEALTH_GOOD, _LITHIUM_ION = 2, 1, 2

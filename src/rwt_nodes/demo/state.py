@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from rwt_graph import Node
 from rwt_nodes.demo import messages
-from rwt_nodes.demo.arm import ARM, Arm
+from rwt_nodes.demo.arm.kinematics import ARM, Arm
 from rwt_nodes.demo.drive import Chassis, DifferentialDrive
 from rwt_nodes.demo.frames import MAP, ODOM, frame
-from rwt_nodes.demo.pose import Pose
-from rwt_nodes.demo.urdf import BASE, LEFT_JOINT, RIGHT_JOINT, arm_mounts, fixed_mounts, wheel_mounts
+from rwt_nodes.demo.model.urdf import BASE, LEFT_JOINT, RIGHT_JOINT, arm_mounts, fixed_mounts, wheel_mounts
+from rwt_nodes.demo.world.pose import Pose
 
 #: Diagonals of the odometry's covariances: sure of everything but drifting in x, y and yaw.
 _POSE_COVARIANCE = [0.001 if i in (0, 7, 35) else 1e-6 if i % 7 == 0 else 0.0 for i in range(36)]

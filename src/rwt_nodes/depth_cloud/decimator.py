@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph import Graph, Node
 from rwt_graph.qos import SENSOR_DATA
-from rwt_nodes.depth_cloud.newest import Closable, NewestWork
+from rwt_nodes.depth_cloud.latest_only import Closable, NewestWork
 from rwt_nodes.depth_cloud.parameters import Number
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwt_nodes.depth_cloud.errors import DepthsUnreadable
+from rwt_nodes.video.encoders.pixels import RawImage, read_samples
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.pixels import RawImage, read_samples
 
 Depths = NDArray[np.float32]
 Pixel = TypeVar("Pixel", np.float32, np.uint8)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph import Graph, Node, Sample
 from rwt_graph.qos import SENSOR_DATA
-from rwt_nodes.depth_cloud.newest import Closable, NewestWork
+from rwt_nodes.depth_cloud.latest_only import Closable, NewestWork
 from rwt_nodes.depth_cloud.parameters import Number
-from rwt_nodes.video.stamps import stamp_ns
+from rwt_nodes.video.header_stamp import stamp_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -139,7 +139,7 @@ def _colours(message: Any) -> NDArray[Any]:
     """A picture's red, green and blue."""
     import numpy as np
 
-    from rwt_nodes.video.pixels import read_raw
+    from rwt_nodes.video.encoders.pixels import read_raw
 
     shown = read_raw(message)
     return np.repeat(shown[:, :, None], 3, axis=2) if shown.ndim == 2 else shown[:, :, :3]

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Final
 import anyio
 
 from rwt_graph.clock import NANOSECONDS
-from rwt_nodes.playback.answers import RecordedServices
 from rwt_nodes.playback.clock import PlaybackClock
 from rwt_nodes.playback.clock_topic import ClockTopic
 from rwt_nodes.playback.publications import Publications
 from rwt_nodes.playback.rates import checked_rate
 from rwt_nodes.playback.read_ahead import ReadAhead
+from rwt_nodes.playback.recorded_services import RecordedServices
 from rwt_nodes.playback.services import PlayerServices
 from rwt_nodes.recording.definitions import learn
 from rwt_nodes.recording.selection import EVERYTHING, TopicSelection

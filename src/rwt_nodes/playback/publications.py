@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rwt_graph.names import resolve
 from rwt_interfaces import InterfaceError, Payload, PayloadError
-from rwt_nodes.recording.offered import combined
+from rwt_nodes.recording.recorded_qos import combined
 from rwt_nodes.recording.selection import TopicSelection
 
 if TYPE_CHECKING:

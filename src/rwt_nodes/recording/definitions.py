@@ -6,8 +6,8 @@ import logging
 from typing import Final
 
 from rwt_interfaces import InterfaceError, Registry
+from rwt_interfaces.definitions.parser import parse_message
 from rwt_interfaces.names import two_part
-from rwt_interfaces.parser import parse_message
 from rwt_nodes.recording.recording import Recording
 
 logger = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from rwt_interfaces.shapes import Array, Bool, Float, Int, Octets, Shape, String, Time
+from rwt_interfaces.field_types import Array, Bool, Float, Int, Octets, Shape, String, Time
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

@@ -24,7 +24,7 @@ from mcap.summary import Summary
 from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
 from rwt_nodes.recording.channels import DEFINITION, ChannelForm, Encoding
 from rwt_nodes.recording.errors import RecordingUnreadable
-from rwt_nodes.recording.offered import offered_of
+from rwt_nodes.recording.recorded_qos import offered_of
 from rwt_nodes.recording.recording import (
     MessageEncoding,
     RecordedMessage,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
-from rwt_graph.node import Node
-from rwt_nodes.rosapi.graph_questions import GraphQuestions
-from rwt_nodes.rosapi.parameter_questions import ParameterQuestions
-from rwt_nodes.rosapi.type_questions import TypeQuestions
+from rwt_graph.program.node import Node
+from rwt_nodes.rosapi.graph_services import GraphQuestions
+from rwt_nodes.rosapi.parameter_services import ParameterQuestions
+from rwt_nodes.rosapi.type_services import TypeQuestions
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph

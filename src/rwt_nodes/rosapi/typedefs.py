@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_interfaces.definitions import FieldType
+from rwt_interfaces.definitions.model import FieldType
 
 if TYPE_CHECKING:
-    from rwt_interfaces.definitions import Field, MessageDefinition
+    from rwt_interfaces.definitions.model import Field, MessageDefinition
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import MessageType
 

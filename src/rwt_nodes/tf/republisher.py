@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import anyio
 
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node, ServiceFailed
-from rwt_nodes.tf.pace import Pace
+from rwt_nodes.tf.cpu_budget import Pace
 from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
-from rwt_nodes.tf.selection import MissingFrames, select
 from rwt_nodes.tf.source import listen
 from rwt_nodes.tf.streams import GoalStream, TopicStream
+from rwt_nodes.tf.transform_filters import MissingFrames, select
 from rwt_tf2 import stamp_ns
 from rwt_tf2.times import NANOSECONDS
 

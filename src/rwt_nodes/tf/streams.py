@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from rwt_graph import ActionGoal, Durability, Node, QoS, Timer, TopicPublisher
-from rwt_nodes.tf.pace import Pace
-from rwt_nodes.tf.selection import Selection
+from rwt_nodes.tf.cpu_budget import Pace
+from rwt_nodes.tf.transform_filters import Selection
 from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
 
 UNHEARD: Final = 10.0

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from rwt_graph import Node
     from rwt_graph.api import Sample
     from rwt_interfaces.payload import Payload
-    from rwt_nodes.video.encoded import Encoded, Encoder
-    from rwt_nodes.video.tally import Counts
-    from rwt_nodes.video.wish import Wish
+    from rwt_nodes.video.encoders.encoded import Encoded, Encoder
+    from rwt_nodes.video.stream_metrics import Counts
+    from rwt_nodes.video.stream_request import Wish
 
 logger = logging.getLogger("rwt_nodes.video")
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rwt_nodes.video.pixels import Bytes, read_compressed, read_raw, shaped
+from rwt_nodes.video.encoders.pixels import Bytes, read_compressed, read_raw, shaped
 from rwt_nodes.video.topics import COMPRESSED
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
-    from rwt_nodes.video.wish import Wish
+    from rwt_nodes.video.stream_request import Wish
 
 
 def read_picture(payload: Payload, wish: Wish) -> Bytes:

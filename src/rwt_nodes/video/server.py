@@ -12,13 +12,15 @@ from typing import Final
 import anyio
 
 from rwt_graph import Graph, Node
-from rwt_nodes.video.bodies import MULTIPART, film, multipart, timestamp
 from rwt_nodes.video.broadcast import Broadcast, Viewer
-from rwt_nodes.video.encoded import Encoded, Encoder
+from rwt_nodes.video.encoders.encoded import Encoded, Encoder
+from rwt_nodes.video.encoders.mp4 import TYPE as MP4
+from rwt_nodes.video.encoders.webm import TYPE as WEBM
 from rwt_nodes.video.errors import RequestRefused
 from rwt_nodes.video.html import topic_list, viewer_page
-from rwt_nodes.video.mp4 import TYPE as MP4
-from rwt_nodes.video.tally import Family, Tally
+from rwt_nodes.video.http_streams import MULTIPART, film, multipart, timestamp
+from rwt_nodes.video.stream_metrics import Family, Tally
+from rwt_nodes.video.stream_request import Film, Wish, read_wish
 from rwt_nodes.video.topics import (
     COMPRESSED,
     INFO,
@@ -29,8 +31,6 @@ from rwt_nodes.video.topics import (
     on_topic,
     topics_of,
 )
-from rwt_nodes.video.webm import TYPE as WEBM
-from rwt_nodes.video.wish import Film, Wish, read_wish
 from rwt_transports.http import HttpRequest, HttpResponse
 
 NAME: Final = "web_video_server"
@@ -201,9 +201,9 @@ def _check_codec(wish: Wish) -> None:
 def _make_encoder(wish: Wish) -> Encoder:
     """Runs in a worker thread, for the libraries are loaded here."""
     if isinstance(wish.coding, Film):
-        from rwt_nodes.video.film import FilmEncoder
+        from rwt_nodes.video.encoders.video import FilmEncoder
 
         return FilmEncoder(wish, wish.coding)
-    from rwt_nodes.video.still import StillEncoder
+    from rwt_nodes.video.encoders.image import StillEncoder
 
     return StillEncoder(wish, wish.coding)

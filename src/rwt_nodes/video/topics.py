@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from rwt_nodes.video.errors import RequestRefused
-from rwt_nodes.video.wish import Wish
+from rwt_nodes.video.stream_request import Wish
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Op
+from rwt_protocol.transport import Frame
 
 Members = dict[str, object]
 """The members of one message, nothing validated: scalars decoded, payloads as `msgspec.Raw`, `RawJson` or

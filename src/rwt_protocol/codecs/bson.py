@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from rwt_protocol.codecs.base import Fault, Members
-from rwt_protocol.codecs.plain import members_of, message_of
+from rwt_protocol.codecs.object_codec import members_of, message_of
 from rwt_protocol.errors import EncodingUnavailable
-from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Op
+from rwt_protocol.transport import Frame
 
 try:
     import bson

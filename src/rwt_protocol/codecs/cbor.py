@@ -12,9 +12,9 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Final, NoReturn
 
 from rwt_protocol.codecs.base import Fault, Members
-from rwt_protocol.codecs.plain import members_of, message_of
-from rwt_protocol.frames import Buffer, Frame
+from rwt_protocol.codecs.object_codec import members_of, message_of
 from rwt_protocol.ops import Op
+from rwt_protocol.transport import Buffer, Frame
 
 if TYPE_CHECKING:
     import cbor2

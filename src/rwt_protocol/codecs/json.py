@@ -13,13 +13,13 @@ import msgspec
 from pydantic import BaseModel
 
 from rwt_protocol.codecs.base import Fault, Members
-from rwt_protocol.codecs.large import LARGE, split_large
-from rwt_protocol.codecs.members import DECODER, PAYLOADS, RELIED_ON
-from rwt_protocol.codecs.whole import split_whole
+from rwt_protocol.codecs.envelope import DECODER, PAYLOADS, RELIED_ON
+from rwt_protocol.codecs.full_split import split_whole
+from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.decoded import Decoded
-from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.ops import OPS, Op
 from rwt_protocol.rawjson import RawJson
+from rwt_protocol.transport import Buffer, Frame
 
 _decode: Final = DECODER.decode
 _encode: Final = msgspec.json.Encoder().encode

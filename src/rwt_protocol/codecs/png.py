@@ -17,7 +17,7 @@ from io import BytesIO
 from typing import Final
 
 from rwt_protocol.errors import Refused
-from rwt_protocol.frames import Frame
+from rwt_protocol.transport import Frame
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER: Final = struct.Struct(">IIBBBBB")

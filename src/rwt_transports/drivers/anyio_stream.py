@@ -13,9 +13,9 @@ from anyio.abc import AnyByteStream, ByteStream, Listener, SocketAttribute, Sock
 from anyio.streams.stapled import MultiListener
 from anyio.streams.tls import TLSListener
 
-from ..api import Attach, Driven, Place
-from ..incidents import report
-from .sockets import bind_tcp, bind_unix, remove_unix
+from rwt_transports.api import Attach, Driven, Place
+from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
+from rwt_transports.incidents import report
 
 logger = logging.getLogger("rwt_transports")
 

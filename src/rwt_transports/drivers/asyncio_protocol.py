@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 
-from ..api import Attach, Driven, Place
-from ..incidents import report
-from .sockets import bind_tcp, bind_unix, remove_unix
+from rwt_transports.api import Attach, Driven, Place
+from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
+from rwt_transports.incidents import report
 
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""

@@ -16,11 +16,11 @@ from socket import gaierror
 import anyio
 from anyio.abc import SocketAttribute, UDPSocket
 
-from ..api import Attach, Driven, Place
-from ..errors import ListenError
-from ..incidents import report
-from ..wires.json_datagrams import END
-from .sockets import unknown_host, why_not
+from rwt_transports.api import Attach, Driven, Place
+from rwt_transports.drivers.sockets import unknown_host, why_not
+from rwt_transports.errors import ListenError
+from rwt_transports.incidents import report
+from rwt_transports.wires.json_datagrams import END
 
 logger = logging.getLogger("rwt_transports")
 

@@ -12,9 +12,17 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from time import time_ns
 
-from rwt_protocol.frames import AS_MANY_AS_FIT, Accept, DropReason, Flow, FlowRules, Frame, PeerInfo, Traffic
-
-from ..api import Attach, Driven, Place
+from rwt_protocol.transport import (
+    AS_MANY_AS_FIT,
+    Accept,
+    DropReason,
+    Flow,
+    FlowRules,
+    Frame,
+    PeerInfo,
+    Traffic,
+)
+from rwt_transports.api import Attach, Driven, Place
 
 
 class MemoryPeer:

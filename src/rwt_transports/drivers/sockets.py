@@ -10,7 +10,7 @@ import stat
 
 import anyio
 
-from ..errors import ListenError
+from rwt_transports.errors import ListenError
 
 UNSENT_BYTES = 512 * 1024
 """What the kernel may hold of one connection and has not sent. Left to itself it takes megabytes, and each

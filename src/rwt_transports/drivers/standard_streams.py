@@ -17,9 +17,9 @@ import anyio
 import anyio.lowlevel
 from anyio.abc import ByteStream
 
-from ..api import Attach, Place
-from ..errors import ListenError
-from .anyio_stream import serve_stream
+from rwt_transports.api import Attach, Place
+from rwt_transports.drivers.anyio_stream import serve_stream
+from rwt_transports.errors import ListenError
 
 _STDIN, _STDOUT, _STDERR = 0, 1, 2
 

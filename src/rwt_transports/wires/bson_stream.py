@@ -11,13 +11,12 @@ import logging
 import struct
 from typing import Final
 
-from rwt_protocol.frames import Buffer, Frame
-
-from ..api import Framing, WireEvents
-from ..close_codes import PROTOCOL_ERROR, TOO_BIG
-from ..limits import Limits
-from .spare import Spare
-from .stream import StreamWire
+from rwt_protocol.transport import Buffer, Frame
+from rwt_transports.api import Framing, WireEvents
+from rwt_transports.limits import Limits
+from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TOO_BIG
+from rwt_transports.wires.receive_buffer import Spare
+from rwt_transports.wires.stream import StreamWire
 
 logger = logging.getLogger("rwt_transports.bson_stream")
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import logging
 
-from rwt_protocol.frames import Buffer, Frame
-
-from ..api import Framing, WireEvents
-from ..limits import Limits
-from .json_stream import JsonStreamWire
-from .spare import Spare
+from rwt_protocol.transport import Buffer, Frame
+from rwt_transports.api import Framing, WireEvents
+from rwt_transports.limits import Limits
+from rwt_transports.wires.json_stream import JsonStreamWire
+from rwt_transports.wires.receive_buffer import Spare
 
 logger = logging.getLogger("rwt_transports.json_datagrams")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..api import Framing, WireEvents
+from rwt_transports.api import Framing, WireEvents
 
 
 class StreamWire:

@@ -13,11 +13,11 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt_protocol.frames import Frame, PeerInfo, Sink
+from rwt_protocol.transport import Frame, PeerInfo, Sink
 from rwt_transports import BadUrl, HttpRequest, HttpResponse, Limits, Refused, Routes, TransportError, listen
 from rwt_transports.connect import ConnectUrl, connect, parse_connect_url
+from rwt_transports.drivers.in_process import connect_pair
 from rwt_transports.errors import ConnectError
-from rwt_transports.pair import connect_pair
 from tests.contract.transports import test_listen
 
 pytestmark = pytest.mark.anyio

@@ -29,7 +29,7 @@ from websockets.frames import Frame as WebSocketFrame
 from websockets.frames import Opcode
 from websockets.uri import parse_uri
 
-from rwt_protocol.frames import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, ListenError, Refused, Routes, listen
 from rwt_transports.api import Driver
 from rwt_transports.drivers.anyio_stream import AnyioDriver

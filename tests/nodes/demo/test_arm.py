@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_graph import GoalRejected, GoalStatus
-from rwt_nodes.demo.arm import ARM, REST
-from rwt_nodes.demo.trajectory import Trajectory, Waypoint
+from rwt_nodes.demo.arm.kinematics import ARM, REST
+from rwt_nodes.demo.arm.trajectory import Trajectory, Waypoint
 
 ACTION = "/arm_controller/follow_joint_trajectory"
 TOPIC = "/arm_controller/joint_trajectory"

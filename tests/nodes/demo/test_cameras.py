@@ -14,10 +14,10 @@ import pytest
 from PIL import Image
 
 from rwt_nodes.demo import DemoRobot
-from rwt_nodes.demo.lens import Lens
-from rwt_nodes.demo.pose import Pose
-from rwt_nodes.demo.view import FARTHEST, View
-from rwt_nodes.demo.world import Box, Pillar, World, house, walled
+from rwt_nodes.demo.world.lens import Lens
+from rwt_nodes.demo.world.map import Box, Pillar, World, house, walled
+from rwt_nodes.demo.world.pose import Pose
+from rwt_nodes.demo.world.view import FARTHEST, View
 from rwt_nodes.depth_cloud.depths import square
 from rwt_nodes.depth_cloud.picture import decode_picture
 from rwt_nodes.depth_cloud.point_cloud import read_points

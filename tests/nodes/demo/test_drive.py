@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
-from rwt_nodes.demo.pose import Pose
-from rwt_nodes.demo.world import Box, World, house, walled
+from rwt_nodes.demo.world.map import Box, World, house, walled
+from rwt_nodes.demo.world.pose import Pose
 
 STEP = 0.05
 CHASSIS = Chassis()

@@ -11,9 +11,9 @@ import pytest
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_nodes.demo import DemoRobot
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.pose import Pose
-from rwt_nodes.demo.urdf import fixed_mounts
-from rwt_nodes.demo.world import Box, World, walled
+from rwt_nodes.demo.model.urdf import fixed_mounts
+from rwt_nodes.demo.world.map import Box, World, walled
+from rwt_nodes.demo.world.pose import Pose
 
 pytestmark = pytest.mark.anyio
 

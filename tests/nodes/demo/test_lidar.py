@@ -8,9 +8,9 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from rwt_nodes.demo.lidar import Lidar
-from rwt_nodes.demo.pose import ORIGIN, Pose
-from rwt_nodes.demo.world import Box, Pillar, World, house, walled
+from rwt_nodes.demo.world.lidar import Lidar
+from rwt_nodes.demo.world.map import Box, Pillar, World, house, walled
+from rwt_nodes.demo.world.pose import ORIGIN, Pose
 
 ROOM = World(Box(-3, -2, 3, 2), walled(Box(-3, -2, 3, 2), 0.5))
 HOUSE = house()

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.meshes import Look, Meshes
-from rwt_nodes.demo.shapes import Cuboid, Cylinder, Shape, Sphere
-from rwt_nodes.demo.urdf import looks
+from rwt_nodes.demo.model.meshes import Look, Meshes
+from rwt_nodes.demo.model.shapes import Cuboid, Cylinder, Shape, Sphere
+from rwt_nodes.demo.model.urdf import looks
 from rwt_transports.http import HttpRequest, HttpResponse
 
 NAMESPACE = {"c": "http://www.collada.org/2005/11/COLLADASchema"}

@@ -10,10 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rwt_nodes.demo.drive import Chassis, DifferentialDrive, Limits
-from rwt_nodes.demo.path_follower import PathFollower
-from rwt_nodes.demo.planner import NoWay, Planner
-from rwt_nodes.demo.pose import Pose, wrap_angle
-from rwt_nodes.demo.world import Box, World, house, walled
+from rwt_nodes.demo.navigation.path_follower import PathFollower
+from rwt_nodes.demo.navigation.planner import NoWay, Planner
+from rwt_nodes.demo.world.map import Box, World, house, walled
+from rwt_nodes.demo.world.pose import Pose, wrap_angle
 
 CHASSIS = Chassis()
 HOUSE = house()

@@ -10,9 +10,9 @@ import pytest
 
 from rwt_graph import MemoryGraph, Node, ParameterRejected, SimulatedClock
 from rwt_nodes.demo import DemoRobot
-from rwt_nodes.demo.lidar import Lidar
-from rwt_nodes.demo.pose import Pose
-from rwt_nodes.demo.world import draw_map, house
+from rwt_nodes.demo.world.lidar import Lidar
+from rwt_nodes.demo.world.map import draw_map, house
+from rwt_nodes.demo.world.pose import Pose
 
 pytestmark = pytest.mark.anyio
 

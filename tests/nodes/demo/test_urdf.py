@@ -6,9 +6,9 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from rwt_nodes.demo.arm import ARM
+from rwt_nodes.demo.arm.kinematics import ARM
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.urdf import BASE, arm_mounts, fixed_mounts, looks, urdf, wheel_mounts
+from rwt_nodes.demo.model.urdf import BASE, arm_mounts, fixed_mounts, looks, urdf, wheel_mounts
 
 ROBOT = ET.fromstring(urdf(Chassis()))
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.world import FREE, OCCUPIED, Box, Pillar, World, draw_map, house, walled
+from rwt_nodes.demo.world.map import FREE, OCCUPIED, Box, Pillar, World, draw_map, house, walled
 
 HOUSE = house()
 MAP = draw_map(HOUSE)

@@ -15,7 +15,7 @@ import pytest
 from rwt_graph import ParameterRejected
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 from rwt_nodes.depth_cloud.encoder import CROP_SIZE
-from rwt_nodes.depth_cloud.newest import NewestWork
+from rwt_nodes.depth_cloud.latest_only import NewestWork
 from rwt_nodes.depth_cloud.picture import decode_picture
 from tests.nodes.video.conftest import image
 

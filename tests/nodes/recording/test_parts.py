@@ -25,7 +25,7 @@ from rwt_nodes.recording import (
     open_recording,
 )
 from rwt_nodes.recording.channels import qos_text
-from rwt_nodes.recording.offered import combined, offered_of
+from rwt_nodes.recording.recorded_qos import combined, offered_of
 from tests.nodes.recording.robots import OWN, graph_at, rows
 
 

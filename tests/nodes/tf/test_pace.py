@@ -6,7 +6,7 @@ from itertools import count
 
 import pytest
 
-from rwt_nodes.tf.pace import SHARE, Pace
+from rwt_nodes.tf.cpu_budget import SHARE, Pace
 from tests.nodes.tf.conftest import Asking, Lab, settle
 
 
@@ -64,7 +64,7 @@ async def test_a_goal_for_a_thousand_frames_a_hundred_times_a_second_rests(
         asked.append(selection)
         return []
 
-    monkeypatch.setattr("rwt_nodes.tf.selection.SeenFromTarget.due", due)
+    monkeypatch.setattr("rwt_nodes.tf.transform_filters.SeenFromTarget.due", due)
     seconds = map(float, count())
     monkeypatch.setattr(Pace.__init__, "__defaults__", (lambda: next(seconds),))
     frames = [f"f{number}" for number in range(1000)]

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt_nodes.tf.request import Request
-from rwt_nodes.tf.selection import ChangesOfTree, MissingFrames
+from rwt_nodes.tf.transform_filters import ChangesOfTree, MissingFrames
 from rwt_tf2 import Buffer, StampedTransform, Transform
 from tests.nodes.tf.conftest import Asking, Lab, places, settle
 

@@ -13,10 +13,10 @@ import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_nodes.video.broadcast import Broadcast, Viewer
-from rwt_nodes.video.encoded import Encoded, Track
+from rwt_nodes.video.encoders.encoded import Encoded, Track
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.tally import MOST_STREAMS, Counts, Tally
-from rwt_nodes.video.wish import read_wish
+from rwt_nodes.video.stream_metrics import MOST_STREAMS, Counts, Tally
+from rwt_nodes.video.stream_request import read_wish
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

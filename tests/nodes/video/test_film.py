@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_nodes.video.bodies import _container
-from rwt_nodes.video.encoded import Encoded
-from rwt_nodes.video.film import FilmEncoder
-from rwt_nodes.video.mp4 import Mp4, units
-from rwt_nodes.video.still import StillEncoder
-from rwt_nodes.video.webm import Webm
-from rwt_nodes.video.wish import Film, Jpeg, Png, read_wish
+from rwt_nodes.video.encoders.encoded import Encoded
+from rwt_nodes.video.encoders.image import StillEncoder
+from rwt_nodes.video.encoders.mp4 import Mp4, units
+from rwt_nodes.video.encoders.video import FilmEncoder
+from rwt_nodes.video.encoders.webm import Webm
+from rwt_nodes.video.http_streams import _container
+from rwt_nodes.video.stream_request import Film, Jpeg, Png, read_wish
 from tests.nodes.video.conftest import image, payload, scene
 
 CODECS = ["vp8", "vp9", "h264"]
@@ -220,7 +220,7 @@ def test_a_compressed_picture_is_passed_on_untouched_or_changed_as_asked() -> No
 def test_jpeg_without_simplejpeg(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
-    from rwt_nodes.video import jpeg
+    from rwt_nodes.video.encoders import jpeg
 
     monkeypatch.setitem(sys.modules, "simplejpeg", None)
     jpeg._encoder.cache_clear()

@@ -12,9 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from rwt_nodes.video.encoders.pixels import (
+    ENCODINGS,
+    read_compressed,
+    read_raw,
+    resized,
+    shaped,
+    without_alpha,
+)
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.pixels import ENCODINGS, read_compressed, read_raw, resized, shaped, without_alpha
-from rwt_nodes.video.wish import read_wish
+from rwt_nodes.video.stream_request import read_wish
 from tests.nodes.video.conftest import image, payload, scene
 
 RGB = scene()

@@ -19,7 +19,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rwt_bridge import Settings, serve
+from rwt import Settings
+from rwt.server import serve
 from rwt_graph import MemoryGraph, Node, TopicPublisher
 from rwt_nodes.video import WebVideoServer
 from tests.nodes.video.conftest import image, scene

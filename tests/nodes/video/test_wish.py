@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rwt_graph.qos import BEST_AVAILABLE, SENSOR_DATA
 from rwt_nodes.video.errors import RequestRefused
-from rwt_nodes.video.wish import TYPES, Film, Jpeg, Png, Wish, read_wish
+from rwt_nodes.video.stream_request import TYPES, Film, Jpeg, Png, Wish, read_wish
 
 
 def test_the_defaults_are_those_of_web_video_server() -> None:

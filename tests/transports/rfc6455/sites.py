@@ -17,16 +17,16 @@ from typing import Literal
 
 from anyio.from_thread import start_blocking_portal
 
-from rwt_protocol.frames import Accept, Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import Limits, Routes, listen
 from rwt_transports.api import Driver
 from rwt_transports.connection import Reception
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.drivers.memory import MemoryPipe
-from rwt_transports.extensions import Deflate
 from rwt_transports.listener import OpenListener
-from rwt_transports.wires.websocket import websocket_server
+from rwt_transports.websocket.extensions import Deflate
+from rwt_transports.websocket.wire import websocket_server
 from tests.transports.rfc6455.case import Case
 from tests.transports.rfc6455.closing import LIMIT
 from tests.transports.rfc6455.compression import inflated

@@ -1,0 +1,164 @@
+"""Where settings come from: a TOML file, the environment, the command line; the later ones win."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pydantic import ValidationError
+
+from rwt.settings.errors import Key, fault, field_at, is_list
+from rwt.settings.models import Settings, SettingsError
+
+ENVIRONMENT_PREFIX: Final = "RWT_"
+FILE_VARIABLE: Final = "RWT_CONFIG"
+"""The variable that names the file when the command line does not."""
+
+CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
+"""What the commands that talk to a robot read; no settings of a server."""
+
+DEFAULT: Final = "default"
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """One value that somebody set.
+
+    Attributes:
+        key: the way to the setting.
+        value: what it is set to; text where the source has only text.
+        source: where, in words: a file, a variable, an option.
+    """
+
+    key: Key
+    value: object
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedSettings:
+    """Settings, and where they came from.
+
+    Attributes:
+        settings: the outcome.
+        sources: for each key that was set, where; all others have their defaults.
+    """
+
+    settings: Settings
+    sources: Mapping[Key, str]
+
+    def source(self, key: Key) -> str:
+        """Where the value of a setting came from."""
+        return self.sources.get(key, DEFAULT)
+
+
+def load_settings(
+    file: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+    command_line: tuple[Given, ...] = (),
+) -> LoadedSettings:
+    """Put the settings of every source together.
+
+    Args:
+        file: a TOML file; without it the variable ``RWT_CONFIG`` may name one.
+        environment: variables; those that begin with ``RWT_`` are settings, ``__`` stands between a table and
+            what is in it. A list is written as in TOML, or with commas.
+        command_line: what options say.
+
+    Raises:
+        SettingsError: a source cannot be read, names an unknown setting, or holds a wrong value.
+    """
+    variables = environment or {}
+    if file is None and variables.get(FILE_VARIABLE):
+        file = Path(variables[FILE_VARIABLE])
+    given = (*(_in_file(file) if file else ()), *_in_environment(variables), *command_line)
+    values: dict[str, object] = {}
+    sources: dict[Key, str] = {}
+    for each in given:
+        _put(values, each.key, each.value)
+        sources[each.key] = each.source
+    try:
+        settings = Settings.model_validate(values)
+    except ValidationError as error:
+        key, text = fault(error)
+        raise SettingsError(f"{_where(key, sources)}: {text}") from None
+    return LoadedSettings(settings, sources)
+
+
+def read_settings(path: Path) -> Settings:
+    """Read a TOML file alone.
+
+    Raises:
+        SettingsError: the file cannot be read, is not TOML, or holds an unknown key or a wrong value.
+    """
+    return load_settings(path).settings
+
+
+def from_text(dotted: str, text: str, source: str) -> Given:
+    """A setting written as text, for example ``limits.connections`` and ``20``.
+
+    Raises:
+        SettingsError: the text begins like a list, and is none.
+    """
+    return _from_text(tuple(dotted.split(".")), text, source)
+
+
+def _from_text(key: Key, text: str, source: str) -> Given:
+    field = field_at(key)
+    if field is None or not is_list(field):
+        return Given(key, text, source)
+    if not text.lstrip().startswith("["):
+        return Given(key, [item.strip() for item in text.split(",") if item.strip()], source)
+    try:
+        return Given(key, tomllib.loads(f"list = {text}")["list"], source)
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{source}: `{'.'.join(key)}`: not a list as TOML writes it: {error}") from error
+
+
+def _in_file(path: Path) -> Iterator[Given]:
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: not TOML: {error}") from error
+    return _leaves((), values, str(path))
+
+
+def _leaves(above: Key, values: Mapping[str, object], source: str) -> Iterator[Given]:
+    for name, value in values.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves((*above, name), value, source)
+        else:
+            yield Given((*above, name), value, source)
+
+
+def _in_environment(variables: Mapping[str, str]) -> Iterator[Given]:
+    for name in sorted(variables):
+        if name.startswith(ENVIRONMENT_PREFIX) and name not in (FILE_VARIABLE, *CLIENT_VARIABLES):
+            key = tuple(part.lower() for part in name.removeprefix(ENVIRONMENT_PREFIX).split("__"))
+            yield _from_text(key, variables[name], name)
+
+
+def _put(values: dict[str, object], key: Key, value: object) -> None:
+    """Set one value in nested tables; an empty table only makes sure that it is there."""
+    *tables, name = key
+    for table in tables:
+        inner = values.get(table)
+        if not isinstance(inner, dict):
+            inner = values[table] = {}
+        values = inner
+    if value != {} or not isinstance(values.get(name), dict):
+        values[name] = value
+
+
+def _where(key: Key, sources: Mapping[Key, str]) -> str:
+    """The source that is to blame for what is wrong at `key`: of that, of what is in it, or of all."""
+    for length in range(len(key), 0, -1):
+        if key[:length] in sources:
+            return sources[key[:length]]
+    within = [source for known, source in sources.items() if known[: len(key)] == key]
+    return ", ".join(dict.fromkeys(within or sources.values()))

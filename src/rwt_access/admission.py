@@ -1,0 +1,143 @@
+"""Who comes in, and as what: origin, connections per address, bearer token; before a connection opens."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from rwt_access.audit import write
+from rwt_access.credentials import NotAuthenticated, Tokens, presented_token, rosauth_of
+from rwt_access.log_rate import LogRate
+from rwt_access.origins import Origins, is_local
+from rwt_access.roles import roles
+from rwt_transports.errors import Refused
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rwt.settings.models import Settings
+    from rwt_access.credentials import Rosauth
+    from rwt_access.roles import Role
+    from rwt_protocol.transport import PeerInfo
+
+
+_HOW = (
+    "send the header `Authorization: Bearer TOKEN`, `?token=TOKEN`, or the subprotocols `rwt, bearer.TOKEN`"
+)
+
+
+class Admission:
+    """The door of one bridge.
+
+    Attributes:
+        roles: every role, by name.
+        rosauth: the judge of `auth` ops, None where there is no secret.
+        default_role: the role of clients without credentials; None: they must have some.
+
+    Args:
+        settings: everything that is configured.
+        now: seconds since 1970.
+        monotonic: seconds on a clock that never goes back.
+
+    Raises:
+        SettingsError: the secret of rosauth cannot be had.
+    """
+
+    def __init__(self, settings: Settings, now: Callable[[], float], monotonic: Callable[[], float]) -> None:
+        auth = settings.auth
+        self._monotonic = monotonic
+        self._log_rate = LogRate(per_second=10, burst=100)
+        self.roles: Mapping[str, Role] = roles(settings)
+        self.rosauth: Rosauth | None = rosauth_of(auth, self.roles, bool(settings.roles), now)
+        self._tokens = Tokens(auth.tokens, self.roles)
+        is_open = not self._tokens and self.rosauth is None
+        name = auth.default_role or ("admin" if is_open else None)
+        self.default_role: Role | None = self.roles[name] if name else None
+        self._origins = Origins(settings.origins.allow)
+        self._per_address = settings.limits.connections_per_address
+        self._addresses: Counter[str] = Counter()
+
+    def admit(self, info: PeerInfo, *, loopback: bool) -> Role | None:
+        """Let a connection in; :meth:`left` must be called when it has ended.
+
+        Args:
+            info: what the transport knows of the other side.
+            loopback: whether its listener is only reached from this machine.
+
+        Returns:
+            The client's role; None for one that must authenticate by an `auth` op before anything else.
+
+        Raises:
+            Refused: it may not come in, with status 401, 403 or 429; the text names the setting.
+        """
+        self._check_origin(info, loopback=loopback)
+        role = self._role(info)
+        self._count(info)
+        return role
+
+    def left(self, info: PeerInfo) -> None:
+        """A connection that was let in has ended."""
+        self._addresses[info.address] -= 1
+        if self._addresses[info.address] <= 0:
+            del self._addresses[info.address]
+
+    def role_of(self, info: PeerInfo) -> Role | None:
+        """The role that a request without a connection has, by its token; None where it has none.
+
+        Raises:
+            Refused: its token is not known.
+        """
+        return self._by_token(info) or self.default_role
+
+    def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
+        """Whether the web page that a request's ``Origin`` names may read what is here."""
+        return self._origins.allows(headers.get("origin", ""), headers.get("host", ""), loopback=loopback)
+
+    def _check_origin(self, info: PeerInfo, *, loopback: bool) -> None:
+        origin = info.headers.get("origin")
+        if origin is None:
+            return
+        if not self._origins.allows(origin, info.headers.get("host", ""), loopback=loopback):
+            shown = origin if origin.isprintable() else ascii(origin)
+            raise self._refused(info, 403, f"pages of {shown[:200]} may not connect here (origins.allow)")
+
+    def _role(self, info: PeerInfo) -> Role | None:
+        role = self._by_token(info) or self.default_role
+        if role is None and self.rosauth is None:
+            raise self._refused(info, 401, f"a bearer token is needed (auth.tokens): {_HOW}")
+        return role
+
+    def _by_token(self, info: PeerInfo) -> Role | None:
+        if not self._tokens:
+            return None
+        try:
+            token = presented_token(info)
+        except NotAuthenticated as error:
+            raise self._refused(info, 401, str(error)) from None
+        if token is None:
+            return None
+        role = self._tokens.role_of(token)
+        if role is None:
+            raise self._refused(info, 401, "this bearer token is not known here (auth.tokens)")
+        return role
+
+    def _count(self, info: PeerInfo) -> None:
+        most = self._per_address
+        if most and self._addresses[info.address] >= most and info.address and not is_local(info.address):
+            text = f"{most} connections from {info.address} are open (limits.connections_per_address)"
+            raise self._refused(info, 429, text)
+        self._addresses[info.address] += 1
+
+    def log_refusal(self, info: PeerInfo, reason: str) -> None:
+        """Note that a connection was turned away; the rate is that of all connections together."""
+        line = self._log_rate.admit(
+            f"turned {info.address or info.transport} away: {reason}", self._monotonic()
+        )
+        if line is not None:
+            write(logging.WARNING, "%s", line)
+
+    def _refused(self, info: PeerInfo, status: int, reason: str) -> Refused:
+        self.log_refusal(info, reason)
+        headers = {"WWW-Authenticate": 'Bearer realm="rosbridge"'} if status == 401 else {}
+        return Refused(status, reason, headers)

@@ -1,0 +1,125 @@
+"""What a client may do: roles, each with globs for every kind of act. The one place that decides."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Final, Literal, get_args
+
+from rwt.settings.models import BUILT_IN_ROLES
+from rwt_protocol.errors import Refused
+
+if TYPE_CHECKING:
+    from rwt.settings.models import RoleSettings, Settings
+
+Act = Literal["publish", "subscribe", "call", "provide", "goals", "get_param", "set_param"]
+"""Something a client may want to do with a name; each is a key of a role's settings."""
+
+ACTS: Final[tuple[Act, ...]] = get_args(Act)
+
+_READ_ONLY: Final[Mapping[Act, tuple[str, ...]]] = {"subscribe": ("*",), "get_param": ("*",)}
+
+#: Services every role may call: rosapi, whose answers hold only what the role may see (CFG-10, API-13).
+_ALWAYS_CALLED: Final = ("/rosapi/*",)
+
+#: Decisions a role remembers. Names come from clients, so there is an end to it; then it starts afresh.
+_MOST_DECISIONS: Final = 4096
+
+_WORDS: Final[Mapping[Act, str]] = {
+    "publish": "publish on",
+    "subscribe": "subscribe to",
+    "call": "call",
+    "provide": "provide",
+    "goals": "send goals to",
+    "get_param": "read the parameter",
+    "set_param": "write the parameter",
+}
+
+
+class Role:
+    """What clients of one role may do.
+
+    Globs have fnmatch's meaning, in which ``*`` also matches ``/`` (CFG-10), and are compared with resolved
+    names, so that a client cannot get round them by another spelling (CFG-11).
+
+    Args:
+        name: as in the settings.
+        settings: its globs.
+    """
+
+    __slots__ = ("_decisions", "_patterns", "name", "unrestricted")
+
+    def __init__(self, name: str, settings: RoleSettings) -> None:
+        self.name = name
+        globs = {act: _globs(act, settings) for act in ACTS}
+        self.unrestricted = all("*" in globs[act] for act in ACTS)
+        self._patterns = {act: _pattern(globs[act]) for act in ACTS}
+        self._decisions: dict[tuple[Act, str], bool] = {}
+
+    def allows(self, act: Act, name: str) -> bool:
+        """Whether this role may do `act` with `name`, which is absolute."""
+        if self.unrestricted:
+            return True
+        decision = self._decisions.get((act, name))
+        if decision is None:
+            if len(self._decisions) >= _MOST_DECISIONS:
+                self._decisions.clear()
+            decision = self._patterns[act].fullmatch(name) is not None
+            self._decisions[act, name] = decision
+        return decision
+
+    def require(self, act: Act, name: str) -> None:
+        """Refuse unless this role may do `act` with `name`.
+
+        Raises:
+            Refused: it may not; the text names the setting that would allow it.
+        """
+        if not self.unrestricted and not self.allows(act, name):
+            raise Refused(f"role {self.name!r} may not {_WORDS[act]} {name} (roles.{self.name}.{act})")
+
+    def may_subscribe(self, topic: str) -> bool:
+        """Whether this role may subscribe to `topic`, an absolute name."""
+        return self.allows("subscribe", topic)
+
+    @property
+    def sees_every_topic(self) -> bool:
+        """Whether no topic is hidden: a glob that allows everything matches one that names everything."""
+        return self.allows("subscribe", "/*")
+
+    def sees_topic(self, name: str) -> bool:
+        """Whether a topic is shown: to who may listen to it or publish on it."""
+        return self.allows("subscribe", name) or self.allows("publish", name)
+
+    def sees_service(self, name: str) -> bool:
+        """Whether a service is shown: to who may call or provide it."""
+        return self.allows("call", name) or self.allows("provide", name)
+
+    def sees_action(self, name: str) -> bool:
+        """Whether an action is shown: to who may send goals to it or provide it."""
+        return self.allows("goals", name) or self.allows("provide", name)
+
+    def sees_parameter(self, name: str) -> bool:
+        """Whether a parameter is shown: to who may read or write it."""
+        return self.allows("get_param", name) or self.allows("set_param", name)
+
+    def __repr__(self) -> str:
+        return f"<Role {self.name}>"
+
+
+def roles(settings: Settings) -> Mapping[str, Role]:
+    """Every role by its name, the built-in ones included."""
+    return {name: Role(name, globs) for name, globs in {**BUILT_IN_ROLES, **settings.roles}.items()}
+
+
+def _globs(act: Act, settings: RoleSettings) -> tuple[str, ...]:
+    given: tuple[str, ...] = getattr(settings, act)
+    if settings.read_only:
+        given += _READ_ONLY.get(act, ())
+    return given + _ALWAYS_CALLED if act == "call" else given
+
+
+def _pattern(globs: Iterable[str]) -> re.Pattern[str]:
+    """One pattern for all; one that matches nothing where there are none."""
+    absolute = (glob if glob.startswith(("/", "*")) else f"/{glob}" for glob in globs)
+    return re.compile("|".join(fnmatch.translate(glob) for glob in absolute) or r"(?!)")

@@ -1,0 +1,58 @@
+"""TLS from files: the certificate of encrypted listeners, and the authority of hubs."""
+
+from __future__ import annotations
+
+import ssl
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rwt.settings.models import SettingsError
+
+if TYPE_CHECKING:
+    from rwt.settings.models import TlsSettings
+
+
+def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
+    """What encrypts listeners (TLS 1.2 or later); None where no certificate is configured (CFG-02).
+
+    Raises:
+        SettingsError: a file cannot be read, or is not what it should be.
+    """
+    if settings.certfile is None or settings.keyfile is None:
+        return None
+    for key, path in (("certfile", settings.certfile), ("keyfile", settings.keyfile)):
+        _check_readable(f"tls.{key}", path)
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        # A password is given so that a key which needs one fails here, instead of asking at a terminal.
+        context.load_cert_chain(settings.certfile, settings.keyfile, password="")
+    except (ssl.SSLError, ValueError) as error:
+        raise SettingsError(
+            f"tls: {settings.certfile} and {settings.keyfile}: expected a certificate and the key that"
+            " belongs to it, both in PEM, the key without a password"
+        ) from error
+    return context
+
+
+def client_tls(cafile: Path | None) -> ssl.SSLContext | None:
+    """What checks the certificate of a hub against the authority in a PEM file (`dial.cafile`); None for the
+    system's authorities.
+
+    Raises:
+        SettingsError: the file cannot be read, or holds no certificate.
+    """
+    if cafile is None:
+        return None
+    _check_readable("dial.cafile", cafile)
+    try:
+        return ssl.create_default_context(cafile=cafile)
+    except ssl.SSLError as error:
+        raise SettingsError(f"dial.cafile: {cafile}: expected certificates in PEM") from error
+
+
+def _check_readable(key: str, path: Path) -> None:
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise SettingsError(f"{key}: {path}: cannot be read: {error.strerror}") from error

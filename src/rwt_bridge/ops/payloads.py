@@ -1,0 +1,82 @@
+"""From the raw payload of an op to one of the right type, or a refusal that says where it does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.payload import Payload
+from rwt_protocol.decoded import Decoded, RawPayload
+from rwt_protocol.error_text import describe_shape
+from rwt_protocol.errors import Refused
+from rwt_protocol.rawjson import EMPTY
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+
+def payload_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[], int]) -> Payload:
+    """Check `raw` against `type`.
+
+    Args:
+        type: the message type.
+        raw: the field as it came.
+        where: op and field, for example ``publish.msg``; the refusal's path starts with it.
+        now: ROS time in nanoseconds, for header stamps (PUB-05) and the string "now" (JSN-28).
+
+    Raises:
+        Refused: it does not fit; for example ``publish.msg.linear.x: expected float64, got "fast"``.
+    """
+    try:
+        if isinstance(raw, Decoded):
+            return _of_object(type, raw, where, now)
+        return Payload.from_json(type, raw.data, now)
+    except PayloadError as error:
+        if not isinstance(raw, Decoded) and not raw.verified:
+            # A large payload was cut out of its frame unseen; only a full parse says what is wrong with it.
+            return payload_of(type, raw.proven(), where, now)
+        raise _refused(where, error) from None
+
+
+def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], int]) -> Payload:
+    if raw.shape != "object":
+        raise Refused(f"{where}: expected an object, got {describe_shape(raw)}")
+    return Payload.from_value(type, raw.value, now)
+
+
+def arguments_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[], int]) -> Payload:
+    """Check the arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
+
+    Raises:
+        Refused: as :func:`payload_of`.
+    """
+    if raw.shape == "object":
+        return payload_of(type, raw, where, now)
+    try:
+        if isinstance(raw, Decoded):
+            return Payload.from_value(type, raw.value if raw.shape == "array" else {}, now)
+        return Payload.from_args(type, raw.proven().data, now)
+    except PayloadError as error:
+        raise _refused(where, error) from None
+
+
+def _refused(where: str, error: PayloadError) -> Refused:
+    path = f"{where}.{error.path}" if error.path else where
+    return Refused(f"{path}: {error.reason}")
+
+
+def failure_text(values: RawPayload | str, instead: str) -> str:
+    """What a provider said of its failure: a string as it is, anything else as JSON text (SVP-05)."""
+    if isinstance(values, str):
+        return values or instead
+    if isinstance(values, Decoded):
+        return msgspec.json.encode(values.value, enc_hook=repr).decode() if values.value else instead
+    return instead if values == EMPTY else bytes(values.proven().data).decode()
+
+
+def object_or_empty(values: RawPayload | str) -> RawPayload:
+    """A provider's values; some send a string where there is nothing to say (SVP-05)."""
+    return EMPTY if isinstance(values, str) else values

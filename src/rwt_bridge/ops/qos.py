@@ -1,0 +1,139 @@
+"""From a client's `qos` object to the graph's policies, and to how its samples wait for a slow connection."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rwt_graph.clock import NANOSECONDS
+from rwt_graph.qos import LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
+from rwt_protocol.transport import AS_MANY_AS_FIT, FlowRules
+
+if TYPE_CHECKING:
+    from rwt_graph.api import EndpointInfo
+    from rwt_protocol import ops
+    from rwt_protocol.ops.topics import Qos
+
+_DEFAULT = QoS()
+
+
+def publisher_qos(op: ops.Advertise) -> QoS | None:
+    """What a new publisher gets: `qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
+    if op.qos is None:
+        return LATCHED if op.latch else None
+    wish = op.qos
+    return QoS(
+        history=_DEFAULT.history if wish.history is None else History(wish.history),
+        depth=wish.depth or _DEFAULT.depth,
+        reliability=_DEFAULT.reliability if wish.reliability is None else Reliability(wish.reliability),
+        durability=_DEFAULT.durability if wish.durability is None else Durability(wish.durability),
+        deadline=_seconds(wish.deadline),
+        lifespan=_seconds(wish.lifespan),
+    )
+
+
+def disagreement(wish: Qos, offered: QoS) -> str:
+    """What a client asks for and a publisher that is there does not offer; empty if nothing (ADV-11).
+
+    A policy that is not named, or is named `best_available`, agrees with everything.
+    """
+    pairs: tuple[tuple[str, object, object], ...] = (
+        ("history", wish.history, offered.history.value),
+        ("depth", wish.depth or None, offered.depth),
+        ("reliability", wish.reliability, offered.reliability.value),
+        ("durability", wish.durability, offered.durability.value),
+        ("deadline", wish.deadline, offered.deadline or "infinite"),
+        ("lifespan", wish.lifespan, offered.lifespan or "infinite"),
+    )
+    found = [
+        f"{name} {has} where {wants or 'infinite'} is asked for"
+        for name, wants, has in pairs
+        if wants not in (None, "best_available") and (wants or "infinite") != has
+    ]
+    return ", ".join(found)
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What all subscriptions of one client on one topic want together.
+
+    Attributes:
+        rules: how samples wait while the connection is slow.
+        lifespan_ns: age in nanoseconds after which a sample is not sent; 0 for any age.
+        deadline: seconds within which a sample is expected; 0 for none.
+    """
+
+    rules: FlowRules = AS_MANY_AS_FIT
+    lifespan_ns: int = 0
+    deadline: float = 0.0
+
+
+def wishes_of(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[EndpointInfo]) -> Wishes:
+    """One delivery for several subscriptions: none gets less than it asked for, except by `queue_length`,
+    of which the smallest counts (X06).
+
+    Args:
+        subscriptions: at least one.
+        publishers: those of the topic now; a client that says nothing takes what they offer (SUB-17).
+    """
+    each = [_rules(op) for op in subscriptions]
+    said = [rules for rules in each if rules is not None]
+    rules = _together(said) if len(said) == len(each) else _as_published(publishers)
+    lifespans = [_seconds(op.qos.lifespan if op.qos else None) or 0.0 for op in subscriptions]
+    deadlines = [_seconds(op.qos.deadline if op.qos else None) or 0.0 for op in subscriptions]
+    return Wishes(
+        rules=rules,
+        lifespan_ns=0 if 0.0 in lifespans else round(max(lifespans) * NANOSECONDS),
+        deadline=min((seconds for seconds in deadlines if seconds), default=0.0),
+    )
+
+
+def kept_wanted(op: ops.Subscribe) -> int | None:
+    """How many kept samples a new subscription gets: None for all of them, 0 for none."""
+    if op.qos is None:
+        return None
+    if op.qos.durability == "volatile":
+        return 0
+    return None if op.qos.history == "keep_all" else op.qos.depth or None
+
+
+def _rules(op: ops.Subscribe) -> FlowRules | None:
+    """How the samples of one subscription wait; None if it does not say: `qos` over `queue_length`."""
+    wish = op.qos
+    if wish is not None:
+        if wish.history == "keep_all":
+            return FlowRules(keep_all=wish.reliability != "best_effort")
+        if wish.depth:
+            return FlowRules(wish.depth)
+        if wish.reliability == "best_effort":
+            return FlowRules(op.queue_length or SENSOR_DATA.depth)
+    if op.queue_length:
+        return FlowRules(op.queue_length)
+    if wish is not None and wish.reliability == "reliable":
+        return AS_MANY_AS_FIT
+    return None
+
+
+def _together(rules: Sequence[FlowRules]) -> FlowRules:
+    depths = [each.depth for each in rules]
+    known = [depth for depth in depths if depth is not None]
+    return FlowRules(max(known) if len(known) == len(depths) else None, any(each.keep_all for each in rules))
+
+
+def _as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
+    """Sensor streams, which may be lost anyway, keep their newest; everything else keeps what fits."""
+    offers = [each.qos for each in publishers]
+    lossy = [
+        qos
+        for qos in offers
+        if qos.reliability is Reliability.BEST_EFFORT and qos.history is History.KEEP_LAST
+    ]
+    if offers and len(lossy) == len(offers):
+        return FlowRules(max(1, *(qos.depth for qos in lossy)))
+    return AS_MANY_AS_FIT
+
+
+def _seconds(wish: float | str | None) -> float | None:
+    """Seconds, or None where there is no limit: nothing, zero, "infinite" and "best_available"."""
+    return None if isinstance(wish, str) else wish or None

@@ -1,0 +1,1 @@
+"""Types for Python and TypeScript, made from definitions."""

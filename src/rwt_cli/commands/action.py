@@ -1,0 +1,202 @@
+"""`rwt action`: list the robot's actions and send them goals."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rwt_cli.console import yaml_writer
+from rwt_cli.console.message_argument import type_and_message, with_stamps
+from rwt_cli.console.message_format import Form, plain
+from rwt_cli.console.output import Output, note
+from rwt_cli.console.printing import print_count, print_names, print_type
+from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt_cli.live_names import asked, known_action, rooted
+from rwt_cli.parser import Commands
+from rwt_cli.verbs import Arguments, Verb, add_family, together
+
+if TYPE_CHECKING:
+    from rwt_client import Goal, Robot
+    from rwt_interfaces.structs import ActionType, MessageType
+
+
+def add_action_command(commands: Commands) -> None:
+    """Add `action` to the command line."""
+    add_family(commands, "action", "The robot's actions.", VERBS)
+
+
+def _list_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-t", "--show-types", action="store_true", help="with each action's type")
+    parser.add_argument("-c", "--count-actions", action="store_true", help="only how many there are")
+
+
+async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
+    names = sorted(await asked(robot.api.action_servers))
+    if arguments.count_actions:
+        print_count(len(names), output)
+    elif arguments.show_types or output.json:
+        types = await together([partial(robot.api.action_type, name) for name in names])
+        print_names(list(zip(names, types, strict=True)), output, types=True)
+    else:
+        print_names([(name, "") for name in names], output, types=False)
+
+
+def _action_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("action", metavar="ACTION", help="for example /fibonacci")
+
+
+async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = rooted(arguments.action)
+    print_type(name, await known_action(robot, name), output)
+
+
+async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = rooted(arguments.action)
+    kind = await known_action(robot, name)
+    servers = await servers_of(robot, name)
+    if output.json:
+        output.record({"name": name, "type": kind, "servers": servers})
+        return
+    output.line(f"Action: {output.styled(name, 'name')}")
+    output.line(f"Type: {output.styled(kind, 'type')}")
+    output.line(f"Action servers: {len(servers)}")
+    for node in servers:
+        output.line(f"    {output.styled(node, 'name')}")
+
+
+async def servers_of(robot: Robot, action: str) -> list[str]:
+    """The nodes that offer an action. rosapi does not tell; they offer its services (2) or its topics (1)."""
+    nodes = await asked(robot.api.nodes)
+    details = await together([partial(robot.api.node, node) for node in nodes])
+    return sorted(node.name for node in details if offers(action, node.services, node.publishing))
+
+
+def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) -> bool:
+    """Whether a node with these services and topics offers an action."""
+    return f"{action}/_action/cancel_goal" in services or f"{action}/feedback" in publishing
+
+
+def _goal_arguments(parser: argparse.ArgumentParser) -> None:
+    _action_argument(parser)
+    parser.add_argument(
+        "goal",
+        metavar="TYPE GOAL",
+        nargs="*",
+        help="type and goal in YAML or JSON, - to read it from standard input; what is left out has its"
+        " default, and the type may be left out",
+    )
+    parser.add_argument("-f", "--feedback", action="store_true", help="print the feedback, too")
+
+
+async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = rooted(arguments.action)
+    if len(arguments.goal) > 2:
+        raise CommandError("expected TYPE and GOAL; the goal goes in quotes", CALLED_WRONGLY)
+    kind, given = type_and_message(arguments.goal)
+    action_type = await robot.types.action(kind or await known_action(robot, name))
+    wish = with_stamps(action_type.goal, given)
+    told = _Telling(action_type, output)
+    told.goal(wish)
+    feedback = told.feedback if arguments.feedback else _nothing
+    goal = await robot.send_goal(name, wish, action_type.name, on_feedback=feedback)
+    try:
+        ended = await goal.result(arguments.timeout)
+    except BaseException as error:
+        await _cancel(goal, robot, error)
+        raise
+    told.result(ended.status.name, ended.result)
+    if not ended.succeeded:
+        raise CommandError(f"the goal of {name} ended as {ended.status.name}", FAILED)
+
+
+def _nothing(message: Any) -> None:
+    """Feedback that nobody wants to see."""
+
+
+async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
+    """Nobody waits for this goal any more, so the robot need not go on."""
+    import anyio
+
+    if goal.done or not robot.connected:
+        return
+    if isinstance(error, Exception):
+        note("rwt: canceling the goal, which has not ended in time")
+    goal.cancel()
+    with anyio.CancelScope(shield=True), anyio.move_on_after(2):
+        await robot.drain()
+
+
+class _Telling:
+    """Prints what becomes of a goal."""
+
+    def __init__(self, action_type: ActionType, output: Output) -> None:
+        self._type = action_type
+        self._output = output
+
+    def goal(self, wish: object) -> None:
+        from rwt_client.endpoints.publisher import payload_of
+
+        sent = payload_of(self._type.goal, wish).value()
+        if not self._output.json:
+            self._tell("Sending goal:", self._type.goal, sent)
+
+    def feedback(self, message: Any) -> None:
+        if self._output.json:
+            self._output.record({"feedback": plain(self._type.feedback, message, Form(json=True))})
+        else:
+            self._tell("Feedback:", self._type.feedback, message)
+
+    def result(self, status: str, message: Any) -> None:
+        if self._output.json:
+            result = plain(self._type.result, message, Form(json=True))
+            self._output.record({"status": status, "result": result})
+            return
+        self._tell("Result:", self._type.result, message)
+        self._output.line(f"Goal finished with status: {self._output.styled(status, _style(status))}")
+
+    def _tell(self, heading: str, message_type: MessageType, message: Any) -> None:
+        value = plain(message_type, message)
+        lines = yaml_writer.block(value, "    ") if value else ("    {}",)
+        shown = "\n".join(lines)
+        self._output.line(f"{self._output.styled(heading, 'heading')}\n{shown}\n")
+
+
+def _style(status: str) -> Any:
+    return "good" if status == "SUCCEEDED" else "warning"
+
+
+VERBS = (
+    Verb(
+        "list",
+        "list the actions",
+        _list,
+        "rwt action list -t",
+        '[{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}, …]; with -c {"count": 2}',
+        _list_arguments,
+    ),
+    Verb(
+        "info",
+        "tell an action's type and who offers it",
+        _info,
+        "rwt action info /fibonacci",
+        '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "servers": ["/demo_robot"]}',
+        _action_argument,
+    ),
+    Verb(
+        "type",
+        "tell an action's type",
+        _type,
+        "rwt action type /fibonacci",
+        '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}',
+        _action_argument,
+    ),
+    Verb(
+        "send_goal",
+        "send a goal and wait for its result; Ctrl-C cancels it",
+        _send_goal,
+        "rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback",
+        'with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}',
+        _goal_arguments,
+    ),
+)

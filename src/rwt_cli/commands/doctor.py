@@ -1,0 +1,365 @@
+"""`rwt doctor`: connect to a rosbridge server, look at everything a client needs, and say what is wrong."""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+import statistics
+from collections.abc import AsyncIterator, Callable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Final, Literal
+
+from rwt_cli.console.output import Output, Style, standard_output
+from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
+from rwt_cli.parser import Commands
+from rwt_cli.verbs import (
+    USUAL_TIMEOUT,
+    Arguments,
+    add_robot_options,
+    epilog,
+    request_headers,
+    run_async,
+    token_of,
+    url_of,
+)
+
+if TYPE_CHECKING:
+    from rwt_cli.wire_probe import HeardFrame, WireProbe
+
+Verdict = Literal["ok", "note", "warning", "problem"]
+
+ENCODINGS: Final = ("json", "png", "cbor", "cbor-raw", "fragments")
+
+_PATIENCE: Final = 3.0
+"""Seconds that each question may take, if ``--timeout`` does not allow less."""
+_QUESTIONS: Final = 10
+_SLOW_SECONDS: Final = 0.2
+_WRONG_SECONDS: Final = 0.5
+"""From how much on a clock is wrong: transforms and delays are wrong by as much."""
+_STYLES: Final[dict[Verdict, Style]] = {"ok": "good", "note": "faint", "warning": "warning", "problem": "bad"}
+_TEXT: Final = "a message of the doctor, long enough to be cut into pieces " * 4
+_NANOSECONDS: Final = 1_000_000_000
+_ROSAPI_MISSING: Final = (
+    "start rosapi beside the server (`rosapi_node`; rosbridge's launch file does): without it types must be"
+    " named, and no list can be made"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What one look has found.
+
+    Attributes:
+        name: what was looked at.
+        verdict: ``problem`` if something a client needs does not work.
+        text: what was seen.
+        advice: what to do about it; empty if nothing.
+    """
+
+    name: str
+    verdict: Verdict
+    text: str
+    advice: str = ""
+
+
+def add_doctor_command(commands: Commands) -> None:
+    """Add `doctor` to the command line."""
+    parser = commands.add_parser(
+        "doctor",
+        description="Connect to a rosbridge server, this one or any other, and say what is wrong and what to"
+        " do:\nversion, clock, latency, encodings, rosapi, permissions.",
+        epilog=epilog(
+            "rwt doctor ws://robot:9090",
+            '{"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",\n'
+            '"text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"',
+        ),
+    )
+    parser.add_argument("target", metavar="URL", nargs="?", help="the same as --url")
+    add_robot_options(parser)
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: Arguments) -> int:
+    if arguments.target and arguments.url:
+        raise CommandError("one URL is enough: --url is the same as the argument", CALLED_WRONGLY)
+    arguments.url = arguments.target or arguments.url
+    output = standard_output(json=arguments.json)
+    findings: list[Finding] = []
+
+    async def program() -> None:
+        def tell(finding: Finding) -> None:
+            findings.append(finding)
+            if not output.json:
+                _print(finding, output)
+
+        await _examine(arguments, tell)
+
+    run_async(program)
+    problems = [finding for finding in findings if finding.verdict == "problem"]
+    if output.json:
+        told = {"url": url_of(arguments), "ok": not problems, "findings": [asdict(each) for each in findings]}
+        output.record(told)
+    if not problems:
+        return 0
+    return CANNOT_CONNECT if any(each.name == "connection" for each in problems) else FAILED
+
+
+def _print(finding: Finding, output: Output) -> None:
+    verdict = output.styled(finding.verdict, _STYLES[finding.verdict])
+    output.line(f"{verdict}{' ' * (9 - len(finding.verdict))}{finding.name}: {finding.text}")
+    if finding.advice:
+        output.line(f"{' ' * 9}-> {finding.advice}")
+
+
+# -- the examination ---------------------------------------------------------------------------------------
+
+
+async def _examine(arguments: Arguments, tell: Callable[[Finding], None]) -> None:
+    from rwt_cli.wire_probe import WireProbe
+    from rwt_transports.connect import carries_binary, connect
+    from rwt_transports.errors import BadUrl, TransportError
+
+    url, limit = url_of(arguments), arguments.timeout or USUAL_TIMEOUT
+    try:
+        for finding in await _over_http(url, min(limit, _PATIENCE)):
+            tell(finding)
+        probe = WireProbe()
+        async with connect(url, probe.accept, headers=request_headers(arguments), timeout=limit):
+            tell(_connected(url, bool(token_of(arguments))))
+            examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
+            async for finding in examination.findings():
+                tell(finding)
+    except BadUrl as error:
+        raise CommandError(str(error), CALLED_WRONGLY) from error
+    except TransportError as error:
+        tell(
+            Finding(
+                "connection", "problem", str(error), _how_to_connect(str(error), bool(token_of(arguments)))
+            )
+        )
+
+
+def _connected(url: str, token: bool) -> Finding:
+    text = f"connected to {url}"
+    return Finding("connection", "ok", f"{text}; the token was not refused" if token else text)
+
+
+def _how_to_connect(error: str, token: bool) -> str:
+    if "401" in error or "403" in error:
+        who = (
+            "this token is not good: ask who runs the server"
+            if token
+            else "it wants a token: --token or RWT_TOKEN"
+        )
+        return f"{who}; or it does not let in this address or origin"
+    if "nobody listens" in error or "refused" in error:
+        return "start the server (`rwt serve`, or rosbridge's launch file), and compare port and address"
+    if "name" in error or "resolve" in error:
+        return "check the host's name, or use its address"
+    if "certificate" in error.lower() or "tls" in error.lower():
+        return "check that the certificate names this host and is trusted here"
+    return "check address, port and firewall; a server on 127.0.0.1 is reached from its own machine only"
+
+
+async def _over_http(url: str, patience: float) -> list[Finding]:
+    """What the server says of itself at ``/healthz``, which only this project's servers have."""
+    import anyio.to_thread
+
+    scheme, _, rest = url.partition("://")
+    if scheme.lower() not in ("ws", "wss"):
+        return []
+    secure = scheme.lower() == "wss"
+    host = re.split("[/?]", rest)[0]
+    status, body = await anyio.to_thread.run_sync(partial(_get_health, host, secure, patience))
+    if status == 0:
+        return []  # Whether it can be reached at all is the next finding.
+    try:
+        health = json.loads(body)
+        version, clients = health["version"], health["clients"]
+    except (ValueError, KeyError, TypeError):
+        return [Finding("server", "note", "a server that does not tell its version (only `rwt serve` does)")]
+    state = f"rwt {version}, {clients} client{'' if clients == 1 else 's'}"
+    if status == 200:
+        return [Finding("server", "ok", state)]
+    return [Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")]
+
+
+def _get_health(host: str, secure: bool, patience: float) -> tuple[int, bytes]:
+    """Status and body of ``/healthz``; status 0 if there is no answer of HTTP."""
+    import http.client
+
+    kind = http.client.HTTPSConnection if secure else http.client.HTTPConnection
+    try:
+        address = host.rpartition("@")[2]
+        connection = kind(address if secure or ":" in address.rpartition("]")[2] else f"{address}:9090")
+        connection.timeout = patience
+        try:
+            connection.request("GET", "/healthz")
+            answer = connection.getresponse()
+            return answer.status, answer.read(65536)
+        finally:
+            connection.close()
+    except (OSError, http.client.HTTPException, ValueError):
+        return 0, b""
+
+
+class _Examination:
+    """Looks at one connection.
+
+    Args:
+        patience: seconds that each question may take.
+        binary: whether the transport carries binary messages.
+    """
+
+    def __init__(self, probe: WireProbe, patience: float, *, binary: bool) -> None:
+        self._probe = probe
+        self._patience = patience
+        self._binary = binary
+        self._ros = 2
+        self._rosapi = False
+
+    async def findings(self) -> AsyncIterator[Finding]:
+        """One look after the other."""
+        self._probe.say("set_level", level="error")
+        yield await self._look_for_rosapi()
+        if self._rosapi:
+            yield await self._look_at_version()
+            for finding in await self._look_at_time():
+                yield finding
+        for encoding in ENCODINGS:
+            yield await self._look_at_encoding(encoding)
+            if self._probe.closed_with is not None:
+                code, reason = self._probe.closed_with
+                text = f"the server closed the connection with {code} {reason}".rstrip()
+                yield Finding("connection", "problem", text, "the server's log says why")
+                return
+
+    # -- rosapi --------------------------------------------------------------------------------------------
+
+    async def _look_for_rosapi(self) -> Finding:
+        answer = await self._probe.call("/rosapi/get_time", self._patience)
+        if answer is None:
+            return Finding("rosapi", "problem", f"no answer within {self._patience:g} s", _ROSAPI_MISSING)
+        if answer.op.get("result") is False or answer.is_op("status"):
+            return Finding("rosapi", "problem", f"refused: {_reason(answer)}", _ROSAPI_MISSING)
+        self._rosapi = True
+        topics = await self._probe.call("/rosapi/topics", self._patience)
+        values = {} if topics is None else topics.op.get("values")
+        names = values.get("topics", []) if isinstance(values, dict) else []
+        return Finding("rosapi", "ok", f"answers; {len(names)} topics")
+
+    async def _look_at_version(self) -> Finding:
+        answer = await self._probe.call("/rosapi/get_ros_version", self._patience)
+        values = {} if answer is None else answer.op.get("values")
+        if answer is None or answer.op.get("result") is False or not isinstance(values, dict):
+            self._ros = 1
+            return Finding("ROS", "note", "the server does not tell its version, as most of ROS 1 do not")
+        version = values.get("version", 2)
+        self._ros = 1 if version == 1 else 2
+        return Finding("ROS", "ok", f"ROS {self._ros} {values.get('distro', '')}".rstrip())
+
+    async def _look_at_time(self) -> list[Finding]:
+        """Round trips, and the clock: half of the quickest is the way back (RFC 5905 section 8)."""
+        import time
+
+        trips: list[tuple[float, float]] = []
+        for _ in range(_QUESTIONS):
+            began = time.time()
+            answer = await self._probe.call("/rosapi/get_time", self._patience)
+            took = time.time() - began
+            if answer is not None and (there := _seconds_in(answer)) is not None:
+                trips.append((took, there - began - took / 2))
+        if not trips:
+            return [Finding("clock", "warning", "the robot does not tell its time")]
+        quickest, ahead = min(trips)
+        return [_latency([took for took, _ in trips]), _clock(ahead, quickest)]
+
+    # -- encodings -----------------------------------------------------------------------------------------
+
+    async def _look_at_encoding(self, encoding: str) -> Finding:
+        name = f"encoding {encoding}"
+        if encoding.startswith("cbor") and not self._binary:
+            return Finding(name, "note", "not on this transport, which carries text only")
+        probe, topic = self._probe, f"/rwt_doctor_{secrets.token_hex(4)}"
+        kind = "std_msgs/msg/String" if self._ros == 2 else "std_msgs/String"
+        how = {"fragment_size": 100} if encoding == "fragments" else {"compression": encoding}
+        options = {} if encoding == "json" else how
+        complaints = len(probe.complaints)
+        probe.say("advertise", topic=topic, type=kind, id=topic)
+        probe.say("subscribe", topic=topic, type=kind, id=topic, **options)
+        probe.say("publish", topic=topic, msg={"data": _TEXT})
+        frame = await probe.hear(lambda heard: not heard.is_op("service_response"), self._patience)
+        probe.say("unsubscribe", topic=topic, id=topic)
+        probe.say("unadvertise", topic=topic, id=topic)
+        await self._settle()
+        said = "; ".join(probe.complaints[complaints:])
+        found = Finding(name, *_judge(encoding, frame, said))
+        # What cannot be had at all is one problem, and the others are what JSON can do as well.
+        return found if encoding == "json" or found.verdict != "problem" else replace(found, verdict="note")
+
+    async def _settle(self) -> None:
+        """Wait until the server is done with what was said, so that nothing of it is taken for the next."""
+        if self._rosapi:
+            await self._probe.call("/rosapi/get_time", self._patience)
+
+
+def _judge(encoding: str, frame: HeardFrame | None, said: str) -> tuple[Verdict, str, str]:
+    """Verdict, text and advice on what came for a message that was published by ourselves."""
+    if frame is None or frame.is_op("status"):
+        refused = f"refused: {said}" if said else "nothing came back"
+        return (
+            "problem",
+            refused,
+            "a token or role may be needed to publish and subscribe; the server's log says why",
+        )
+    came = _encoding_of(frame)
+    if came == encoding:
+        return "ok", f"works, {frame.size} bytes for a message of {len(_TEXT)} characters", ""
+    return "note", f"not offered: it came as {came}", ""
+
+
+def _encoding_of(frame: HeardFrame) -> str:
+    if frame.is_op("png"):
+        return "png"
+    if frame.is_op("fragment"):
+        return "fragments"
+    if not frame.binary:
+        return "json"
+    message = frame.op.get("msg")
+    return "cbor-raw" if isinstance(message, dict) and "bytes" in message else "cbor"
+
+
+def _reason(answer: HeardFrame) -> str:
+    values = answer.op.get("values", answer.op.get("msg", ""))
+    return values if isinstance(values, str) and values else "it gave no reason"
+
+
+def _seconds_in(answer: HeardFrame) -> float | None:
+    values = answer.op.get("values")
+    time = values.get("time") if isinstance(values, dict) else None
+    if not isinstance(time, dict):
+        return None
+    whole, rest = time.get("sec", time.get("secs")), time.get("nanosec", time.get("nsecs"))
+    if not isinstance(whole, int) or not isinstance(rest, int):
+        return None
+    return whole + rest / _NANOSECONDS
+
+
+def _latency(trips: list[float]) -> Finding:
+    middle, longest = statistics.median(trips), max(trips)
+    text = f"{middle * 1000:.1f} ms there and back, at most {longest * 1000:.1f} ms of {len(trips)}"
+    if middle < _SLOW_SECONDS:
+        return Finding("latency", "ok", text)
+    advice = "a slow network or a busy server: subscribe with a throttle, and see the server's load"
+    return Finding("latency", "warning", text, advice)
+
+
+def _clock(ahead: float, quickest: float) -> Finding:
+    error = f"to within {quickest * 500:.1f} ms"
+    if abs(ahead) < _WRONG_SECONDS:
+        return Finding("clock", "ok", f"{ahead * 1000:+.1f} ms from this computer's, {error}")
+    text = f"{ahead:+.1f} s from this computer's"
+    advice = "set both by NTP; with simulated time (/clock, use_sim_time) this is as it should be"
+    return Finding("clock", "warning", text, advice)

@@ -1,0 +1,120 @@
+"""`rwt hub`: where robots behind a NAT dial in, and clients reach each under its own path."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+from pathlib import Path
+
+import anyio
+
+from rwt.settings.models import SettingsError, TlsSettings
+from rwt_access.origins import is_loopback_listener
+from rwt_access.tls import server_tls
+from rwt_cli.console.logs import FORMATS, log_to_stderr
+from rwt_cli.errors import CommandError
+from rwt_transports.errors import TransportError
+from rwt_transports.relay.serve_hub import open_hub
+
+TOKEN_VARIABLE = "ROBOT_HUB_TOKEN"
+"""Not one of the `RWT_` variables, which are settings of a server."""
+
+_TOKEN = re.compile(r"[A-Za-z0-9._~-]{16,256}")
+_EXAMPLES = f"""\
+examples:
+  rwt hub --token 0123456789abcdef                         try it on this machine
+  rwt hub wss://0.0.0.0:443 --certfile cert.pem --keyfile key.pem --token-file hub.token
+  {TOKEN_VARIABLE}=… rwt hub ws://0.0.0.0:9090                behind a proxy that does TLS
+a robot then dials in:
+  rwt serve --dial wss://HUB/robots/NAME --set dial.token=TOKEN
+and clients connect to wss://HUB/NAME
+"""
+
+
+def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `hub` to the command line."""
+    parser = commands.add_parser(
+        "hub",
+        description=__doc__,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "url",
+        nargs="?",
+        default="ws://127.0.0.1:9090",
+        metavar="URL",
+        help="where to listen, ws:// or wss:// (default ws://127.0.0.1:9090; port 0 picks one)",
+    )
+    parser.add_argument(
+        "--token",
+        action="append",
+        default=[],
+        metavar="TOKEN",
+        help="let in robots that show this token: 16 to 256 of A-Z a-z 0-9 - . _ ~; several may be given",
+    )
+    parser.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help=f"file with a token on each line (or ${TOKEN_VARIABLE})",
+    )
+    parser.add_argument("--certfile", type=Path, metavar="FILE", help="certificate for wss://, PEM")
+    parser.add_argument("--keyfile", type=Path, metavar="FILE", help="its private key, PEM")
+    parser.add_argument("--log-format", choices=FORMATS, default="text", help="how to log (default text)")
+    parser.add_argument("--verbose", "-v", action="store_true", help="log more")
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    log_to_stderr(arguments.log_format, verbose=arguments.verbose)
+    if not arguments.url.lower().startswith(("ws://", "wss://")):
+        raise CommandError(
+            f"a hub cannot listen on {arguments.url!r}: expected ws:// or wss://, for example "
+            "ws://127.0.0.1:9090",
+            exit_code=2,
+        )
+    tokens = _tokens(arguments)
+    if not tokens and not is_loopback_listener(arguments.url):
+        raise CommandError(
+            "a hub that others can reach needs a token, else anybody could pose as a robot: --token, "
+            f"--token-file or {TOKEN_VARIABLE}",
+            exit_code=2,
+        )
+    try:
+        anyio.run(_serve, arguments.url, tokens, _tls(arguments))
+    except TransportError as error:
+        raise CommandError(str(error)) from error
+    except SettingsError as error:
+        raise CommandError(str(error), exit_code=2) from error
+    return 0
+
+
+def _tokens(arguments: argparse.Namespace) -> tuple[str, ...]:
+    tokens: list[str] = [*arguments.token, *filter(None, [os.environ.get(TOKEN_VARIABLE)])]
+    if arguments.token_file is not None:
+        try:
+            tokens += arguments.token_file.read_text(encoding="utf-8").split()
+        except (OSError, UnicodeDecodeError) as error:
+            raise CommandError(f"--token-file {arguments.token_file}: cannot be read: {error}", 2) from error
+    for token in tokens:
+        if _TOKEN.fullmatch(token) is None:
+            # Without the token: it would stay in somebody's terminal or log.
+            raise CommandError("a token is 16 to 256 of the characters A-Z a-z 0-9 - . _ ~", exit_code=2)
+    return tuple(tokens)
+
+
+def _tls(arguments: argparse.Namespace) -> TlsSettings:
+    if (arguments.certfile is None) != (arguments.keyfile is None):
+        raise CommandError("expected --certfile and --keyfile together", exit_code=2)
+    return TlsSettings(certfile=arguments.certfile, keyfile=arguments.keyfile)
+
+
+async def _serve(url: str, tokens: tuple[str, ...], tls: TlsSettings) -> None:
+    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+        async with open_hub(url, tokens=tokens, tls=server_tls(tls)) as hub:
+            print(f"listening on {hub.url}", flush=True)
+            async for _ in signals:
+                break

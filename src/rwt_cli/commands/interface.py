@@ -1,0 +1,314 @@
+"""`rwt interface`: list and show definitions, and generate types for Python and TypeScript from them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from rwt_cli.console.output import Output, note, standard_output
+from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt_cli.parser import Commands
+from rwt_cli.verbs import Arguments, add_robot_options, connecting, epilog, run_async, sentence
+
+if TYPE_CHECKING:
+    from rwt_cli.codegen.type_selection import AnyType, Selection
+    from rwt_interfaces.definitions.model import MessageDefinition
+    from rwt_interfaces.registry import Registry
+
+_DISTROS: Final = ("jazzy", "noetic")
+_HEADINGS: Final = {"msg": "Messages", "srv": "Services", "action": "Actions"}
+
+
+def add_interface_command(commands: Commands) -> None:
+    """Add `interface` to the command line."""
+    family = commands.add_parser(
+        "interface",
+        description="Messages, services and actions: of the standard set, of folders, or of a robot.",
+    )
+    verbs = family.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_list(verbs)
+    _add_show(verbs)
+    _add_generate(verbs)
+
+
+def _add(
+    verbs: Commands, name: str, help: str, example: str, json: str, run: Callable[[Arguments, Output], None]
+) -> argparse.ArgumentParser:
+    parser = verbs.add_parser(name, help=help, description=sentence(help), epilog=epilog(example, json))
+    parser.set_defaults(run=lambda arguments: _run(run, arguments))
+    return parser
+
+
+def _run(run: Callable[[Arguments, Output], None], arguments: Arguments) -> int:
+    run(arguments, standard_output(json=arguments.json))
+    return 0
+
+
+def _add_source(parser: argparse.ArgumentParser) -> None:
+    """Where the definitions come from."""
+    source = parser.add_argument_group("the definitions")
+    source.add_argument(
+        "--interfaces",
+        action="append",
+        type=Path,
+        default=[],
+        metavar="DIR",
+        help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    source.add_argument(
+        "--distro", choices=_DISTROS, default=_DISTROS[0], help="whose standard set (default jazzy)"
+    )
+    source.add_argument("--live", action="store_true", help="ask the robot; so does --url")
+    add_robot_options(parser)
+
+
+def _is_live(arguments: Arguments) -> bool:
+    if arguments.live or arguments.url:
+        if arguments.interfaces:
+            raise CommandError(
+                "--interfaces adds to the standard set: leave --live and --url out", CALLED_WRONGLY
+            )
+        return True
+    return False
+
+
+def _registry(arguments: Arguments) -> Registry:
+    from rwt_cli.codegen.type_selection import offline_registry
+    from rwt_interfaces.distro import DISTROS
+
+    return offline_registry(DISTROS[arguments.distro], arguments.interfaces)
+
+
+# -- list --------------------------------------------------------------------------------------------------
+
+
+def _add_list(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "list",
+        "list messages, services and actions",
+        "rwt interface list -m",
+        '{"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for',
+        _list,
+    )
+    parser.add_argument("package", metavar="PACKAGE", nargs="?", help="only of this package")
+    for kind, heading in _HEADINGS.items():
+        what = heading.lower()
+        parser.add_argument(
+            f"-{kind[0]}", f"--only-{kind}s", action="store_true", dest=kind, help=f"only {what}"
+        )
+    _add_source(parser)
+
+
+def _list(arguments: Arguments, output: Output) -> None:
+    names = _live_names(arguments) if _is_live(arguments) else _offline_names(arguments)
+    if arguments.package:
+        names = [name for name in names if name.startswith(f"{arguments.package}/")]
+        if not names:
+            raise CommandError(f"no package {arguments.package} is known", FAILED)
+    asked = [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
+    by_kind = {kind: [name for name in names if name.split("/")[1] == kind] for kind in asked}
+    if output.json:
+        output.record({_HEADINGS[kind].lower(): of_kind for kind, of_kind in by_kind.items()})
+        return
+    for kind, of_kind in by_kind.items():
+        output.line(output.styled(f"{_HEADINGS[kind]}:", "heading"))
+        for name in of_kind:
+            output.line(f"    {output.styled(name, 'type')}")
+
+
+def _offline_names(arguments: Arguments) -> list[str]:
+    from rwt_interfaces.names import KINDS, three_part
+
+    registry = _registry(arguments)
+    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
+
+
+def _live_names(arguments: Arguments) -> list[str]:
+    found: list[str] = []
+
+    async def ask() -> None:
+        from rwt_cli.live_names import asked
+        from rwt_interfaces.names import three_part
+
+        async with connecting(arguments) as robot:
+            # Robots of ROS 1 name messages in two parts, and nothing but messages.
+            found.extend(sorted(three_part(name, "msg") for name in await asked(robot.api.interfaces)))
+
+    run_async(ask)
+    return found
+
+
+# -- show --------------------------------------------------------------------------------------------------
+
+
+def _add_show(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "show",
+        "print a definition, with what it contains",
+        "rwt interface show geometry_msgs/msg/Twist",
+        '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; the\n'
+        'parts of a service are "request" and "response", of an action "goal", "result" and "feedback"',
+        _show,
+    )
+    parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
+    parser.add_argument("--no-comments", action="store_true", help="without comments")
+    parser.add_argument(
+        "--all-comments", action="store_true", help="with the comments of what it contains, too"
+    )
+    _add_source(parser)
+
+
+def _show(arguments: Arguments, output: Output) -> None:
+    if "/" not in arguments.type:
+        raise CommandError(
+            f"expected a type, for example geometry_msgs/msg/Twist, got {arguments.type!r}; "
+            "`rwt interface list PACKAGE` has the types of a package",
+            CALLED_WRONGLY,
+        )
+    registry, (found,) = _types(arguments, [arguments.type])
+    parts = _parts(found)
+    if output.json:
+        told = {name: [_field(field) for field in part.fields] for name, part in parts.items()}
+        output.record({"name": registry.type_name(found), "parts": told})
+        return
+    sections = []
+    for part in parts.values():
+        comments = not arguments.no_comments
+        sections.append("\n".join(_lines(registry, part, "", comments, arguments.all_comments)))
+    output.line("\n---\n".join(sections).replace("\n\n---\n", "\n---\n"))
+
+
+def _parts(found: AnyType) -> dict[str, MessageDefinition]:
+    from rwt_interfaces.structs import ActionType, ServiceType
+
+    if isinstance(found, ServiceType):
+        return {"request": found.request.definition, "response": found.response.definition}
+    if isinstance(found, ActionType):
+        named = {"goal": found.goal, "result": found.result, "feedback": found.feedback}
+        return {name: part.definition for name, part in named.items()}
+    return {"message": found.definition}
+
+
+def _field(field: object) -> dict[str, object]:
+    from rwt_interfaces.definitions.model import Field
+    from rwt_interfaces.definitions.parser import format_type
+
+    assert isinstance(field, Field)  # What a definition has.
+    told: dict[str, object] = {"name": field.name, "type": format_type(field.type)}
+    return told if field.default is None else {**told, "default": field.default}
+
+
+def _lines(
+    registry: Registry, definition: MessageDefinition, indent: str, comments: bool, nested_comments: bool
+) -> Iterator[str]:
+    """The text of a definition, and below each field that is a message what that contains, a tab deeper."""
+    messages = {field.name: field.type.name for field in definition.fields if not field.type.is_primitive}
+    for line in definition.text.rstrip("\n").split("\n"):
+        code, _, _ = line.partition("#")
+        if not comments:
+            line = code.rstrip() if "=" not in code else line
+            if not line:
+                continue
+        yield f"{indent}{line}"
+        words = code.split()
+        if len(words) > 1 and "=" not in code and words[1] in messages:
+            nested = registry.definition(messages[words[1]])
+            yield from _lines(registry, nested, f"{indent}\t", comments and nested_comments, nested_comments)
+
+
+def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[AnyType]]:
+    """The types that words name, and where they are from; live without words, those of the whole graph."""
+    from rwt_cli.codegen.type_selection import live_types, named
+
+    if not _is_live(arguments):
+        registry = _registry(arguments)
+        return registry, named(registry, words)
+    found: list[tuple[Registry, list[AnyType]]] = []
+
+    async def ask() -> None:
+        async with connecting(arguments, definitions=True) as robot:
+            types = await live_types(robot, words)
+            # By their names once more: a type compiled before the last definition came may hold an older one.
+            found.append((robot.types.registry, types))
+
+    run_async(ask)
+    return found[0]
+
+
+# -- generate ----------------------------------------------------------------------------------------------
+
+
+def _add_generate(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "generate",
+        "generate types for your program: pydantic models or TypeScript interfaces",
+        "rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py\n"
+        "rwt interface generate --lang typescript --live --out messages.ts      all that a robot speaks",
+        '{"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out',
+        _generate,
+    )
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        nargs="*",
+        help="a type or a package; with --live none means all of the live graph",
+    )
+    parser.add_argument("--lang", choices=("python", "typescript"), required=True, help="the language")
+    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write to this file")
+    _add_source(parser)
+
+
+def _generate(arguments: Arguments, output: Output) -> None:
+    from rwt_cli.codegen.type_selection import named, selection
+
+    if not arguments.name and not _is_live(arguments) and not arguments.interfaces:
+        raise CommandError("expected types or packages, --interfaces DIR or --live", CALLED_WRONGLY)
+    words = arguments.name
+    if not words and arguments.interfaces:
+        _registry(arguments)  # Says what is wrong with the folders.
+        words = _own_packages(arguments)
+    registry, types = _types(arguments, words)
+    if _is_live(arguments):
+        types = named(registry, [registry.type_name(each) for each in types])
+    chosen = selection(registry, types)
+    code = _code(arguments.lang, chosen)
+    if arguments.out is not None:
+        _write(arguments.out, code)
+    every: list[AnyType] = [*chosen.messages, *chosen.services, *chosen.actions]
+    names = [registry.type_name(each) for each in every]
+    if output.json:
+        written = {"file": str(arguments.out)} if arguments.out is not None else {"code": code}
+        output.record({"types": names, **written})
+    elif arguments.out is None:
+        output.text(code)
+    else:
+        note(f"{arguments.out}: {len(names)} types")
+
+
+def _own_packages(arguments: Arguments) -> list[str]:
+    """The packages in the folders of ``--interfaces``."""
+    from rwt_interfaces.definitions.package_directories import interface_files
+
+    return sorted({file.package for folder in arguments.interfaces for file in interface_files(folder)})
+
+
+def _code(language: str, chosen: Selection) -> str:
+    if language == "python":
+        from rwt_cli.codegen.python import python_stubs
+
+        return python_stubs(chosen)
+    from rwt_cli.codegen.typescript import typescript_stubs
+
+    return typescript_stubs(chosen)
+
+
+def _write(path: Path, code: str) -> None:
+    try:
+        path.write_text(code, encoding="utf-8")
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be written: {error.strerror}", FAILED) from error

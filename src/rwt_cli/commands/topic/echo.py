@@ -1,0 +1,111 @@
+"""`rwt topic echo`: print the messages of a topic."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from itertools import repeat
+from typing import TYPE_CHECKING, Any, Final
+
+from rwt_cli.commands.topic.qos import add_qos_options, qos_from
+from rwt_cli.console import yaml_writer
+from rwt_cli.console.message_format import Form, csv_line, field_path, plain, plain_value
+from rwt_cli.console.output import Output
+from rwt_cli.live_names import rooted, topic_type
+from rwt_cli.verbs import Arguments, Verb, count, count_or_none, hertz
+
+if TYPE_CHECKING:
+    from rwt_cli.console.yaml_reader import YamlValue
+    from rwt_client import Robot
+    from rwt_client.robot import SubscribeKeywords
+    from rwt_interfaces.structs import MessageType
+
+_USUAL_LENGTH: Final = 128
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("topic", metavar="TOPIC", help="for example /odom")
+    parser.add_argument(
+        "type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it yet"
+    )
+    how_many = parser.add_mutually_exclusive_group()
+    how_many.add_argument("--once", action="store_const", const=1, dest="times", help="end after one message")
+    how_many.add_argument("-n", "--times", type=count, metavar="N", help="end after N messages")
+    parser.add_argument("--field", metavar="PATH", help="only this field, for example pose.pose.position.x")
+    shape = parser.add_mutually_exclusive_group()
+    shape.add_argument("--flow-style", action="store_true", help="each message on one line of YAML")
+    shape.add_argument("--csv", action="store_true", help="each message as comma-separated values")
+    parser.add_argument("--no-arr", action="store_true", help="of arrays only how long they are")
+    parser.add_argument("--no-str", action="store_true", help="of strings only how long they are")
+    parser.add_argument("-f", "--full-length", action="store_true", help="cut no arrays and strings")
+    parser.add_argument(
+        "-l",
+        "--truncate-length",
+        type=count_or_none,
+        default=_USUAL_LENGTH,
+        metavar="N",
+        help=f"cut arrays and strings after N (default {_USUAL_LENGTH}; never with --csv and --json)",
+    )
+    parser.add_argument("--max-rate", type=hertz, metavar="HZ", help="at most so many messages a second")
+    add_qos_options(parser)
+
+
+async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = rooted(arguments.topic)
+    kind = arguments.type or await topic_type(robot, name)
+    options: SubscribeKeywords = {"qos": qos_from(arguments)}
+    if arguments.max_rate:
+        options["throttle"] = 1 / arguments.max_rate
+    message_type = await robot.types.message(kind)
+    tell = _teller(message_type, arguments, output)
+    async with robot.topic(name, kind, **options) as messages:
+        for _ in repeat(None) if arguments.times is None else repeat(None, arguments.times):
+            tell(await messages.get(arguments.timeout))
+
+
+def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
+    """What prints one message."""
+    form = _form(arguments, output)
+    path = field_path(message_type, arguments.field) if arguments.field else None
+
+    def value_of(message: Any) -> YamlValue:
+        if path is None:
+            return plain(message_type, message, form)
+        return plain_value(path.shape, path.of(message), form)
+
+    def tell(message: Any) -> None:
+        value = value_of(message)
+        if output.json:
+            output.record(value)
+        elif arguments.csv:
+            output.line(output.harmless(csv_line(value)))
+        elif arguments.flow_style:
+            output.text(f"{yaml_writer.flow(value)}\n---\n")
+        else:
+            lines = "\n".join(yaml_writer.block(value))
+            output.text(f"{lines}\n{output.styled('---', 'faint')}\n")
+
+    return tell
+
+
+def _form(arguments: Arguments, output: Output) -> Form:
+    whole = arguments.full_length or arguments.csv or output.json
+    return Form(
+        arrays=not arguments.no_arr,
+        strings=not arguments.no_str,
+        longest=None if whole else arguments.truncate_length,
+        json=output.json,
+    )
+
+
+ECHO = Verb(
+    "echo",
+    "print the messages of a topic",
+    _echo,
+    "rwt topic echo /odom --field pose.pose.position --once",
+    "one line for each message: the message as rosbridge sends it (octets as base64, NaN as null), or the\n"
+    "value of --field",
+    _arguments,
+    definitions=True,
+    lasting=True,
+)

@@ -1,0 +1,1 @@
+"""What is read from and written to a terminal: messages, YAML, keys and logs."""

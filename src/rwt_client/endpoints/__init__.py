@@ -1,0 +1,1 @@
+"""What a program reaches on a robot: topics, services, actions, parameters, transforms and types."""

@@ -1,0 +1,224 @@
+"""Actions that this program offers."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any
+
+import anyio
+
+from rwt_client.endpoints.goals import GoalStatus
+from rwt_client.endpoints.publisher import MessageLike, payload_of
+from rwt_client.errors import (
+    ClientError,
+    ConnectionLost,
+    GoalAborted,
+    GoalCanceled,
+    MisfitMessage,
+    ServiceFailed,
+)
+from rwt_client.wire.decoding import Message, request_of
+from rwt_interfaces import PayloadError
+from rwt_protocol.ops import (
+    ActionFeedback,
+    ActionResult,
+    AdvertiseAction,
+    CancelActionGoal,
+    SendActionGoal,
+    UnadvertiseAction,
+)
+from rwt_protocol.rawjson import RawJson
+
+if TYPE_CHECKING:
+    from rwt_client.wire.session import Line
+    from rwt_interfaces.structs import ActionType
+    from rwt_transports.background import TaskStarter
+
+logger = logging.getLogger("rwt_client")
+
+EXECUTE_FAILED = "the action failed; its program's log says why"
+
+
+class ReceivedGoal:
+    """A goal that this program works on.
+
+    Attributes:
+        request: the goal message.
+        id: its id on the wire.
+        canceled: set once somebody wants it to end early; wait for it with ``await goal.canceled.wait()``.
+    """
+
+    def __init__(self, offered: OfferedAction, id: str | int | None, request: Message) -> None:
+        self.request = request
+        self.id = id
+        self.canceled = anyio.Event()
+        self._offered = offered
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether somebody wants it to end early. To do so, raise :exc:`rwt_client.GoalCanceled`."""
+        return self.canceled.is_set()
+
+    def publish_feedback(self, message: MessageLike) -> None:
+        """Tell the client how far the goal has come (ACT-14).
+
+        Raises:
+            MisfitMessage: it does not fit the type.
+        """
+        self._offered.send_feedback(self.id, message)
+
+
+Execute = Callable[[ReceivedGoal], Awaitable[Any]]
+"""Works on a goal and returns its result; raises GoalCanceled or GoalAborted to end it otherwise."""
+
+
+class OfferedAction:
+    """An action that this program offers, until :meth:`close`; advertised again after a reconnection."""
+
+    def __init__(
+        self,
+        line: Line,
+        name: str,
+        action_type: ActionType,
+        wire_type: str,
+        execute: Execute,
+        tasks: TaskStarter,
+    ) -> None:
+        self.name = name
+        self.type = action_type
+        self.id = line.next_id("advertise_action", name)
+        self._line = line
+        self._wire_type = wire_type
+        self._execute = execute
+        self._tasks = tasks
+        self._goals: dict[str | int | None, ReceivedGoal] = {}
+        self._on_close: Callable[[], None] | None = None
+        line.add(self.id, self)
+        if line.connected:
+            self.restore()
+
+    def close(self) -> None:
+        """Withdraw the action; goals that run are asked to end. A second call does nothing."""
+        on_close, self._on_close = self._on_close, None
+        if on_close is not None:
+            on_close()
+            self._cancel_all()
+            self._line.remove(self.id)
+            self._line.send_if_connected(UnadvertiseAction(action=self.name, id=self.id))
+
+    def __enter__(self) -> OfferedAction:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def when_closed(self, callback: Callable[[], None]) -> None:
+        """Call `callback` when it is withdrawn."""
+        self._on_close = callback
+
+    def restore(self) -> None:
+        """Advertise on a new connection."""
+        self._line.send(AdvertiseAction(type=self._wire_type, action=self.name, id=self.id))
+
+    def lost(self, error: ConnectionLost, final: bool) -> None:
+        """Nobody hears of the goals any more, so they are asked to end (ACT-19)."""
+        self._cancel_all()
+
+    def refused(self, text: str) -> None:
+        """The server does not take it."""
+        logger.error("the action %s is not offered: %s", self.name, text)
+
+    def _cancel_all(self) -> None:
+        for goal in self._goals.values():
+            goal.canceled.set()
+        self._goals.clear()
+
+    # -- goals ---------------------------------------------------------------------------------------------
+
+    def on_goal(self, op: SendActionGoal) -> None:
+        """Somebody sends a goal (ACT-12)."""
+        try:
+            request = request_of(self.type.goal, op.args)
+        except PayloadError as error:
+            raise ServiceFailed(f"not {self.type.goal.name}: {error}") from None
+        goal = self._goals[op.id] = ReceivedGoal(self, op.id, request)
+        self._tasks.start_soon(self._run, goal)
+
+    def on_cancel(self, op: CancelActionGoal) -> None:
+        """Somebody wants a goal to end early (ACT-13)."""
+        goal = self._goals.get(op.id)
+        if goal is not None:
+            goal.canceled.set()
+
+    def send_feedback(self, id: str | int | None, message: MessageLike) -> None:
+        """Tell of a goal that still runs; of any other there is nothing to tell."""
+        values = RawJson(payload_of(self.type.feedback, message).json())
+        if id in self._goals:
+            self._line.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
+
+    async def _run(self, goal: ReceivedGoal) -> None:
+        try:
+            result, status = await self._execute(goal), GoalStatus.SUCCEEDED
+        except GoalCanceled as ended:
+            result, status = ended.result, GoalStatus.CANCELED
+        except GoalAborted as ended:
+            result, status = ended.result, GoalStatus.ABORTED
+        except Exception as error:
+            logger.exception("the action %s failed", self.name)
+            self._fail(goal, str(error) if isinstance(error, ClientError) else EXECUTE_FAILED)
+            return
+        try:
+            values = RawJson(payload_of(self.type.result, {} if result is None else result).json())
+        except MisfitMessage as error:
+            logger.exception("the action %s failed", self.name)
+            self._fail(goal, str(error))
+            return
+        self._end(
+            goal, ActionResult(action=self.name, values=values, status=int(status), result=True, id=goal.id)
+        )
+
+    def _fail(self, goal: ReceivedGoal, reason: str) -> None:
+        status = GoalStatus.ABORTED.value
+        self._end(
+            goal, ActionResult(action=self.name, values=reason, status=status, result=False, id=goal.id)
+        )
+
+    def _end(self, goal: ReceivedGoal, op: ActionResult) -> None:
+        """Tell of the end, unless the connection on which the goal came is gone."""
+        if self._goals.get(goal.id) is goal:
+            del self._goals[goal.id]
+            self._line.send_if_connected(op)
+
+
+class OfferedActions:
+    """What this program offers, by name."""
+
+    def __init__(self) -> None:
+        self._offered: dict[str, OfferedAction] = {}
+
+    def add(self, action: OfferedAction) -> None:
+        """Offer one, in place of any other of that name."""
+        previous = self._offered.get(action.name)
+        if previous is not None:
+            previous.close()
+        self._offered[action.name] = action
+        action.when_closed(lambda: self._forget(action))
+
+    def _forget(self, action: OfferedAction) -> None:
+        if self._offered.get(action.name) is action:
+            del self._offered[action.name]
+
+    def on_goal(self, _: None, op: SendActionGoal) -> None:
+        """A goal has come."""
+        self._find(op.action).on_goal(op)
+
+    def on_cancel(self, _: None, op: CancelActionGoal) -> None:
+        """A goal should end early."""
+        self._find(op.action).on_cancel(op)
+
+    def _find(self, name: str) -> OfferedAction:
+        action = self._offered.get(name)
+        if action is None:
+            raise ServiceFailed(f"this client does not offer {name}")
+        return action

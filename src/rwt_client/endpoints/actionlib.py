@@ -1,0 +1,93 @@
+"""Goals for the actions of ROS 1, which travel as messages on five topics (ALB-01)."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+from rwt_client.endpoints.goals import Goal, GoalResult, GoalStatus
+from rwt_client.errors import GoalFailed
+from rwt_client.wire.decoding import Message
+
+if TYPE_CHECKING:
+    from rwt_client.endpoints.publisher import Publisher
+    from rwt_client.endpoints.subscriptions import Subscription
+    from rwt_client.robot import Robot
+    from rwt_interfaces import Payload
+    from rwt_interfaces.structs import ActionType
+
+PREEMPTED, SUCCEEDED, ABORTED, REJECTED = 2, 3, 4, 5
+"""States of ``actionlib_msgs/GoalStatus``, whose numbers are not those of ROS 2 (ALB-08)."""
+
+_ENDED: Final = {
+    PREEMPTED: GoalStatus.CANCELED,
+    8: GoalStatus.CANCELED,  # RECALLED: canceled before it was begun
+    SUCCEEDED: GoalStatus.SUCCEEDED,
+    ABORTED: GoalStatus.ABORTED,
+}
+_ACTIVE: Final = 1
+
+
+class ActionlibGoals:
+    """Sends goals to the actions of one robot."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+
+    async def send(self, goal: Goal, action_type: ActionType, payload: Payload) -> Goal:
+        """Send a goal, once its feedback and result can be heard."""
+        name, robot = goal.action, self._robot
+        sent = _ActionlibGoal(goal)
+        goal.channel = sent
+        sent.topics = [
+            await robot.subscribe(f"{name}/feedback", f"{action_type.name}ActionFeedback", sent.on_feedback),
+            await robot.subscribe(f"{name}/result", f"{action_type.name}ActionResult", sent.on_result),
+        ]
+        sent.cancel = await robot.advertise(f"{name}/cancel", "actionlib_msgs/GoalID")
+        publisher = await robot.advertise(f"{name}/goal", f"{action_type.name}ActionGoal")
+        sent.goals = publisher
+        publisher.publish({"goal_id": {"id": goal.id, "stamp": _now()}, "goal": payload.value()})
+        return goal
+
+
+class _ActionlibGoal:
+    """One goal; satisfies :class:`rwt_client.endpoints.goals.GoalChannel`."""
+
+    def __init__(self, goal: Goal) -> None:
+        self._goal = goal
+        self.topics: list[Subscription] = []
+        self.cancel: Publisher | None = None
+        self.goals: Publisher | None = None
+
+    def send_cancel(self) -> None:
+        """Ask that it end early (ALB-03)."""
+        if self.cancel is not None:
+            self.cancel.publish({"id": self._goal.id})
+
+    def forget(self) -> None:
+        """Nothing more is wanted of this goal."""
+        for topic in self.topics:
+            topic.close()
+        for publisher in (self.cancel, self.goals):
+            if publisher is not None:
+                publisher.close()
+
+    def on_feedback(self, message: Message) -> None:
+        """Feedback of this goal or another."""
+        if message.status.goal_id.id == self._goal.id:
+            self._goal.take_feedback(message.feedback)
+
+    def on_result(self, message: Message) -> None:
+        """The result of this goal or another."""
+        if message.status.goal_id.id != self._goal.id:
+            return
+        status = _ENDED.get(message.status.status)
+        if status is None:
+            self._goal.end(GoalFailed(message.status.text or f"{self._goal.action} rejected the goal"))
+        else:
+            self._goal.end(GoalResult(status, message.result))
+
+
+def _now() -> dict[str, int]:
+    seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
+    return {"secs": seconds, "nsecs": nanoseconds}

@@ -1,0 +1,154 @@
+"""Subscriptions that do not decode: messages as their robot serialises them, with the server's stamps."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
+
+from msgspec import Struct
+
+from rwt_client.errors import ClientError, ConnectionLost, MisfitMessage, ServerRefused
+from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
+
+if TYPE_CHECKING:
+    from rwt_client.endpoints.remote_types import LiveTypes
+    from rwt_client.wire.decoding import Arrived
+    from rwt_client.wire.session import Line
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger("rwt_client")
+
+NANOSECONDS = 1_000_000_000
+
+_EVERYTHING = Qos(history="keep_all", reliability="best_available")
+"""Who keeps or passes on messages wants them all; without this a slow reader gets the newest alone."""
+
+_MEMBERS = frozenset(("secs", "nsecs", "bytes"))
+
+
+class RawMessage(Struct, frozen=True, gc=False):
+    """One message, serialised.
+
+    Attributes:
+        data: CDR with its encapsulation header, or ROS 1's own form where the robot speaks ROS 1.
+        stamp_ns: the server's time of publishing, nanoseconds since the epoch; None where it does not tell.
+    """
+
+    data: bytes | memoryview
+    stamp_ns: int | None
+
+
+RawCallback = Callable[[RawMessage], object]
+
+
+class RawSubscription:
+    """The messages of one topic, serialised (`cbor-raw`, CBR-10 to CBR-12).
+
+    From a server that does not offer this, messages come in JSON and are serialised here, without a stamp.
+    A connection that is lost and comes back is only a gap. A topic that is subscribed to in this way cannot
+    be subscribed to otherwise by the same client: a server sends a topic to a client in one encoding.
+
+    Args:
+        binary: whether the transport can carry CBOR (TCP-05).
+
+    Attributes:
+        name: the topic.
+        type: its type.
+        received: messages that have arrived.
+        misfits: messages that could not be read; each is logged.
+        error: why nothing more comes; None while all is well.
+    """
+
+    def __init__(
+        self,
+        line: Line,
+        types: LiveTypes,
+        name: str,
+        message_type: MessageType,
+        callback: RawCallback,
+        *,
+        binary: bool,
+    ) -> None:
+        self.name = name
+        self.type = message_type
+        self.received = 0
+        self.misfits = 0
+        self.error: ClientError | None = None
+        self._closed = False
+        self._line = line
+        self._callback = callback
+        self._id = line.next_id("subscribe", name)
+        self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if binary else "none"
+        self._wire_type = types.wire_name(message_type.name)
+        self._reader = types.reader(message_type)
+        is_ros1 = message_type.registry.distro.ros_version == 1
+        self._serialise = message_type.to_ros1 if is_ros1 else message_type.to_cdr
+
+    def start(self) -> None:
+        """Subscribe. Raises ConnectionLost when there will be no connection any more."""
+        self._line.add(self._id, self)
+        self._line.listen(self.name, self)
+        self._line.raw_topics += 1
+        if self._line.connected:
+            self.restore()
+
+    def close(self) -> None:
+        """Unsubscribe. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self._line.raw_topics -= 1
+        self._line.remove(self._id)
+        self._line.listen(self.name, None)
+        self._line.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
+
+    def deliver(self, arrived: Arrived, size: int) -> None:
+        """One message has arrived; satisfies :class:`rwt_client.wire.session.Destination`."""
+        self.received += 1
+        try:
+            self._callback(self._raw(arrived))
+        except MisfitMessage as error:
+            self.misfits += 1
+            logger.warning("a message on %s is left out: %s", self.name, error)
+        except Exception:
+            logger.exception("the callback for %s failed", self.name)
+
+    def _raw(self, arrived: Arrived) -> RawMessage:
+        if isinstance(arrived, dict) and arrived.keys() == _MEMBERS:
+            seconds, nanoseconds, data = arrived["secs"], arrived["nsecs"], arrived["bytes"]
+            is_stamp = isinstance(seconds, int) and isinstance(nanoseconds, int)
+            if is_stamp and isinstance(data, memoryview | bytes):
+                return RawMessage(data, seconds * NANOSECONDS + nanoseconds)  # type: ignore[operator]  # ints
+        return RawMessage(self._serialise(self._reader.read(arrived)), None)
+
+    # -- what the line says --------------------------------------------------------------------------------
+
+    def restore(self) -> None:
+        """Subscribe on a new connection."""
+        self._line.send(
+            Subscribe(
+                topic=self.name,
+                type=self._wire_type,
+                id=self._id,
+                compression=self._compression,
+                qos=_EVERYTHING,
+            )
+        )
+
+    def lost(self, error: ConnectionLost, final: bool) -> None:
+        """A gap, or the end."""
+        if final:
+            self.error = error
+
+    def refused(self, text: str) -> None:
+        """The server does not serve it so; in JSON perhaps."""
+        if self._compression == "cbor-raw":
+            self._compression = "none"
+            self.restore()
+        else:
+            self.error = ServerRefused(text)
+            logger.warning("the subscription to %s was refused: %s", self.name, text)
+
+
+__all__ = ["RawCallback", "RawMessage", "RawSubscription"]

@@ -1,0 +1,250 @@
+"""The types of the robot: from its live graph, and from the standard set where the graph does not say."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any, Final, Literal, TypeVar
+
+import msgspec
+
+from rwt_client.errors import CallFailed, ClientError, NoAnswer, TypeUnavailable
+from rwt_client.wire.arrays import ArrayKind
+from rwt_client.wire.decoding import MessageReader
+from rwt_interfaces import DISTROS, JAZZY, NOETIC, InterfaceError, InvalidName, Registry, UnknownType
+from rwt_interfaces.names import parse_type_name
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+logger = logging.getLogger("rwt_client")
+
+Ask = Callable[[str, Mapping[str, object]], Awaitable[Any]]
+"""Calls a service of rosapi with plain arguments; gives its plain answer. Raises CallFailed and NoAnswer."""
+
+Part = Literal["request", "response", "goal", "result", "feedback"]
+
+T = TypeVar("T")
+
+_SEPARATOR: Final = "=" * 80
+
+_OWN_NAMES: Final = {
+    "boolean": "bool", "float": "float32", "double": "float64", "octet": "byte",
+}  # fmt: skip
+"""What rosapi of ROS 2 calls scalars, and what definitions call them (API-04)."""
+
+_TIMES: Final = frozenset({"time", "duration"})
+
+
+class LiveTypes:
+    """The types of one robot.
+
+    ``types["nav_msgs/Odometry"]`` is the class of that message; called without arguments it makes a complete
+    message. A type of the robot's own that nobody has named yet must be fetched first.
+    """
+
+    def __init__(self, ask: Ask) -> None:
+        self._ask = ask
+        self._registry = Registry(JAZZY)
+        self._ros_version = 0
+        self._services: dict[str, str] = {}
+        self._actions: dict[str, str] = {}
+
+    # -- what people use -----------------------------------------------------------------------------------
+
+    def __getitem__(self, name: str) -> type[msgspec.Struct]:
+        """The class of a message, or of a part of a service or action (``AddTwoInts_Request``).
+
+        Raises:
+            TypeUnavailable: it is not in the standard set and has not been fetched.
+        """
+        try:
+            return self._registry.message(name).struct
+        except InterfaceError as error:
+            raise TypeUnavailable(
+                f"{error}; a type of the robot's own comes with `await types.fetch`"
+            ) from None
+
+    async def fetch(self, name: str) -> type[msgspec.Struct]:
+        """The class of a message, asked of the robot where it is not known.
+
+        Raises:
+            TypeUnavailable: the robot does not know it either.
+        """
+        return (await self.message(name)).struct
+
+    def add_text(self, text: str, name: str, kind: Literal["msg", "srv", "action"] = "msg") -> None:
+        """Add a definition of your own, as its file has it.
+
+        Raises:
+            TypeUnavailable: the text or the name cannot be read.
+        """
+        try:
+            self._registry.add_text(text, name, kind)
+        except InterfaceError as error:
+            raise TypeUnavailable(f"{name}: {error}") from None
+
+    @property
+    def registry(self) -> Registry:
+        """Every type that is known so far."""
+        return self._registry
+
+    @property
+    def ros_version(self) -> int:
+        """1 or 2; 0 while nobody has said."""
+        return self._ros_version
+
+    # -- for the other parts of the client -----------------------------------------------------------------
+
+    def speak(self, ros_version: int, distro: str = "") -> None:
+        """Use the names and times of that version of ROS."""
+        self._ros_version = ros_version
+        wanted = DISTROS.get(distro) or (NOETIC if ros_version == 1 else JAZZY)
+        if wanted is not self._registry.distro:
+            self._registry = Registry(wanted)
+
+    def reader(self, message_type: MessageType, arrays: ArrayKind = "list") -> MessageReader:
+        """Reads messages of that type."""
+        return MessageReader(message_type, arrays, trusted=self._ros_version != 0)
+
+    def wire_name(self, name: str) -> str:
+        """What the server calls a message type."""
+        return self._registry.type_name(self._registry.message(name)) if self._ros_version == 2 else name
+
+    def full_text(self, name: str) -> str:
+        """The definition of a known message and of all it contains, as one text (API-06)."""
+        return self._registry.full_text(self._registry.message(name))
+
+    async def message(self, name: str) -> MessageType:
+        """The message type of that name; raises TypeUnavailable."""
+        return await self._known(name, self._registry.message, lambda: self._fetch_message(name))
+
+    async def service(self, name: str) -> ServiceType:
+        """The service type of that name; raises TypeUnavailable."""
+        parts: tuple[Part, ...] = ("request", "response")
+        return await self._known(name, self._registry.service, lambda: self._fetch_parts(name, "srv", parts))
+
+    async def action(self, name: str) -> ActionType:
+        """The action type of that name; raises TypeUnavailable."""
+        parts: tuple[Part, ...] = ("goal", "result", "feedback")
+        return await self._known(
+            name, self._registry.action, lambda: self._fetch_parts(name, "action", parts)
+        )
+
+    async def of_topic(self, topic: str) -> str:
+        """The name of a topic's type; raises TypeUnavailable when nobody has established it."""
+        return await self._name_of("topic", topic, "topic_type")
+
+    async def of_service(self, service: str) -> str:
+        """The name of a service's type; raises TypeUnavailable."""
+        if service not in self._services:
+            self._services[service] = await self._name_of("service", service, "service_type")
+        return self._services[service]
+
+    async def of_action(self, action: str) -> str:
+        """The name of an action's type; raises TypeUnavailable."""
+        if action not in self._actions:
+            self._actions[action] = await self._name_of("action", action, "action_type")
+        return self._actions[action]
+
+    async def refresh(self) -> None:
+        """Take the definitions of all topics of the live graph, which win over the standard ones (API-06)."""
+        answer = await self._ask("topics_and_raw_types", {})
+        if not isinstance(answer, dict):
+            return
+        texts = dict(zip(answer.get("types", ()), answer.get("typedefs_full_text", ()), strict=False))
+        for name, text in texts.items():
+            if isinstance(name, str) and isinstance(text, str) and name:
+                self._add_full_text(name, text)
+
+    # -- fetching ------------------------------------------------------------------------------------------
+
+    async def _known(self, name: str, find: Callable[[str], T], fetch: Callable[[], Awaitable[None]]) -> T:
+        try:
+            return find(name)
+        except (UnknownType, InvalidName) as error:
+            unknown = error
+        try:
+            await fetch()
+            return find(name)
+        except (CallFailed, NoAnswer, InterfaceError) as error:
+            # A robot that knows what we know says the same once more.
+            answer = " the same" if str(error) == str(unknown) else f": {error}"
+            raise TypeUnavailable(f"{unknown}; asked for it, the robot says{answer}") from None
+
+    async def _name_of(self, what: str, name: str, question: str) -> str:
+        try:
+            answer = await self._ask(question, {what: name})
+        except (CallFailed, NoAnswer) as error:
+            raise TypeUnavailable(
+                f"the robot does not tell the type of {name}, so name it: {error}"
+            ) from None
+        found = answer.get("type") if isinstance(answer, dict) else None
+        if not isinstance(found, str) or not found:
+            raise TypeUnavailable(f"the robot knows no {what} {name}; name its type if it will come")
+        return found
+
+    async def _fetch_message(self, name: str) -> None:
+        answer = await self._ask("message_details", {"type": name})
+        for each, text in _texts(answer.get("typedefs", ())).items():
+            self._add_unknown(each, text)
+
+    async def _fetch_parts(self, name: str, kind: Literal["srv", "action"], parts: tuple[Part, ...]) -> None:
+        """Put a service or action together from its parts, of which rosapi tells one at a time."""
+        question = "service" if kind == "srv" else "action"
+        sections: list[str] = []
+        for part in parts:
+            answer = await self._ask(f"{question}_{part}_details", {"type": name})
+            first, *nested = _texts(answer.get("typedefs", ())).items() or [("", "")]
+            sections.append(first[1])
+            for each, text in nested:
+                self._add_unknown(each, text)
+        self._registry.add_text("\n---\n".join(sections), name, kind)
+
+    def _add_unknown(self, name: str, text: str) -> None:
+        try:
+            self._registry.definition(name)
+        except InterfaceError:
+            self._registry.add_text(text, name)
+
+    def _add_full_text(self, name: str, text: str) -> None:
+        """Add what differs from what is known."""
+        root, *nested = text.split(f"\n{_SEPARATOR}\n")
+        try:
+            package, _, short = parse_type_name(name)
+            self._add_changed(f"{package}/{short}", root)
+            for section in nested:
+                head, _, body = section.partition("\n")
+                self._add_changed(head.removeprefix("MSG:").strip(), body)
+        except InterfaceError as error:
+            logger.warning("the robot's definition of %s cannot be read: %s", name, error)
+
+    def _add_changed(self, name: str, text: str) -> None:
+        try:
+            known = self._registry.definition(name).text
+        except UnknownType:
+            known = None
+        if known is None or known.strip() != text.strip():
+            self._registry.add_text(text, name)
+
+
+def _texts(typedefs: Any) -> dict[str, str]:
+    """The definitions that rosapi's typedefs describe, the asked one first (API-03)."""
+    found: dict[str, str] = {}
+    for typedef in typedefs:
+        name = typedef.get("type", "")
+        if "/" not in name or name in _TIMES:
+            continue
+        package, _, short = parse_type_name(name)
+        fields = zip(typedef["fieldnames"], typedef["fieldtypes"], typedef["fieldarraylen"], strict=True)
+        lines = [f"{_field_type(kind, length)} {field}" for field, kind, length in fields]
+        found[f"{package}/{short}"] = "\n".join(lines)
+    return found
+
+
+def _field_type(kind: str, length: int) -> str:
+    own = _OWN_NAMES.get(kind, kind)
+    if length < 0:
+        return own
+    return f"{own}[{length}]" if length else f"{own}[]"
+
+
+__all__ = ["Ask", "ClientError", "LiveTypes"]

@@ -1,0 +1,242 @@
+"""Services: calling them, and offering them."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from rwt_client.endpoints.publisher import payload_of
+from rwt_client.errors import CallFailed, ClientError, ConnectionLost, MisfitMessage, ServiceFailed
+from rwt_client.wire.decoding import request_of
+from rwt_client.wire.future import Outcome
+from rwt_interfaces import PayloadError
+from rwt_protocol.decoded import Decoded, RawPayload
+from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
+from rwt_protocol.rawjson import RawJson
+
+if TYPE_CHECKING:
+    from rwt_client.wire.session import Line
+    from rwt_interfaces.structs import ServiceType
+    from rwt_transports.background import TaskStarter
+
+logger = logging.getLogger("rwt_client")
+
+ServiceHandler = Callable[[Any], Any]
+"""Takes a request; returns the response as an instance, a mapping or a dataclass, or an awaitable of it."""
+
+HANDLER_FAILED = "the service's handler failed; its program's log says why"
+
+
+class PendingCall:
+    """One call on its way.
+
+    Attributes:
+        outcome: the response as JSON.
+    """
+
+    def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
+        self.id = calls.line.next_id("call_service", service)
+        self.outcome: Outcome[RawPayload] = Outcome()
+        self._calls = calls
+        self._service = service
+        self._args = args
+        self._repeat = repeat
+
+    def restore(self) -> None:
+        """Send it, for the first time or once more."""
+        if not self.outcome.done:
+            self._calls.line.send(CallService(service=self._service, args=self._args, id=self.id))
+
+    def lost(self, error: ConnectionLost, final: bool) -> None:
+        """It fails, unless it may be sent once more."""
+        if final or not self._repeat:
+            self.outcome.fail(type(error)(f"{error}, before {self._service} answered"))
+
+    def refused(self, text: str) -> None:
+        """The server complains instead of answering."""
+        self.outcome.fail(CallFailed(text))
+
+
+class Calls:
+    """The calls that wait for their answers."""
+
+    def __init__(self, line: Line) -> None:
+        self.line = line
+        self._pending: dict[str, PendingCall] = {}
+
+    async def call(
+        self,
+        service: str,
+        args: RawJson,
+        timeout: float | None,
+        *,
+        repeat: bool = False,
+    ) -> RawPayload:
+        """Call a service; gives the response as it came.
+
+        Args:
+            timeout: seconds; None waits for ever.
+            repeat: wait for a connection where there is none, and call once more when it is lost meanwhile.
+
+        Raises:
+            CallFailed: the server said that it failed; its text.
+            NoAnswer: none came in time.
+            ConnectionLost: the connection was lost first.
+        """
+        call = PendingCall(self, service, args, repeat)
+        self.line.add(call.id, call)
+        self._pending[call.id] = call
+        try:
+            if self.line.connected or not repeat:
+                call.restore()
+            return await call.outcome.get(timeout, f"{service} gave no answer")
+        finally:
+            self._pending.pop(call.id, None)
+            self.line.remove(call.id)
+
+    def on_response(self, _: None, op: ServiceResponse) -> None:
+        """An answer has come (SRV-14)."""
+        call = self._pending.get(op.id) if isinstance(op.id, str) else None
+        if call is None:
+            logger.debug("an answer of %s comes too late or was not asked for", op.service)
+        elif op.result:
+            call.outcome.resolve(RawJson(b"{}") if isinstance(op.values, str) else op.values)
+        else:
+            call.outcome.fail(CallFailed(failure_text(op.values, f"{op.service} failed and gave no reason")))
+
+
+def failure_text(values: RawPayload | str, otherwise: str) -> str:
+    """Why something failed, in the server's words (SRV-05)."""
+    if isinstance(values, Decoded):
+        text = msgspec.json.encode(values.value, enc_hook=repr).decode()
+    else:
+        text = values if isinstance(values, str) else bytes(values.data).decode("utf-8", "replace")
+    return otherwise if text in ("", "{}", "null") else text
+
+
+class OfferedService:
+    """A service that this program offers, until :meth:`close`; advertised again after a reconnection."""
+
+    def __init__(
+        self,
+        line: Line,
+        name: str,
+        service_type: ServiceType,
+        wire_type: str,
+        handler: ServiceHandler,
+        tasks: TaskStarter,
+    ) -> None:
+        self.name = name
+        self.type = service_type
+        self.id = line.next_id("advertise_service", name)
+        self._line = line
+        self._wire_type = wire_type
+        self._handler = handler
+        self._tasks = tasks
+        self._on_close: Callable[[], None] | None = None
+        line.add(self.id, self)
+        if line.connected:
+            self.restore()
+
+    def close(self) -> None:
+        """Withdraw the service; a second call does nothing."""
+        on_close, self._on_close = self._on_close, None
+        if on_close is not None:
+            on_close()
+            self._line.remove(self.id)
+            self._line.send_if_connected(UnadvertiseService(service=self.name, id=self.id))
+
+    def __enter__(self) -> OfferedService:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def when_closed(self, callback: Callable[[], None]) -> None:
+        """Call `callback` when it is withdrawn."""
+        self._on_close = callback
+
+    def restore(self) -> None:
+        """Advertise on a new connection."""
+        self._line.send(AdvertiseService(type=self._wire_type, service=self.name, id=self.id))
+
+    def lost(self, error: ConnectionLost, final: bool) -> None:
+        """Nothing: who called has heard of it from the server."""
+
+    def refused(self, text: str) -> None:
+        """The server does not take it."""
+        logger.error("the service %s is not offered: %s", self.name, text)
+
+    # -- calls ---------------------------------------------------------------------------------------------
+
+    def on_call(self, op: CallService) -> None:
+        """Somebody calls: run the handler, in a task of its own where it waits."""
+        try:
+            request = request_of(self.type.request, op.args)
+            answer = self._handler(request)
+        except Exception as error:
+            self._fail(op, error)
+            return
+        if inspect.isawaitable(answer):
+            self._tasks.start_soon(self._await, op, answer)
+        else:
+            self._reply(op, answer)
+
+    async def _await(self, op: CallService, answer: Any) -> None:
+        try:
+            value = await answer
+        except Exception as error:
+            self._fail(op, error)
+        else:
+            self._reply(op, value)
+
+    def _reply(self, op: CallService, answer: object) -> None:
+        try:
+            values = RawJson(payload_of(self.type.response, {} if answer is None else answer).json())
+        except MisfitMessage as error:
+            self._fail(op, error)
+            return
+        self._line.send_if_connected(
+            ServiceResponse(service=op.service, values=values, result=True, id=op.id)
+        )
+
+    def _fail(self, op: CallService, error: Exception) -> None:
+        """Tell the caller why, in the handler's words where it chose them (SVP-04)."""
+        if isinstance(error, ServiceFailed | PayloadError):
+            reason = str(error)
+        else:
+            logger.error("the handler of %s failed", self.name, exc_info=error)
+            reason = str(error) if isinstance(error, ClientError) else HANDLER_FAILED
+        self._line.send_if_connected(
+            ServiceResponse(service=op.service, values=reason, result=False, id=op.id)
+        )
+
+
+class OfferedServices:
+    """What this program offers, by name."""
+
+    def __init__(self) -> None:
+        self._offered: dict[str, OfferedService] = {}
+
+    def add(self, service: OfferedService) -> None:
+        """Offer one, in place of any other of that name."""
+        previous = self._offered.get(service.name)
+        if previous is not None:
+            previous.close()
+        self._offered[service.name] = service
+        service.when_closed(lambda: self._forget(service))
+
+    def _forget(self, service: OfferedService) -> None:
+        if self._offered.get(service.name) is service:
+            del self._offered[service.name]
+
+    def on_call(self, _: None, op: CallService) -> None:
+        """A call has come (SVP-01)."""
+        service = self._offered.get(op.service)
+        if service is None:
+            raise ServiceFailed(f"this client does not offer {op.service}")
+        service.on_call(op)

@@ -1,0 +1,350 @@
+"""Subscriptions: messages of one topic as an async iterator or through a callback."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections import deque
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import anyio
+
+from rwt_client.errors import (
+    ClientError,
+    ConnectionClosed,
+    ConnectionLost,
+    MisfitMessage,
+    NoAnswer,
+    ServerRefused,
+)
+from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, ros1_sends_as_cbor
+from rwt_client.wire.decoding import Arrived, Message, MessageReader
+from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
+
+if TYPE_CHECKING:
+    from rwt_client.endpoints.remote_types import LiveTypes
+    from rwt_client.wire.session import Line
+    from rwt_interfaces.structs import MessageType
+    from rwt_transports.background import TaskStarter
+
+logger = logging.getLogger("rwt_client")
+
+Compression = Literal["auto", "none", "png", "cbor"]
+Callback = Callable[[Any], object]
+"""Takes one message; a plain function, or a coroutine function, which gets one after the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class SubscribeOptions:
+    """How a topic is subscribed to.
+
+    Attributes:
+        arrays: what numeric arrays become: ``list``, or ``numpy``.
+        compression: ``auto`` asks for CBOR where a message has big arrays and the server offers it.
+        throttle: least seconds between two messages, kept by the server; 0 for every message.
+        queue: messages that wait for an iterator or an asynchronous callback; of more the newest stay.
+        queue_bytes: the same bound in bytes; the newest message stays however big it is.
+        fragment_size: ask the server to split what is longer than this many characters.
+        qos: quality of service, where the server speaks ROS 2.
+
+    Raises:
+        ValueError: `arrays` or `compression` is another word.
+    """
+
+    arrays: ArrayKind = "list"
+    compression: Compression = "auto"
+    throttle: float = 0.0
+    queue: int = 1000
+    queue_bytes: int = 64 * 1024 * 1024
+    fragment_size: int | None = None
+    qos: Qos | None = None
+
+    def __post_init__(self) -> None:
+        check_kind(self.arrays)
+        if self.compression not in get_args(Compression):
+            known = ", ".join(get_args(Compression))
+            raise ValueError(f"compression: expected one of {known}, got {self.compression!r}")
+
+
+class TopicSubscriptions:
+    """The subscriptions to one topic; satisfies :class:`rwt_client.wire.session.Destination`."""
+
+    __slots__ = ("subscriptions",)
+
+    def __init__(self) -> None:
+        self.subscriptions: tuple[Subscription, ...] = ()
+
+    def deliver(self, arrived: Arrived, size: int) -> None:
+        """Pass one message to every subscription."""
+        for subscription in self.subscriptions:
+            subscription.take(arrived, size)
+
+
+class Hub:
+    """What all subscriptions of a client share.
+
+    Args:
+        binary: whether the transport can carry CBOR (TCP-05).
+    """
+
+    __slots__ = ("_topics", "cbor_offered", "line", "tasks", "types")
+
+    def __init__(self, line: Line, types: LiveTypes, tasks: TaskStarter, *, binary: bool) -> None:
+        self.line = line
+        self.types = types
+        self.tasks = tasks
+        self.cbor_offered = binary
+        self._topics: dict[str, TopicSubscriptions] = {}
+
+    def add(self, subscription: Subscription) -> None:
+        """Pass the messages of its topic to a subscription."""
+        topic = self._topics.setdefault(subscription.name, TopicSubscriptions())
+        topic.subscriptions = (*topic.subscriptions, subscription)
+        self.line.listen(subscription.name, topic)
+
+    def remove(self, subscription: Subscription) -> None:
+        """Pass nothing more to a subscription."""
+        topic = self._topics[subscription.name]
+        topic.subscriptions = tuple(each for each in topic.subscriptions if each is not subscription)
+        if not topic.subscriptions:
+            del self._topics[subscription.name]
+            self.line.listen(subscription.name, None)
+
+    def compression(self, wanted: Compression, message_type: MessageType) -> Literal["none", "png", "cbor"]:
+        """What to ask for."""
+        if wanted != "auto":
+            return wanted
+        if not self.cbor_offered or not has_big_arrays(message_type):
+            return "none"
+        return "cbor" if self.types.ros_version == 2 or ros1_sends_as_cbor(message_type) else "none"
+
+
+class Subscription:
+    """The messages of one topic.
+
+    Iterate over it, or give it a callback. It begins with the first of ``async for``, ``async with``,
+    :meth:`start` and :meth:`get`, and lasts until :meth:`close`, the end of its ``async with``, or the end of
+    the connection to the robot; a connection that is lost and comes back is only a gap.
+
+    Attributes:
+        name: the topic.
+        received: messages that have arrived.
+        received_bytes: their size as they came over the connection, in bytes.
+        dropped: messages that were dropped because nobody took them in time.
+        misfits: messages that did not fit the type; each is logged.
+    """
+
+    def __init__(
+        self,
+        hub: Hub,
+        name: str,
+        type_name: str | None,
+        options: SubscribeOptions,
+        callback: Callback | None = None,
+    ) -> None:
+        self.name = name
+        self.received = 0
+        self.received_bytes = 0
+        self.dropped = 0
+        self.misfits = 0
+        self._hub = hub
+        self._type_name = type_name
+        self._options = options
+        self._id = hub.line.next_id("subscribe", name)
+        self._reader: MessageReader | None = None
+        self._compression: Literal["none", "png", "cbor"] = "none"
+        self._callback = callback
+        self._direct = callback is not None and not _is_asynchronous(callback)
+        self._queue: deque[tuple[Arrived, int]] = deque()
+        self._queued = 0
+        self._awake = anyio.Event()
+        self._error: ClientError | None = None
+        self._closed = False
+
+    @property
+    def type_name(self) -> str:
+        """The type's name, empty before it is known."""
+        return self._type_name or ""
+
+    async def start(self) -> Subscription:
+        """Subscribe, unless that has been done.
+
+        Raises:
+            TypeUnavailable: the topic's type is not known.
+            ConnectionLost: there will be no connection any more.
+        """
+        if self._reader is not None:
+            return self
+        types = self._hub.types
+        message_type = await types.message(self._type_name or await types.of_topic(self.name))
+        self._type_name = message_type.name
+        self._compression = self._hub.compression(self._options.compression, message_type)
+        self._reader = types.reader(message_type, self._options.arrays)
+        line = self._hub.line
+        line.add(self._id, self)
+        self._hub.add(self)
+        if self._callback is not None and not self._direct:
+            self._hub.tasks.start_soon(self._call_back)
+        if line.connected:
+            self.restore()
+        return self
+
+    def close(self) -> None:
+        """Unsubscribe; an iteration ends."""
+        if self._closed:
+            return
+        self._closed = True
+        self._awake.set()
+        if self._reader is None:
+            return
+        line = self._hub.line
+        line.remove(self._id)
+        self._hub.remove(self)
+        line.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
+
+    async def get(self, timeout: float | None = None) -> Message:
+        """The next message.
+
+        Args:
+            timeout: seconds; None waits for ever.
+
+        Raises:
+            NoAnswer: none came in time.
+            ServerRefused: the server does not serve this topic so; its text.
+            ConnectionLost: there will be no connection any more.
+        """
+        with anyio.move_on_after(timeout):
+            await self.start()
+            return await self._next()
+        raise NoAnswer(f"no message came on {self.name} within {timeout:g} s")
+
+    async def __aenter__(self) -> Subscription:
+        return await self.start()
+
+    async def __aexit__(self, *exc: object) -> None:
+        self.close()
+
+    def __aiter__(self) -> Subscription:
+        return self
+
+    async def __anext__(self) -> Message:
+        await self.start()
+        try:
+            return await self._next()
+        except ConnectionClosed:
+            raise StopAsyncIteration from None
+
+    def __repr__(self) -> str:
+        return f"<Subscription {self.name} {self.type_name}>"
+
+    # -- messages ------------------------------------------------------------------------------------------
+
+    def take(self, arrived: Arrived, size: int) -> None:
+        """One message has arrived."""
+        self.received += 1
+        self.received_bytes += size
+        if self._direct:
+            message = self._read(arrived)
+            if message is not None:
+                self._call_at_once(message)
+            return
+        queue = self._queue
+        queue.append((arrived, size))
+        self._queued += size
+        options = self._options
+        while len(queue) > options.queue or (self._queued > options.queue_bytes and len(queue) > 1):
+            self._queued -= queue.popleft()[1]
+            self.dropped += 1
+        self._awake.set()
+
+    def _call_at_once(self, message: Message) -> None:
+        assert self._callback is not None  # Only those with a callback are direct.
+        try:
+            self._callback(message)
+        except Exception:
+            logger.exception("the callback for %s failed", self.name)
+
+    def _read(self, arrived: Arrived) -> Message | None:
+        assert self._reader is not None  # Nothing arrives before it has started.
+        try:
+            return self._reader.read(arrived)
+        except MisfitMessage as error:
+            self.misfits += 1
+            logger.warning("a message on %s is left out: %s", self.name, error)
+            return None
+
+    async def _next(self) -> Message:
+        while True:
+            while self._queue:
+                arrived, size = self._queue.popleft()
+                self._queued -= size
+                message = self._read(arrived)
+                if message is not None:
+                    return message
+            if self._error is not None:
+                raise self._error
+            if self._closed:
+                raise ConnectionClosed(f"the subscription to {self.name} was closed")
+            self._awake = anyio.Event()
+            await self._awake.wait()
+
+    async def _call_back(self) -> None:
+        """Call an asynchronous callback with one message after the other."""
+        callback: Callable[[Any], Awaitable[object]] | None = self._callback  # type: ignore[assignment]  # as asked
+        assert callback is not None
+        while True:
+            try:
+                message = await self._next()
+            except ClientError as error:
+                if not isinstance(error, ConnectionClosed):
+                    logger.warning("the callback for %s is called no more: %s", self.name, error)
+                return
+            try:
+                await callback(message)
+            except Exception:
+                logger.exception("the callback for %s failed", self.name)
+
+    # -- what the line says --------------------------------------------------------------------------------
+
+    def restore(self) -> None:
+        """Subscribe on a new connection."""
+        options = self._options
+        given: dict[str, Any] = {}
+        if options.throttle > 0:
+            given["throttle_rate"] = round(options.throttle * 1000)
+        if self._compression != "none":
+            given["compression"] = self._compression
+        if options.fragment_size:
+            given["fragment_size"] = options.fragment_size
+        if options.qos is not None:
+            given["qos"] = options.qos
+        wire_type = self._hub.types.wire_name(self.type_name)
+        self._hub.line.send(Subscribe(topic=self.name, type=wire_type, id=self._id, **given))
+
+    def lost(self, error: ConnectionLost, final: bool) -> None:
+        """A gap, or the end."""
+        if final:
+            self._fail(error)
+
+    def refused(self, text: str) -> None:
+        """The server does not serve it so; in CBOR perhaps, and then JSON is asked for."""
+        if self._compression == "cbor" and self._options.compression == "auto":
+            self._hub.cbor_offered = False
+            self._compression = "none"
+            self.restore()
+        else:
+            self._fail(ServerRefused(text))
+
+    def _fail(self, error: ClientError) -> None:
+        if self._callback is not None and not isinstance(error, ConnectionLost):
+            logger.warning("the subscription to %s was refused: %s", self.name, error)
+        self._error = error
+        self._awake.set()
+
+
+def _is_asynchronous(function: Callback) -> bool:
+    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
+        getattr(function, "__call__", None)  # noqa: B004 - asked for its kind, not whether it is there
+    )

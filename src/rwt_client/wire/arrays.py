@@ -1,0 +1,122 @@
+"""Numeric arrays of messages as numpy arrays, and which messages have big ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import msgspec
+
+from rwt_interfaces import field_types as shapes
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+ArrayKind = Literal["list", "numpy"]
+"""What numeric arrays of a message become: lists (and `bytes` for octets), or numpy arrays."""
+
+Convert = Callable[[Any], Any]
+
+
+def check_kind(arrays: str) -> None:
+    """Raise :exc:`ValueError` for what is no :data:`ArrayKind`."""
+    if arrays not in get_args(ArrayKind):
+        raise ValueError(f"arrays: expected list or numpy, got {arrays!r}")
+
+
+def to_numpy(message_type: MessageType) -> Callable[[msgspec.Struct], msgspec.Struct] | None:
+    """A function that puts numpy arrays in the place of a message's numeric arrays; None if it has none.
+
+    It changes the message that it is given. Octets become an array on the same memory, which cannot be
+    written to: copy it first.
+    """
+    if message_type.time is not None:
+        return None
+    converters = [
+        (slot.attribute, convert)
+        for slot in message_type.slots
+        if (convert := _converter(slot.shape)) is not None
+    ]
+    if not converters:
+        return None
+
+    def apply(message: msgspec.Struct) -> msgspec.Struct:
+        for attribute, convert in converters:
+            setattr(message, attribute, convert(getattr(message, attribute)))
+        return message
+
+    return apply
+
+
+def _converter(shape: shapes.Shape) -> Convert | None:
+    match shape:
+        case shapes.Octets():
+            return _octets
+        case shapes.Array(element=shapes.Int() | shapes.Float() | shapes.Bool() as element):
+            return _numbers("?" if isinstance(element, shapes.Bool) else element.code)
+        case shapes.Array(element=shapes.Message(type=nested)):
+            each = to_numpy(nested)
+            return None if each is None else lambda items: [each(item) for item in items]
+        case shapes.Message(type=nested):
+            return to_numpy(nested)
+        case _:
+            return None
+
+
+def octets_of(message_type: MessageType) -> tuple[tuple[str, str], ...]:
+    """Name and attribute of each field that holds any number of octets."""
+    return tuple(
+        (slot.name, slot.attribute)
+        for slot in message_type.slots
+        if isinstance(slot.shape, shapes.Octets) and slot.shape.length is None
+    )
+
+
+def _octets(data: bytes | memoryview) -> object:
+    import numpy  # heavy, and only for those who ask for it
+
+    return numpy.frombuffer(data, dtype=numpy.uint8)
+
+
+def _numbers(code: str) -> Convert:
+    import numpy  # heavy, and only for those who ask for it
+
+    dtype = numpy.dtype(code)
+    return lambda items: numpy.asarray(items, dtype=dtype)
+
+
+def has_big_arrays(message_type: MessageType) -> bool:
+    """Whether a message of this type can hold much more in binary: octets or numbers without a bound."""
+    return any(_is_big(slot.shape) for slot in message_type.slots)
+
+
+def _is_big(shape: shapes.Shape) -> bool:
+    match shape:
+        case shapes.Octets(length=None):
+            return True
+        case shapes.Array(element=shapes.Int() | shapes.Float(), length=None):
+            return True
+        case shapes.Message(type=nested) | shapes.Array(element=shapes.Message(type=nested)):
+            return nested.time is None and has_big_arrays(nested)
+        case _:
+            return False
+
+
+def ros1_sends_as_cbor(message_type: MessageType) -> bool:
+    """Whether every server of ROS 1 can encode it: there, arrays of a fixed length and of strings, booleans
+    or times are lost in CBOR (CBR-07)."""
+    return all(_is_simple(slot.shape) for slot in message_type.slots)
+
+
+def _is_simple(shape: shapes.Shape) -> bool:
+    match shape:
+        case shapes.Octets(length=length):
+            return length is None
+        case shapes.Array(element=shapes.Int() | shapes.Float(), length=None, bound=None):
+            return True
+        case shapes.Message(type=nested) | shapes.Array(element=shapes.Message(type=nested)):
+            return nested.time is not None or ros1_sends_as_cbor(nested)
+        case shapes.Array():
+            return False
+        case _:
+            return True

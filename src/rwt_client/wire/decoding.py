@@ -1,0 +1,155 @@
+"""From what came on the wire to a message: JSON text or decoded CBOR in, a typed message out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from rwt_client.errors import MisfitMessage
+from rwt_client.wire.arrays import ArrayKind, octets_of, to_numpy
+from rwt_client.wire.cbor import TypedArray
+from rwt_interfaces import Payload, PayloadError
+from rwt_protocol.decoded import Decoded, RawPayload
+from rwt_protocol.errors import MalformedPayload
+from rwt_protocol.rawjson import RawJson
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+Message = Any
+"""A message: an instance of its type's class, whose fields are those of its definition."""
+
+Cut = tuple[bytes, bytes]
+"""What looks like a message's JSON text in a frame, and the frame: whoever decodes the one finds out whether
+it is, and otherwise reads the other. A tuple, because nearly every message comes so."""
+
+Arrived = Cut | RawPayload | dict[str, object]
+"""A message as it came: JSON text, or what a CBOR map held."""
+
+_REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, PayloadError)
+
+
+class MessageReader:
+    """Reads messages of one type.
+
+    Args:
+        message_type: the type.
+        arrays: what numeric arrays become.
+        trusted: whether times are certainly spelled as the type's distribution spells them. Otherwise every
+            message takes the slower way that understands both spellings.
+    """
+
+    __slots__ = ("_decode", "_finish", "_numpy", "_octets", "_trusted", "type")
+
+    def __init__(
+        self, message_type: MessageType, arrays: ArrayKind = "list", *, trusted: bool = True
+    ) -> None:
+        self.type = message_type
+        self._decode: Callable[[bytes | memoryview], msgspec.Struct] = message_type.json.decode
+        self._numpy = arrays == "numpy"
+        self._finish = to_numpy(message_type) if self._numpy else None
+        self._trusted = trusted
+        self._octets = octets_of(message_type) if self._numpy else ()
+
+    def read(self, arrived: Arrived) -> Message:
+        """The message.
+
+        Raises:
+            MisfitMessage: it does not fit the type.
+        """
+        if isinstance(arrived, tuple):
+            try:
+                message = self._decode(arrived[0]) if self._trusted else self._leniently(_proven(arrived))
+            except _REJECTIONS:
+                message = self._leniently(_proven(arrived))
+        elif isinstance(arrived, dict):
+            message = self._from_plain(arrived)
+        elif isinstance(arrived, Decoded):
+            message = self._from_values(arrived.value)
+        else:
+            message = self._from_text(arrived)
+        return message if self._finish is None else self._finish(message)
+
+    def _from_values(self, value: object) -> msgspec.Struct:
+        try:
+            return Payload.from_value(self.type, value).value()
+        except PayloadError as error:
+            raise self._misfit(error) from None
+
+    def _from_text(self, arrived: RawJson) -> msgspec.Struct:
+        if self._trusted:
+            try:
+                return self._decode(arrived.data)
+            except _REJECTIONS:
+                return self._leniently(arrived)
+        return self._leniently(arrived)
+
+    def _leniently(self, arrived: RawJson) -> msgspec.Struct:
+        try:
+            return Payload.from_json(self.type, arrived.proven().data).value()
+        except PayloadError as error:
+            raise self._misfit(error) from None
+        except MalformedPayload as error:
+            raise MisfitMessage(f"not {self.type.name}: {error}") from None
+
+    def _from_plain(self, plain: dict[str, object]) -> msgspec.Struct:
+        # An image's pixels stay where they are: they are no part of what is checked and copied.
+        views = {
+            attribute: plain.pop(name)
+            for name, attribute in self._octets
+            if isinstance(plain.get(name), memoryview)
+        }
+        try:
+            found: msgspec.Struct = self.type.completer(_with_arrays(plain, self._numpy), time.time_ns)
+        except PayloadError as error:
+            raise self._misfit(error) from None
+        for attribute, view in views.items():
+            setattr(found, attribute, view)
+        return found
+
+    def _misfit(self, error: PayloadError) -> MisfitMessage:
+        return MisfitMessage(f"not {self.type.name}: {error}")
+
+
+def request_of(message_type: MessageType, args: RawPayload) -> Message:
+    """The arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
+
+    Raises:
+        PayloadError: they do not fit.
+        MalformedPayload: they are not JSON.
+    """
+    if isinstance(args, Decoded):
+        given = args.value if isinstance(args.value, dict | list) else {}
+        return Payload.from_value(message_type, given).value()
+    return Payload.from_args(message_type, args.proven().data).value()
+
+
+class _Envelope(msgspec.Struct, gc=False):
+    """The one member that is looked for."""
+
+    msg: msgspec.Raw = msgspec.Raw(b"{}")
+
+
+_read_envelope = msgspec.json.Decoder(_Envelope).decode
+
+
+def _proven(cut: Cut) -> RawJson:
+    """The message that a parse of the whole frame finds; what it cannot find is read as it was cut."""
+    try:
+        return RawJson(bytes(_read_envelope(cut[1]).msg))
+    except _REJECTIONS:
+        return RawJson(cut[0])
+
+
+def _with_arrays(value: Any, numpy: bool) -> Any:
+    """`value` with its typed arrays as numpy arrays or as lists."""
+    if isinstance(value, TypedArray):
+        return value.numpy() if numpy and value.format != "<B" else value.plain()
+    if isinstance(value, dict):
+        return {key: _with_arrays(item, numpy) for key, item in value.items()}
+    if isinstance(value, list) and value and isinstance(value[0], (dict, TypedArray)):
+        return [_with_arrays(item, numpy) for item in value]
+    return value

@@ -1,0 +1,337 @@
+"""The line to the server: one conversation over as many connections as it takes.
+
+The parts of a client (subscriptions, publishers, calls, goals, what it offers) send through the line and
+register with it. When a connection is lost each part hears of it; when there is a new one each says again
+what it wants. Everything here is synchronous and runs on the event loop's thread.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, Literal, Protocol
+
+import anyio
+import msgspec
+
+from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
+from rwt_client.events import ConnectionEvent, Events
+from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
+from rwt_client.wire.decoding import Arrived
+from rwt_protocol.decoded import Decoded
+from rwt_protocol.errors import Level
+from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
+from rwt_protocol.profiles import COMPAT
+from rwt_protocol.rawjson import RawJson
+from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.transport import DropReason, Flow, PeerInfo, Sink
+
+if TYPE_CHECKING:
+    from rwt_protocol.dispatcher import Dispatcher
+
+logger = logging.getLogger("rwt_client")
+
+SMALL: Final = 256
+"""JSON frames of fewer bytes are parsed twice, which costs less than looking for their payload."""
+
+LARGE: Final = 32 * 1024
+"""JSON frames of more bytes are read by the session, which does not look at their payload."""
+
+_CLOSING_BRACE: Final = ord("}")
+
+_MAPS: Final = frozenset(range(0xA0, 0xC0))
+"""First bytes of a CBOR map."""
+
+
+class Part(Protocol):
+    """Something that lasts longer than one connection."""
+
+    def restore(self) -> None:
+        """There is a new connection: say again what is wanted."""
+
+    def lost(self, error: ConnectionLost, final: bool) -> None:
+        """The connection is gone; `final`: there will not be another. Never raises."""
+
+    def refused(self, text: str) -> None:
+        """The server complains of what this part has sent under its id. Never raises."""
+
+
+class Destination(Protocol):
+    """Where the messages of one topic go."""
+
+    def deliver(self, arrived: Arrived, size: int) -> None:
+        """One message, and the bytes that it holds."""
+
+
+class _Envelope(msgspec.Struct, gc=False):
+    """What nearly every small frame is: one published message."""
+
+    op: str = ""
+    topic: str = ""
+    msg: msgspec.Raw = msgspec.Raw(b"")
+
+
+_read_envelope = msgspec.json.Decoder(_Envelope).decode
+_NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+
+_match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match
+"""How servers begin a published message. What follows up to the last brace is the message, if it is one JSON
+value: see :data:`rwt_client.wire.decoding.Cut`."""
+
+
+class Line:
+    """The line of one client.
+
+    Args:
+        level: of which complaints the server is asked to tell; None does not ask.
+        limits: what one message may hold.
+
+    Attributes:
+        events: what happens to the connection.
+        dispatcher: what to do with everything but published messages.
+        raw_topics: how many topics are subscribed to in `cbor-raw`.
+    """
+
+    __slots__ = (
+        "_closed", "_count", "_destinations", "_ended", "_level", "_limits", "_parts", "_session", "_sink",
+        "_ups", "dispatcher", "events", "raw_topics",
+    )  # fmt: skip
+
+    def __init__(self, level: Level | None, limits: WireLimits) -> None:
+        self._level = level
+        self._limits = limits
+        self._session = Session(COMPAT, Direction.TO_CLIENT, limits)
+        self._sink: Sink | None = None
+        self._closed: ConnectionLost | None = None
+        self._ended = anyio.Event()
+        self._parts: dict[str, Part] = {}
+        self._count = 0
+        self._ups = 0
+        self.events = Events()
+        # By the bytes of the topic's name, as frames have them.
+        self._destinations: dict[bytes, Destination] = {}
+        self.dispatcher: Dispatcher[None] | None = None
+        self.raw_topics = 0
+
+    # -- for the parts -------------------------------------------------------------------------------------
+
+    @property
+    def connected(self) -> bool:
+        """Whether messages can be sent now."""
+        return self._sink is not None
+
+    @property
+    def backlog(self) -> int:
+        """Bytes that wait for the network."""
+        return 0 if self._sink is None else self._sink.backlog
+
+    def next_id(self, kind: str, name: str) -> str:
+        """An id that no other message of this client has."""
+        self._count += 1
+        return f"{kind}:{name}:{self._count}"
+
+    def add(self, id: str, part: Part) -> None:  # as on the wire
+        """Restore `part` with every new connection, and tell it what is said of `id`.
+
+        Raises:
+            ConnectionClosed: this program has closed the connection.
+            ConnectionLost: it was given up.
+        """
+        if self._closed is not None:
+            raise self._closed
+        self._parts[id] = part
+
+    def listen(self, topic: str, destination: Destination | None) -> None:
+        """Pass the messages of a topic, by its name on the wire, to `destination`; None: to nobody."""
+        if destination is None:
+            self._destinations.pop(topic.encode(), None)
+        else:
+            self._destinations[topic.encode()] = destination
+
+    def remove(self, id: str) -> None:  # as on the wire
+        """Forget the part of that id."""
+        self._parts.pop(id, None)
+
+    def send(self, op: Op) -> None:
+        """Send one op.
+
+        Raises:
+            NotConnected: there is no connection now.
+        """
+        self._known_sink().send(self._session.encode(op))
+
+    def flow(self, topic: str, on_drop: Callable[[DropReason], None]) -> Flow:
+        """A way for messages that are published, on the connection that there is now.
+
+        Raises:
+            NotConnected: there is no connection now.
+        """
+        return self._known_sink().flow(topic, on_drop=on_drop)
+
+    def not_connected(self) -> ConnectionLost:
+        """Why nothing can be sent."""
+        return self._closed or NotConnected("there is no connection to the server now; it is being retried")
+
+    def _known_sink(self) -> Sink:
+        if self._sink is None:
+            raise self.not_connected()
+        return self._sink
+
+    def send_if_connected(self, op: Op) -> None:
+        """Send one op whose end of the connection is as good as its arrival: an unsubscription."""
+        if self._sink is not None:
+            self._sink.send(self._session.encode(op))
+
+    # -- for what keeps the connection ---------------------------------------------------------------------
+
+    def accept(self, sink: Sink, peer: PeerInfo) -> _Ear:
+        """A connection has opened; everything is said again before anything else is sent."""
+        self._sink = sink
+        self._session = Session(COMPAT, Direction.TO_CLIENT, self._limits)
+        self._ended = anyio.Event()
+        self._ups += 1
+        if self._level is not None:
+            self.send(SetLevel(level=self._level))
+        for part in tuple(self._parts.values()):
+            part.restore()
+        kind: Literal["connected", "restored"] = "connected" if self._ups == 1 else "restored"
+        self.events.tell(ConnectionEvent(kind))
+        return _Ear(self)
+
+    async def ended(self) -> None:
+        """Wait until the connection is gone."""
+        await self._ended.wait()
+
+    def hang_up(self, code: int, reason: str) -> None:
+        """The connection is gone."""
+        if self._sink is None:
+            return
+        self._sink = None
+        text = reason or f"closed with code {code}"
+        self._tell_parts(ConnectionLost(f"the connection to the server was lost: {text}"), False)
+        if self._closed is None:
+            self.events.tell(ConnectionEvent("lost", text))
+        self._ended.set()
+
+    def close(self, error: ConnectionLost) -> None:
+        """There will be no more connections, because of `error`."""
+        if self._closed is None:
+            self._closed = error
+            self._tell_parts(error, True)
+            self._parts.clear()
+            text = "" if isinstance(error, ConnectionClosed) else str(error)
+            self.events.tell(ConnectionEvent("closed", text))
+
+    @property
+    def closed(self) -> bool:
+        """Whether there will be no more connections."""
+        return self._closed is not None
+
+    def _tell_parts(self, error: ConnectionLost, final: bool) -> None:
+        for part in tuple(self._parts.values()):
+            part.lost(error, final)
+
+    # -- what arrives --------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """One message has arrived."""
+        size = len(data)
+        if SMALL < size <= LARGE:
+            head = _match_head(data)
+            if head is not None and data[-1] == _CLOSING_BRACE:
+                destination = self._destinations.get(head[1])
+                if destination is not None:
+                    destination.deliver((data[head.end() : -1], data), size)
+                    return
+        if binary and data[:1] and data[0] in _MAPS:
+            if self.raw_topics and self._receive_raw(data):
+                return
+            if self._receive_cbor(data):
+                return
+        if size <= LARGE and self._receive_small(data):
+            return
+        for op in self._session.decode(data, binary, time.monotonic()):
+            self._take(op)
+
+    def _receive_small(self, data: bytes) -> bool:
+        """Take a published message in a small frame; False if it is anything else, or not valid."""
+        try:
+            found = _read_envelope(data)
+        except _NOT_AN_ENVELOPE:
+            # Another op with a member of that name, perhaps: the session tells.
+            return False
+        if found.op != "publish" or not found.msg:
+            return False
+        destination = self._destinations.get(found.topic.encode())
+        if destination is not None:
+            destination.deliver(RawJson(bytes(found.msg)), len(data))
+        return True
+
+    def _receive_raw(self, data: bytes) -> bool:
+        """Take a serialised message in CBOR; False if it is anything else."""
+        found = read_raw(data)
+        destination = None if found is None else self._destinations.get(found[0])
+        if found is None or destination is None:
+            return False
+        destination.deliver(found[1], len(data))
+        return True
+
+    def _receive_cbor(self, data: bytes) -> bool:
+        """Take a published message in CBOR; False if it is anything else."""
+        try:
+            found = read_cbor(data)
+        except Unreadable:
+            return False
+        if not isinstance(found, dict) or found.get("op") != "publish":
+            return False
+        message, topic = found.get("msg"), found.get("topic")
+        destination = self._destinations.get(topic.encode()) if isinstance(topic, str) else None
+        if destination is not None and isinstance(message, dict):
+            destination.deliver(message, len(data))
+        return True
+
+    def _take(self, op: Op | Refusal) -> None:
+        if isinstance(op, Refusal):
+            logger.warning("the server sent something that is not understood: %s", op.reason)
+            if op.answer is not None:
+                self.send_if_connected(op.answer)
+        elif isinstance(op, Publish):
+            self._take_publish(op)
+        elif isinstance(op, Status):
+            self._take_status(op)
+        elif self.dispatcher is not None:
+            answer = self.dispatcher.dispatch(None, op)
+            if isinstance(answer, Status):
+                logger.warning("%s", answer.msg)
+            elif answer is not None:
+                self.send_if_connected(answer)
+
+    def _take_publish(self, op: Publish) -> None:
+        destination = self._destinations.get(op.topic.encode())
+        if destination is not None:
+            destination.deliver(op.msg, op.msg.size if isinstance(op.msg, Decoded) else len(op.msg.data))
+
+    def _take_status(self, op: Status) -> None:
+        """A complaint goes to the part it is about, and else to whoever listens to events (STA-03)."""
+        part = self._parts.get(op.id) if isinstance(op.id, str) else None
+        if part is not None and op.level == "error":
+            part.refused(op.msg)
+            return
+        logger.warning("the server says (%s): %s", op.level, op.msg)
+        self.events.tell(ConnectionEvent("status", op.msg, level=op.level))
+
+
+class _Ear:
+    """The endpoint of one connection; satisfies :class:`rwt_protocol.transport.Endpoint`."""
+
+    __slots__ = ("_line", "receive")
+
+    def __init__(self, line: Line) -> None:
+        self._line = line
+        self.receive: Callable[[bytes, bool], None] = line.receive
+
+    def closed(self, code: int, reason: str) -> None:
+        """The connection has ended."""
+        self._line.hang_up(code, reason)

@@ -1,0 +1,124 @@
+"""What a bridge has counted since it began: plain integers on objects that the hot path holds anyway."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rwt_bridge.peer import Peer
+    from rwt_protocol.transport import DropReason
+
+MOST_TOPICS = 1000
+"""Topics that are remembered; clients choose their names, so those that are not in use go first."""
+
+
+UNKNOWN = "unknown"
+"""The op of a message that names none of the protocol's."""
+
+
+class EncodingCounts:
+    """One topic in one encoding.
+
+    Attributes:
+        encodes: samples that were encoded.
+        messages: frames that were handed to clients.
+        bytes: bytes in them.
+    """
+
+    __slots__ = ("bytes", "encodes", "messages")
+
+    def __init__(self) -> None:
+        self.encodes = 0
+        self.messages = 0
+        self.bytes = 0
+
+
+class TopicCounts:
+    """One topic.
+
+    Attributes:
+        received: messages that clients published.
+        received_bytes: bytes of their payloads, as they came.
+        sent: by encoding.
+        dropped: samples that did not go to a client, by reason.
+        users: publications and fan-outs that count here now.
+    """
+
+    __slots__ = ("dropped", "received", "received_bytes", "sent", "users")
+
+    def __init__(self) -> None:
+        self.received = 0
+        self.received_bytes = 0
+        self.sent: dict[str, EncodingCounts] = {}
+        self.dropped: dict[DropReason, int] = {}
+        self.users = 0
+
+    def encoding(self, name: str) -> EncodingCounts:
+        """Where an encoding counts."""
+        return self.sent.setdefault(name, EncodingCounts())
+
+    def drop(self, reason: DropReason) -> None:
+        """Count a sample that did not go to a client."""
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+
+
+class Ledger:
+    """Everything that one bridge counts.
+
+    Attributes:
+        topics: by absolute name.
+        refusals: by op; what names no op of the protocol is `unknown`.
+        clients: that have connected.
+        calls: of services.
+        goals: sent to actions.
+        missed_deadlines: of publishers and of subscriptions.
+        received: messages of clients that have left.
+        received_bytes: bytes read from them.
+        sent: messages to clients that have left.
+        sent_bytes: bytes written to them.
+    """
+
+    def __init__(self) -> None:
+        self.topics: dict[str, TopicCounts] = {}
+        self.refusals: dict[str, int] = {}
+        self.clients = 0
+        self.calls = 0
+        self.goals = 0
+        self.missed_deadlines = 0
+        self.received = 0
+        self.received_bytes = 0
+        self.sent = 0
+        self.sent_bytes = 0
+
+    def use_topic(self, name: str) -> TopicCounts:
+        """Where a topic counts, for somebody who holds on to it until :meth:`release_topic`."""
+        counts = self.topics.get(name)
+        if counts is None:
+            if len(self.topics) >= MOST_TOPICS:
+                self._forget_one()
+            counts = self.topics[name] = TopicCounts()
+        counts.users += 1
+        return counts
+
+    def release_topic(self, counts: TopicCounts) -> None:
+        """Undo :meth:`use_topic`; the counts stay."""
+        counts.users -= 1
+
+    def _forget_one(self) -> None:
+        """Forget the topic that was heard of first among those not in use."""
+        for name, counts in self.topics.items():
+            if not counts.users:
+                del self.topics[name]
+                return
+
+    def refuse(self, op: str) -> None:
+        """Count a refused op."""
+        self.refusals[op] = self.refusals.get(op, 0) + 1
+
+    def left(self, peer: Peer) -> None:
+        """Keep what a client that leaves has counted."""
+        traffic = peer.sink.traffic
+        self.received += peer.messages
+        self.received_bytes += traffic.received_bytes
+        self.sent += traffic.messages
+        self.sent_bytes += traffic.bytes

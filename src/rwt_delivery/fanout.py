@@ -1,0 +1,213 @@
+"""From one sample in the graph to the frames of many clients: one encode per topic and encoding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
+
+from rwt_graph.errors import TypeConflict
+from rwt_protocol.transport import Frame
+
+if TYPE_CHECKING:
+    from rwt_bridge.encodings import Encoder, Encoding
+    from rwt_delivery.counters import EncodingCounts, TopicCounts
+    from rwt_delivery.throttle import Gate
+    from rwt_graph.api import Participant, Sample, Subscription
+    from rwt_graph.clock import Clock
+    from rwt_interfaces.structs import MessageType
+
+
+class _Encoded:
+    """One sample in one encoding, encoded when the first gate lets it through."""
+
+    __slots__ = ("_channel", "_frame", "sample")
+
+    def __init__(self, channel: Channel, sample: Sample, frame: Frame | None = None) -> None:
+        self._channel = channel
+        self._frame = frame
+        self.sample = sample
+
+    def frame(self) -> Frame:
+        if self._frame is None:
+            self._frame = self._channel.encode(self.sample)
+        counts = self._channel.counts
+        counts.messages += 1
+        counts.bytes += self._frame.size
+        return self._frame
+
+
+class Channel:
+    """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
+
+    A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels.
+
+    Attributes:
+        counts: what went through, together with the topic's other channels of this encoding; up to date
+            after :meth:`settle`.
+    """
+
+    def __init__(self, encode: Encoder, counts: EncodingCounts, monotonic: Callable[[], float]) -> None:
+        self._encode = encode
+        self._monotonic = monotonic
+        self._sent_at = float("-inf")
+        self._open_since: dict[Gate, int] = {}
+        self._sendings = 0
+        self.counts = counts
+        self._gates: list[Gate] = []
+        self._direct: tuple[Callable[[Frame], None], ...] = ()
+        self._gated: tuple[Gate, ...] = ()
+        self._encoded = 0
+        self._encoded_bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._gates)
+
+    def add(self, gate: Gate) -> None:
+        """Let a gate take part from the next sample on."""
+        self._gates.append(gate)
+        self.sort()
+
+    def remove(self, gate: Gate) -> None:
+        """Take a gate out."""
+        self._gates.remove(gate)
+        self._open_since.pop(gate, None)
+        self.sort()
+
+    def sort(self) -> None:
+        """Divide the gates into open and throttled ones, after one has joined, left or changed."""
+        self.settle()
+        self._note_sendings()
+        self._direct = tuple(gate.send for gate in self._gates if gate.is_open)
+        self._gated = tuple(gate for gate in self._gates if not gate.is_open)
+
+    def _note_sendings(self) -> None:
+        """Tell gates that are open no longer when a sample last went past them."""
+        for gate in self._gates:
+            if gate.is_open:
+                self._open_since.setdefault(gate, self._sendings)
+            elif self._open_since.pop(gate, self._sendings) < self._sendings:
+                gate.note_sent(self._sent_at)
+
+    def settle(self) -> None:
+        """Bring `counts` up to date with what went through the open gates."""
+        counts, receivers = self.counts, len(self._direct)
+        counts.encodes += self._encoded
+        counts.messages += self._encoded * receivers
+        counts.bytes += self._encoded_bytes * receivers
+        self._sendings += self._encoded
+        self._encoded = self._encoded_bytes = 0
+
+    def encode(self, sample: Sample) -> Frame:
+        """The frame of one sample, made now."""
+        self.counts.encodes += 1
+        return self._encode(sample)
+
+    def deliver(self, sample: Sample) -> None:
+        """Send one sample through every gate."""
+        if sample.expires_ns:
+            self._offer(_Encoded(self, sample), self._gates)
+            return
+        frame: Frame | None = None
+        direct = self._direct
+        if direct:
+            frame = self._encode(sample)
+            # Multiplied by the receivers in settle(): here each instruction is paid for by every message.
+            self._encoded += 1
+            self._encoded_bytes += frame.size
+            self._sent_at = self._monotonic()
+            for send in direct:
+                send(frame)
+        if self._gated:
+            self._offer(_Encoded(self, sample, frame), self._gated)
+
+    def _offer(self, encoded: _Encoded, gates: Iterable[Gate]) -> None:
+        for gate in gates:
+            gate.offer(encoded)
+
+    def replay(self, sample: Sample, gate: Gate) -> None:
+        """Send one kept sample to one gate (SUB-13)."""
+        gate.offer(_Encoded(self, sample))
+
+
+class Fanout:
+    """All clients of one topic, behind one subscription in the graph.
+
+    Attributes:
+        counts: what is counted of the topic; up to date after :meth:`settle`.
+    """
+
+    def __init__(
+        self,
+        participant: Participant,
+        topic: str,
+        type: MessageType,
+        counts: TopicCounts,
+        clock: Clock,
+    ) -> None:
+        self._participant = participant
+        self._clock = clock
+        self.topic = topic
+        self.type = type
+        self.counts = counts
+        self._channels: dict[tuple[str, str], Channel] = {}
+        self._active: tuple[Channel, ...] = ()
+        self.subscription: Subscription = participant.subscribe(topic, self._deliver, type)
+
+    @property
+    def subscriptions(self) -> int:
+        """How many clients listen, those of each spelling of the name counted by themselves."""
+        return sum(map(len, self._active))
+
+    def settle(self) -> None:
+        """Bring `counts` up to date."""
+        for channel in self._active:
+            channel.settle()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nobody listens any more."""
+        return not self._channels
+
+    def check_type(self, type: MessageType) -> None:
+        """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
+        if type.name != self.type.name:
+            raise TypeConflict(
+                f"tried to register topic {self.topic} with type {type.name} "
+                f"but it is already established with type {self.type.name}"
+            )
+
+    def renew(self) -> None:
+        """Subscribe anew: to whoever joins while no publisher can be reached, those that come back over the
+        network are to tell what they keep, which they tell each subscription once."""
+        old = self.subscription
+        self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
+        old.close()
+
+    def join(self, gate: Gate, name: str, encoding: Encoding) -> Channel:
+        """Add a gate to the channel of that spelling and encoding."""
+        key = (name, encoding.name)
+        channel = self._channels.get(key)
+        if channel is None:
+            channel = self._channels[key] = Channel(
+                encoding.encoder(name), self.counts.encoding(encoding.name), self._clock.monotonic
+            )
+            self._active = tuple(self._channels.values())
+        channel.add(gate)
+        return channel
+
+    def leave(self, gate: Gate, name: str, encoding: Encoding) -> None:
+        """Take a gate out of its channel."""
+        key = (name, encoding.name)
+        channel = self._channels[key]
+        channel.remove(gate)
+        if not channel:
+            del self._channels[key]
+            self._active = tuple(self._channels.values())
+
+    def close(self) -> None:
+        """Leave the graph's topic."""
+        self.subscription.close()
+
+    def _deliver(self, sample: Sample) -> None:
+        for channel in self._active:
+            channel.deliver(sample)

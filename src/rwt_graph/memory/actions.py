@@ -1,0 +1,409 @@
+"""Actions in memory, and the state machine of a goal.
+
+The machine is ROS 2's, written as a table. A goal is proposed (`UNKNOWN`), then accepted and executed,
+perhaps asked to cancel, and ends in one of three states:
+
+========== =========== ========== ========== ========== ========== ==========
+state      ACCEPT      EXECUTE    CANCEL     SUCCEED    CANCELED   ABORT, LOSE
+========== =========== ========== ========== ========== ========== ==========
+UNKNOWN    ACCEPTED    -          -          -          -          -, ABORTED
+ACCEPTED   -           EXECUTING  CANCELING  -          -          ABORTED
+EXECUTING  -           -          CANCELING  SUCCEEDED  -          ABORTED
+CANCELING  -           -          CANCELING  SUCCEEDED  CANCELED   ABORTED
+========== =========== ========== ========== ========== ========== ==========
+
+`CANCEL` is the request; the server that grants it ends the goal with `CANCELED`, one that finishes first with
+`SUCCEED`. `LOSE` is the server's going away. A cancel of a goal that is still proposed waits for its
+acceptance.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable
+from enum import Enum, auto
+from typing import TYPE_CHECKING
+from uuid import uuid4
+
+from rwt_graph.api import (
+    ActionInfo,
+    CallObserver,
+    ClientGoal,
+    GoalEvents,
+    GoalStatus,
+    Registration,
+    ServerGoal,
+)
+from rwt_graph.errors import (
+    CallFailed,
+    GoalRejected,
+    InvalidGraphName,
+    InvalidTransition,
+    ProviderGone,
+    ProviderNotFound,
+)
+from rwt_graph.memory.node_resources import Owner
+from rwt_graph.memory.remote import ActionsElsewhere, Carrier, GoalWatcher
+
+if TYPE_CHECKING:
+    from rwt_interfaces.payload import Payload
+    from rwt_interfaces.structs import ActionType
+
+logger = logging.getLogger(__name__)
+
+OnGoal = Callable[[ServerGoal], None]
+
+_GOAL_ID = re.compile(r"[0-9a-f]{32}\Z")
+
+
+class GoalEvent(Enum):
+    """What can happen to a goal."""
+
+    ACCEPT = auto()
+    EXECUTE = auto()
+    CANCEL = auto()
+    SUCCEED = auto()
+    CANCELED = auto()
+    ABORT = auto()
+    LOSE = auto()
+
+
+#: (state, event) → state. What is not here is not allowed.
+TRANSITIONS: dict[tuple[GoalStatus, GoalEvent], GoalStatus] = {
+    (GoalStatus.UNKNOWN, GoalEvent.ACCEPT): GoalStatus.ACCEPTED,
+    (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
+    (GoalStatus.ACCEPTED, GoalEvent.CANCEL): GoalStatus.CANCELING,
+    (GoalStatus.EXECUTING, GoalEvent.CANCEL): GoalStatus.CANCELING,
+    (GoalStatus.CANCELING, GoalEvent.CANCEL): GoalStatus.CANCELING,
+    (GoalStatus.EXECUTING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
+    (GoalStatus.CANCELING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
+    (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
+    (GoalStatus.ACCEPTED, GoalEvent.ABORT): GoalStatus.ABORTED,
+    (GoalStatus.EXECUTING, GoalEvent.ABORT): GoalStatus.ABORTED,
+    (GoalStatus.CANCELING, GoalEvent.ABORT): GoalStatus.ABORTED,
+    (GoalStatus.UNKNOWN, GoalEvent.LOSE): GoalStatus.ABORTED,
+    (GoalStatus.ACCEPTED, GoalEvent.LOSE): GoalStatus.ABORTED,
+    (GoalStatus.EXECUTING, GoalEvent.LOSE): GoalStatus.ABORTED,
+    (GoalStatus.CANCELING, GoalEvent.LOSE): GoalStatus.ABORTED,
+}
+
+#: The event that ends a goal in a state.
+ENDINGS = {
+    GoalStatus.SUCCEEDED: GoalEvent.SUCCEED,
+    GoalStatus.CANCELED: GoalEvent.CANCELED,
+    GoalStatus.ABORTED: GoalEvent.ABORT,
+}
+
+
+class MemoryGoal(ServerGoal):
+    """One goal as its server sees it, and the goal's state."""
+
+    def __init__(
+        self, server: MemoryActionServer, goal_id: str, goal: Payload, events: GoalEvents, client: Owner
+    ) -> None:
+        self.id = goal_id
+        self.action = server.name
+        self.goal = goal
+        self.reason = ""
+        self.on_cancel: Callable[[], None] | None = None
+        self.on_end: Callable[[CallFailed], None] | None = None
+        self._server = server
+        self._client = client
+        self._events: GoalEvents | None = events
+        self._status = GoalStatus.UNKNOWN
+        self._cancel_requested = False
+        self._cancel_told = False
+        self.listening = True
+
+    @property
+    def status(self) -> GoalStatus:
+        """The state now."""
+        return self._status
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether a cancel was asked for."""
+        return self._cancel_requested
+
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether the client, or anybody in another process, takes feedback now."""
+        if self.listening and self._events is not None and self._events.on_feedback is not None:
+            return True
+        return self._server.watcher is not None and self._server.watcher.feedback_wanted
+
+    def _step(self, event: GoalEvent) -> None:
+        after = TRANSITIONS.get((self._status, event))
+        if after is None:
+            raise InvalidTransition(
+                f"goal {self.id} of {self.action} is {self._status.name}: {event.name} is not possible"
+            )
+        changed = after is not self._status
+        self._status = after
+        if changed and self._server.watcher is not None:
+            self._server.watcher.changed(self.id)
+
+    def accept(self) -> None:
+        """UNKNOWN → ACCEPTED → EXECUTING; then a cancel that came early."""
+        self._step(GoalEvent.ACCEPT)
+        self._step(GoalEvent.EXECUTE)
+        if self._events is not None and self._events.on_accepted is not None:
+            self._tell(self._events.on_accepted)
+        if self._cancel_requested:
+            self.request_cancel()
+
+    def reject(self, reason: str) -> None:
+        """End an UNKNOWN goal; the client receives :exc:`GoalRejected`."""
+        if self._status is not GoalStatus.UNKNOWN or self._server.goals.pop(self.id, None) is None:
+            raise InvalidTransition(
+                f"goal {self.id} of {self.action} is {self._status.name}: too late to reject"
+            )
+        self._end(GoalRejected(reason), reason)
+
+    def feedback(self, feedback: Payload) -> None:
+        """Send feedback. Ignored before the goal was accepted and once it has ended (ACT-06)."""
+        events = self._events
+        running = self._status is not GoalStatus.UNKNOWN and not self._status.is_terminal
+        if not running:
+            return
+        if self.listening and events is not None and (on_feedback := events.on_feedback) is not None:
+            self._tell(lambda: on_feedback(feedback))
+        if self._server.watcher is not None:
+            self._server.watcher.fed_back(self.id, feedback)
+
+    def finish(self, status: GoalStatus, result: Payload, reason: str = "") -> None:
+        """End the goal as SUCCEEDED, CANCELED or ABORTED. Raises :exc:`InvalidTransition`."""
+        event = ENDINGS.get(status)
+        if event is None:
+            raise InvalidTransition(f"a goal cannot be finished as {status.name}, which is not an end")
+        self._step(event)
+        self._server.goals.pop(self.id, None)
+        self._end(result, reason)
+
+    def lose(self) -> None:
+        """The server went away: ABORTED, and both sides hear of it."""
+        self._step(GoalEvent.LOSE)
+        gone = ProviderGone(f"Action {self.action} was unadvertised")
+        on_end = self.on_end
+        self._end(gone, str(gone))
+        if on_end is not None:
+            self._tell(lambda: on_end(gone))
+
+    def _end(self, outcome: Payload | CallFailed, reason: str) -> None:
+        self.reason = reason
+        events, self._events = self._events, None
+        self._client.drop(self)
+        if self._server.watcher is not None:
+            result = None if isinstance(outcome, CallFailed) else outcome
+            self._server.watcher.ended(self.id, self._status, result, reason)
+        if events is not None:
+            self._tell(lambda: events.on_result(self._status, outcome))
+
+    def request_cancel(self) -> None:
+        """A client asks to cancel; the server is told once, when the goal has been accepted (ACT-07)."""
+        if self._status.is_terminal or self.id not in self._server.goals:
+            return
+        self._cancel_requested = True
+        if self._status is GoalStatus.UNKNOWN:
+            return
+        self._step(GoalEvent.CANCEL)
+        if self.on_cancel is not None and not self._cancel_told:
+            self._cancel_told = True
+            self._tell(self.on_cancel)
+
+    def client_closed(self) -> None:
+        """The client's node leaves: it hears so, and the goal goes on running (ACT-19)."""
+        events = self._events
+        self.abandon()
+        if events is not None:
+            why = CallFailed(f"node {self._client.name} was closed")
+            self._tell(lambda: events.on_result(self._status, why))
+
+    def abandon(self) -> None:
+        """The client wants to hear nothing more."""
+        self._events = None
+        self._client.drop(self)
+
+    def _tell(self, callback: Callable[[], None]) -> None:
+        try:
+            callback()
+        except Exception:
+            logger.exception("a callback of goal %s of %s failed", self.id, self.action)
+
+
+class MemoryClientGoal(ClientGoal):
+    """One goal as its client sees it; `goal` is None when there was no server."""
+
+    def __init__(self, goal_id: str, action: str, goal: MemoryGoal | None) -> None:
+        self.id = goal_id
+        self.action = action
+        self._goal = goal
+
+    @property
+    def status(self) -> GoalStatus:
+        """The state now; UNKNOWN when there was no server."""
+        return GoalStatus.UNKNOWN if self._goal is None else self._goal.status
+
+    @property
+    def reason(self) -> str:
+        """Why the server ended the goal as it did."""
+        return "" if self._goal is None else self._goal.reason
+
+    def cancel(self) -> None:
+        """Ask the server to cancel."""
+        if self._goal is not None:
+            self._goal.request_cancel()
+
+    def want_feedback(self, wanted: bool) -> None:
+        """Whether feedback is of use now."""
+        if self._goal is not None:
+            self._goal.listening = wanted
+
+    def abandon(self) -> None:
+        """Hear nothing more of the goal; it goes on running."""
+        if self._goal is not None:
+            self._goal.abandon()
+
+
+class MemoryActionServer(Registration):
+    """One action that a node offers; `goals` are those that have not ended, by id."""
+
+    def __init__(
+        self, actions: Actions, name: str, interface: ActionType, owner: Owner, on_goal: OnGoal
+    ) -> None:
+        self.name = name
+        self.type = interface
+        self.node = owner.name
+        self._owner = owner
+        self.on_goal = on_goal
+        self.goals: dict[str, MemoryGoal] = {}
+        self.closed = False
+        self.carrier: Carrier | None = None
+        self.watcher: GoalWatcher | None = None
+        self._actions = actions
+
+    def close(self) -> None:
+        """Withdraw the action; its goals end as ABORTED with :exc:`ProviderGone` (ACT-18, ACT-19)."""
+        if self.closed:
+            return
+        self.closed = True
+        self._owner.drop(self)
+        self._actions.withdrawn(self)
+        if self.carrier is not None:
+            self.carrier.close()
+        while self.goals:
+            self.goals.popitem()[1].lose()
+
+
+class Actions:
+    """Every action of one graph."""
+
+    def __init__(self) -> None:
+        self.elsewhere: ActionsElsewhere | None = None
+        self._servers: dict[str, MemoryActionServer] = {}
+        self.observer: CallObserver | None = None
+
+    def advertise(
+        self, name: str, interface: ActionType, owner: Owner, on_goal: OnGoal
+    ) -> MemoryActionServer:
+        """Offer an action; a server of the same name is replaced (ACT-18)."""
+        old = self._servers.get(name)
+        server = self._servers[name] = MemoryActionServer(self, name, interface, owner, on_goal)
+        owner.add(server, server.close)
+        if old is not None:
+            logger.warning("action %s of node %s replaces the one of node %s", name, owner.name, old.node)
+            old.close()
+        return server
+
+    def withdrawn(self, server: MemoryActionServer) -> None:
+        """Forget a server that closed, unless it was replaced already."""
+        if self._servers.get(server.name) is server:
+            del self._servers[server.name]
+
+    def send(
+        self, action: str, payload: Payload, events: GoalEvents, goal_id: str | None, client: Owner
+    ) -> ClientGoal:
+        """Send a goal; a server of this process comes before those of others."""
+        if goal_id is None:
+            goal_id = uuid4().hex
+        elif not _GOAL_ID.match(goal_id):
+            raise InvalidGraphName(f"{goal_id[:80]!r} is not a goal id: it must be 32 lower-case hex digits")
+        server = self._servers.get(action)
+        if server is not None:
+            return self.send_here(server, payload, events, goal_id, client)
+        if self.elsewhere is not None:
+            sent = self.elsewhere.send(action, payload, events, goal_id, client)
+            if sent is not None:
+                return sent
+        return _refused(goal_id, action, events, ProviderNotFound(f"Action {action} does not exist"))
+
+    def send_here(
+        self, server: MemoryActionServer, payload: Payload, events: GoalEvents, goal_id: str, client: Owner
+    ) -> MemoryClientGoal:
+        """Send a goal to a server of this process."""
+        action = server.name
+        if goal_id in server.goals:
+            return _refused(goal_id, action, events, GoalRejected(f"goal id {goal_id} is in use on {action}"))
+        if self.observer is not None:
+            events = self._observed(self.observer, server, goal_id, payload, events)
+        goal = server.goals[goal_id] = MemoryGoal(server, goal_id, payload, events, client)
+        client.add(goal, goal.client_closed)
+        try:
+            server.on_goal(goal)
+        except Exception:
+            logger.exception("action %s failed on a new goal", action)
+            if goal.status is GoalStatus.UNKNOWN and goal_id in server.goals:
+                goal.reject("internal error")
+        return MemoryClientGoal(goal_id, action, goal)
+
+    @staticmethod
+    def _observed(
+        observer: CallObserver, server: MemoryActionServer, goal_id: str, goal: Payload, events: GoalEvents
+    ) -> GoalEvents:
+        info = ActionInfo(server.name, server.type, server.node)
+        try:
+            return observer.on_goal(info, goal_id, goal, events)
+        except Exception:
+            logger.exception("a goal of %s could not be observed", server.name)
+            return events
+
+    def cancel(self, action: str, goal_id: str, client: Owner) -> None:
+        """Ask to cancel a goal by its id, whoever sent it."""
+        server = self._servers.get(action)
+        goal = None if server is None else server.goals.get(goal_id)
+        if goal is not None:
+            goal.request_cancel()
+        elif server is None and self.elsewhere is not None:
+            self.elsewhere.cancel(action, goal_id, client)
+
+    def info(self, name: str) -> ActionInfo | None:
+        """A snapshot of one action."""
+        server = self._servers.get(name)
+        if server is not None:
+            return ActionInfo(name, server.type, server.node)
+        return None if self.elsewhere is None else self.elsewhere.info(name)
+
+    def names(self) -> list[str]:
+        """Every action's name, sorted."""
+        if self.elsewhere is None:
+            return sorted(self._servers)
+        return sorted(self._servers.keys() | self.elsewhere.names())
+
+    def of_node(self, node: str) -> tuple[str, ...]:
+        """The names of what a node offers, sorted."""
+        names = {s.name for s in self._servers.values() if s.node == node}
+        if self.elsewhere is not None:
+            names |= self.elsewhere.of_node(node)
+        return tuple(sorted(names))
+
+
+def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> MemoryClientGoal:
+    try:
+        events.on_result(GoalStatus.UNKNOWN, why)
+    except Exception:
+        logger.exception("the client of action %s failed on its result", action)
+    return MemoryClientGoal(goal_id, action, None)
+
+
+__all__ = ["ENDINGS", "TRANSITIONS", "Actions", "GoalEvent", "MemoryActionServer", "MemoryGoal"]

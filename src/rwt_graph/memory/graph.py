@@ -1,0 +1,243 @@
+"""The graph in this process: topics, services, actions and nodes put together."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Self
+
+from rwt_graph.api import (
+    ActionInfo,
+    CallObserver,
+    ClientGoal,
+    GoalEvents,
+    Graph,
+    NodeInfo,
+    OnReply,
+    Participant,
+    PendingCall,
+    Publisher,
+    Registration,
+    Sample,
+    ServerGoal,
+    ServiceCall,
+    ServiceInfo,
+    Subscription,
+    TopicInfo,
+)
+from rwt_graph.clock import Clock, WallClock
+from rwt_graph.errors import NotRunning
+from rwt_graph.memory.actions import Actions, MemoryActionServer
+from rwt_graph.memory.cancel_service import cancel_service
+from rwt_graph.memory.deadlines import Deadlines
+from rwt_graph.memory.introspection import Introspection
+from rwt_graph.memory.node_resources import Owner
+from rwt_graph.memory.remote import Carrier
+from rwt_graph.memory.runtime import Runtime
+from rwt_graph.memory.services import Services
+from rwt_graph.memory.system import SystemTopics
+from rwt_graph.memory.topics import Topics
+from rwt_graph.names import validate
+from rwt_graph.parameters.tree import ParameterTree
+from rwt_graph.program.node import Node
+from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+from rwt_interfaces.registry import Registry
+
+if TYPE_CHECKING:
+    from rwt_interfaces.payload import Payload
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+
+class MemoryParticipant(Participant):
+    """One node's face of the graph; keeps what the node created until it is closed."""
+
+    def __init__(self, graph: MemoryGraph, name: str, *, private: bool = False) -> None:
+        self.name = name
+        self._graph = graph
+        self.owner = Owner(name, private=private)
+        self._closed = False
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise NotRunning(f"node {self.name} was closed")
+
+    def advertise(
+        self,
+        topic: str,
+        type: MessageType,
+        qos: QoS = DEFAULT_QOS,
+    ) -> Publisher:
+        """Become a publisher of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
+        self._check_open()
+        return self._graph.topic_table.advertise(validate(topic), type, qos, self.owner)
+
+    def subscribe(
+        self,
+        topic: str,
+        on_sample: Callable[[Sample], None],
+        type: MessageType | None = None,
+        qos: QoS = BEST_AVAILABLE,
+    ) -> Subscription:
+        """Become a subscriber of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
+        self._check_open()
+        return self._graph.topic_table.subscribe(validate(topic), on_sample, type, qos, self.owner)
+
+    def advertise_service(
+        self,
+        service: str,
+        type: ServiceType,
+        on_call: Callable[[ServiceCall], None],
+    ) -> Registration:
+        """Offer a service. Raises :exc:`NotRunning` after `close`."""
+        self._check_open()
+        return self._graph.service_table.advertise(validate(service), type, self.owner, on_call)
+
+    def call_service(
+        self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
+    ) -> PendingCall:
+        """Call a service. Raises :exc:`NotRunning` after `close`."""
+        self._check_open()
+        return self._graph.service_table.call(service, request, on_reply, timeout, self.owner)
+
+    def advertise_action(
+        self,
+        action: str,
+        type: ActionType,
+        on_goal: Callable[[ServerGoal], None],
+    ) -> Registration:
+        """Offer an action. Raises :exc:`NotRunning` after `close`."""
+        self._check_open()
+        graph = self._graph
+        server = graph.action_table.advertise(validate(action), type, self.owner, on_goal)
+        if graph.distro.ros_version == 2:
+            server.carrier = graph.carry_action(self, server)
+        return server
+
+    def send_goal(
+        self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
+    ) -> ClientGoal:
+        """Send a goal. Raises :exc:`InvalidGraphName` for a bad id, :exc:`NotRunning` after `close`."""
+        self._check_open()
+        return self._graph.action_table.send(action, goal, events, goal_id, self.owner)
+
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Ask to cancel a goal that anybody sent, by its id."""
+        self._graph.action_table.cancel(action, goal_id, self.owner)
+
+    def close(self) -> None:
+        """Close everything that this node created, and leave the graph."""
+        if not self._closed:
+            self._closed = True
+            self.owner.release_all()
+            self._graph.left(self)
+
+
+class MemoryGraph(Graph):
+    """A graph whose nodes are all in this process.
+
+    Args:
+        registry: the interfaces, and with them the distribution; the standard ones of jazzy by default.
+        clock: the wall clock by default.
+    """
+
+    def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
+        self.registry = registry = registry or Registry()
+        self.distro = registry.distro
+        self.clock = clock or WallClock()
+        self.parameters = ParameterTree()
+        self.topic_table = Topics(registry, self.clock)
+        self.service_table = Services(Deadlines(self.clock))
+        self.action_table = Actions()
+        self._introspection = Introspection(self.topic_table, self.service_table, self.action_table)
+        self._runtime = Runtime(self.clock)
+        self._participants: dict[MemoryParticipant, None] = {}
+        private = MemoryParticipant(self, SystemTopics.node_name(self.distro), private=True)
+        self._system = SystemTopics(self, private)
+
+    def participant(self, name: str) -> Participant:
+        """Join as a node of that absolute name."""
+        participant = MemoryParticipant(self, validate(name))
+        self._participants[participant] = None
+        self._introspection.joined(name)
+        return participant
+
+    def left(self, participant: MemoryParticipant) -> None:
+        """Forget a participant that closed."""
+        if participant in self._participants:
+            del self._participants[participant]
+            self._introspection.left(participant.name)
+
+    def carry_action(self, participant: MemoryParticipant, server: MemoryActionServer) -> Carrier:
+        """Offer what ROS 2 has beside an action; called once for each action server."""
+        cancel = self.registry.service("action_msgs/CancelGoal")
+        name = f"{server.name}/_action/cancel_goal"
+        return participant.advertise_service(name, cancel, cancel_service(server, cancel))
+
+    def node(self, name: str, namespace: str = "/") -> Node:
+        """A :class:`~rwt_graph.program.node.Node` of this graph."""
+        return Node(self, name, namespace)
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """Every topic, sorted by name."""
+        return self._introspection.topics()
+
+    def topic(self, name: str) -> TopicInfo | None:
+        """One topic, or None."""
+        return self.topic_table.info(name)
+
+    def services(self) -> tuple[ServiceInfo, ...]:
+        """Every service, sorted by name."""
+        return self._introspection.services()
+
+    def service(self, name: str) -> ServiceInfo | None:
+        """One service, or None."""
+        return self.service_table.info(name)
+
+    def actions(self) -> tuple[ActionInfo, ...]:
+        """Every action, sorted by name."""
+        return self._introspection.actions()
+
+    def action(self, name: str) -> ActionInfo | None:
+        """One action, or None."""
+        return self.action_table.info(name)
+
+    def nodes(self) -> tuple[NodeInfo, ...]:
+        """Every node, sorted by name."""
+        return self._introspection.nodes()
+
+    def observe_calls(self, observer: CallObserver | None) -> bool:
+        """Let `observer` hear of every call and goal from now on, or nobody; gives True."""
+        self.service_table.observer = observer
+        self.action_table.observer = observer
+        return True
+
+    @property
+    def running(self) -> bool:
+        """Whether the graph is on an event loop now."""
+        return self._runtime.running
+
+    def on_graph_thread(self) -> bool:
+        """Whether the graph may be touched from here."""
+        return self._runtime.on_graph_thread()
+
+    def run_on_graph(self, call: Callable[[], None]) -> None:
+        """Run `call` on the graph's thread, soon and in order; safe from any thread."""
+        self._runtime.run_on_graph(call)
+
+    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
+        """Run a coroutine function as a task of the graph. Raises :exc:`NotRunning` once it was left."""
+        self._runtime.spawn(task, name)
+
+    async def __aenter__(self) -> Self:
+        await self._runtime.start()
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await self._runtime.stop(self._close_participants)
+
+    def _close_participants(self) -> None:
+        for participant in tuple(reversed(self._participants)):
+            participant.close()
+        self._system.close()
+
+
+__all__ = ["MemoryGraph", "MemoryParticipant"]

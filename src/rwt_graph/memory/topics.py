@@ -1,0 +1,346 @@
+"""Topics in memory: who publishes, who subscribes, what is kept for late joiners.
+
+A topic exists while it has an endpoint. Its type is established by the first publisher or typed subscriber
+and is free again when the last of those has left; a subscriber without a type takes what there is and holds
+nothing.
+
+`publish` is the hot path of the whole server: one `Sample`, then one call per subscriber. The subscribers
+are a tuple that is replaced when one joins or leaves, so a callback may join and leave as it likes.
+Every reliability and deadline is met by a function call, so no combination of QoS is refused.
+
+A topic may have endpoints in other processes too (:mod:`rwt_graph.memory.remote`). Publishers there hold its type
+as those here do. Subscribers there do not: they may have taken it from us, and two processes would hold it
+for each other for ever. They only keep a publisher of another type from being the first.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
+from rwt_graph.clock import NANOSECONDS, Clock
+from rwt_graph.errors import TypeConflict
+from rwt_graph.memory.node_resources import Owner
+from rwt_graph.memory.remote import RemoteEndpoint, TopicsElsewhere
+from rwt_graph.qos import Durability, History, QoS
+
+if TYPE_CHECKING:
+    from rwt_interfaces.payload import Payload
+    from rwt_interfaces.registry import Registry
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+#: The resource limit of `History.KEEP_ALL` with transient-local durability, in samples per publisher.
+KEEP_ALL_LIMIT = 1000
+
+OnSample = Callable[[Sample], None]
+
+
+def _ignore(_sample: Sample) -> None:
+    """What a closed subscription does with a sample that was on its way."""
+
+
+class Topic:
+    """One name and its endpoints."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.type: MessageType | None = None
+        self.publishers: tuple[MemoryPublisher, ...] = ()
+        self.subscribers: tuple[MemorySubscription, ...] = ()
+        self.remote_publishers: tuple[RemoteEndpoint, ...] = ()
+        self.remote_subscribers: tuple[RemoteEndpoint, ...] = ()
+
+    @property
+    def empty(self) -> bool:
+        """Whether nobody is left."""
+        return not (self.publishers or self.subscribers or self.remote_publishers or self.remote_subscribers)
+
+    @property
+    def known_type(self) -> MessageType | None:
+        """The type, or what subscribers elsewhere take for it."""
+        if self.type is not None:
+            return self.type
+        return next((s.type for s in self.remote_subscribers if s.type is not None), None)
+
+    def publishing_nodes(self) -> set[str]:
+        """The names of the nodes that publish it."""
+        return {p.node for p in self.publishers} | {p.node for p in self.remote_publishers}
+
+    def subscribing_nodes(self) -> set[str]:
+        """The names of the nodes that subscribe it."""
+        return {s.node for s in self.subscribers} | {s.node for s in self.remote_subscribers}
+
+    def establish(self, wanted: MessageType, registry: Registry) -> None:
+        """Give the topic its type, or check that it is this one.
+
+        Raises:
+            TypeConflict: it is another one.
+        """
+        known = self.known_type
+        if known is not None and known is not wanted and known.name != wanted.name:
+            raise TypeConflict(
+                f"tried to register topic {self.name} with type {registry.type_name(wanted)} "
+                f"but it is already established with type {registry.type_name(known)}"
+            )
+        if self.type is None:
+            self.type = wanted
+
+    def settle(self) -> None:
+        """Free the type when nobody holds it any more, and take what a publisher elsewhere has."""
+        if self.publishers or any(s.typed for s in self.subscribers):
+            return
+        held = [p.type for p in self.remote_publishers if p.type is not None]
+        if self.type not in held:
+            self.type = held[0] if held else None
+
+
+class Kept:
+    """What one transient-local publisher keeps for late joiners."""
+
+    def __init__(self, qos: QoS, clock: Clock) -> None:
+        depth = KEEP_ALL_LIMIT if qos.history is History.KEEP_ALL else max(1, qos.depth)
+        self._samples: deque[Sample] = deque(maxlen=depth)
+        self._clock = clock
+
+    def add(self, sample: Sample) -> None:
+        """Keep a sample, apart from the receive buffer that it came in."""
+        self._forget_expired()
+        self._samples.append(sample.detach())
+
+    def samples(self) -> tuple[Sample, ...]:
+        """What is kept and not older than the lifespan, oldest first."""
+        self._forget_expired()
+        return tuple(self._samples)
+
+    def _forget_expired(self) -> None:
+        samples = self._samples
+        while samples and samples[0].expires_ns and samples[0].expires_ns < self._clock.time_ns():
+            samples.popleft()
+
+
+class MemoryPublisher(Publisher):
+    """A publisher of one topic."""
+
+    def __init__(self, topics: Topics, topic: Topic, interface: MessageType, qos: QoS, owner: Owner) -> None:
+        self.topic = topic.name
+        self.type = interface
+        self.qos = qos
+        self.node = owner.name
+        self.owner = owner
+        self._topics = topics
+        self._state: Topic | None = topic
+        self._now = topics.clock.time_ns
+        self._lifespan_ns = round((qos.lifespan or 0) * NANOSECONDS)
+        kept = qos.durability is Durability.TRANSIENT_LOCAL
+        self.kept: Kept | None = Kept(qos, topics.clock) if kept else None
+        #: Takes every sample to other processes; set by a backend that has some.
+        self.outward: OnSample | None = None
+
+    def publish(self, payload: Payload) -> None:
+        """Hand one message to every subscriber, in the order of the calls."""
+        state = self._state
+        if state is None:
+            return
+        if self._lifespan_ns:
+            now = self._now()
+            sample = Sample(self.topic, payload, now, self.node, now + self._lifespan_ns)
+        else:
+            sample = Sample(self.topic, payload, self._now(), self.node)
+        if self.kept is not None:
+            self.kept.add(sample)
+        for subscriber in state.subscribers:
+            try:
+                subscriber.on_sample(sample)
+            except Exception:
+                logger.exception("a subscriber of %s failed", self.topic)
+        if self.outward is not None:
+            self.outward(sample)
+
+    @property
+    def subscriber_count(self) -> int:
+        """How many subscribers are known now."""
+        state = self._state
+        return 0 if state is None else len(state.subscribers) + len(state.remote_subscribers)
+
+    def close(self) -> None:
+        """Leave the topic; samples kept for late joiners go with the publisher."""
+        state, self._state = self._state, None
+        if state is not None:
+            self.kept = None
+            state.publishers = tuple(p for p in state.publishers if p is not self)
+            self.owner.drop(self)
+            self._topics.left(state)
+
+
+class MemorySubscription(Subscription):
+    """A subscriber of one topic. `typed` tells whether it came with a type, and so holds the topic's."""
+
+    def __init__(
+        self, topics: Topics, topic: Topic, on_sample: OnSample, typed: bool, qos: QoS, owner: Owner
+    ) -> None:
+        self.topic = topic.name
+        self.on_sample = on_sample
+        self.typed = typed
+        self.qos = qos
+        self.node = owner.name
+        self.owner = owner
+        self._topics = topics
+        self._state: Topic | None = topic
+
+    @property
+    def type(self) -> MessageType | None:
+        """The topic's type; None while there is none, and after `close`."""
+        return None if self._state is None else self._state.type
+
+    def history(self) -> tuple[Sample, ...]:
+        """What a transient-local subscriber that joins now would receive, in the order of publishing."""
+        if self._state is None:
+            return ()
+        kept = [p.kept.samples() for p in self._state.publishers if p.kept is not None]
+        kept += [p.kept.samples() for p in self._state.remote_publishers if p.kept is not None]
+        if len(kept) == 1:
+            return kept[0]
+        return tuple(sorted((s for samples in kept for s in samples), key=lambda s: s.stamp_ns))
+
+    @property
+    def wants_kept(self) -> bool:
+        """Whether it is given what was published before it came."""
+        return self.qos.durability is not Durability.VOLATILE
+
+    def replay(self) -> None:
+        """Deliver the history, unless the subscriber only wants what is new."""
+        if self.wants_kept:
+            for sample in self.history():
+                self.deliver(sample)
+
+    def deliver(self, sample: Sample) -> None:
+        """Give the subscriber one sample."""
+        try:
+            self.on_sample(sample)
+        except Exception:
+            logger.exception("a subscriber of %s failed", self.topic)
+
+    def close(self) -> None:
+        """Leave the topic; no callback comes after this."""
+        state, self._state = self._state, None
+        if state is not None:
+            self.on_sample = _ignore
+            state.subscribers = tuple(s for s in state.subscribers if s is not self)
+            self.owner.drop(self)
+            self._topics.left(state)
+
+
+class Topics:
+    """Every topic of one graph."""
+
+    def __init__(self, registry: Registry, clock: Clock) -> None:
+        self.registry = registry
+        self.clock = clock
+        self.elsewhere: TopicsElsewhere | None = None
+        self._topics: dict[str, Topic] = {}
+
+    def advertise(self, name: str, interface: MessageType, qos: QoS, owner: Owner) -> MemoryPublisher:
+        """Add a publisher. Raises :exc:`TypeConflict`."""
+        topic = self._topics.get(name) or Topic(name)
+        topic.establish(interface, self.registry)
+        self._topics[name] = topic
+        publisher = MemoryPublisher(self, topic, interface, qos, owner)
+        owner.add(publisher, publisher.close)
+        topic.publishers = (*topic.publishers, publisher)
+        self._changed(topic)
+        return publisher
+
+    def subscribe(
+        self,
+        name: str,
+        on_sample: OnSample,
+        interface: MessageType | None,
+        qos: QoS,
+        owner: Owner,
+    ) -> MemorySubscription:
+        """Add a subscriber and give it what is kept. Raises :exc:`TypeConflict`."""
+        topic = self._topics.get(name) or Topic(name)
+        if interface is not None:
+            topic.establish(interface, self.registry)
+        self._topics[name] = topic
+        subscription = MemorySubscription(self, topic, on_sample, interface is not None, qos, owner)
+        owner.add(subscription, subscription.close)
+        topic.subscribers = (*topic.subscribers, subscription)
+        subscription.replay()
+        self._changed(topic)
+        return subscription
+
+    def left(self, topic: Topic) -> None:
+        """Note that an endpoint of `topic` has gone."""
+        topic.settle()
+        if topic.empty:
+            self._topics.pop(topic.name, None)
+        self._changed(topic)
+
+    def _changed(self, topic: Topic) -> None:
+        if self.elsewhere is not None:
+            self.elsewhere.changed(topic)
+
+    def all(self) -> tuple[Topic, ...]:
+        """Every topic."""
+        return tuple(self._topics.values())
+
+    def remote_joined(self, name: str, endpoint: RemoteEndpoint, *, publishes: bool) -> None:
+        """Another process has an endpoint of a topic."""
+        topic = self._topics.setdefault(name, Topic(name))
+        if publishes:
+            topic.remote_publishers = (*topic.remote_publishers, endpoint)
+        else:
+            topic.remote_subscribers = (*topic.remote_subscribers, endpoint)
+        self._settled(topic)
+
+    def remote_left(self, name: str, endpoint: RemoteEndpoint) -> None:
+        """Another process has that endpoint no more."""
+        topic = self._topics.get(name)
+        if topic is None:
+            return
+        topic.remote_publishers = tuple(p for p in topic.remote_publishers if p is not endpoint)
+        topic.remote_subscribers = tuple(s for s in topic.remote_subscribers if s is not endpoint)
+        self._settled(topic)
+        if topic.empty:
+            self._topics.pop(name, None)
+
+    def _settled(self, topic: Topic) -> None:
+        before = topic.type
+        topic.settle()
+        if topic.type is not before:
+            self._changed(topic)
+
+    def info(self, name: str) -> TopicInfo | None:
+        """A snapshot of one topic."""
+        topic = self._topics.get(name)
+        if topic is None:
+            return None
+        known = topic.known_type
+        type_name = "" if known is None else self.registry.type_name(known)
+        publishers = tuple(EndpointInfo(p.node, type_name, p.qos) for p in topic.publishers)
+        subscribers = tuple(EndpointInfo(s.node, type_name, s.qos) for s in topic.subscribers)
+        return TopicInfo(
+            name,
+            known,
+            publishers + tuple(EndpointInfo(p.node, p.type_name, p.qos) for p in topic.remote_publishers),
+            subscribers + tuple(EndpointInfo(s.node, s.type_name, s.qos) for s in topic.remote_subscribers),
+        )
+
+    def names(self) -> list[str]:
+        """Every topic's name, sorted."""
+        return sorted(self._topics)
+
+    def of_node(self, node: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The names of what a node publishes, and of what it subscribes."""
+        publishing = (t.name for t in self._topics.values() if node in t.publishing_nodes())
+        subscribing = (t.name for t in self._topics.values() if node in t.subscribing_nodes())
+        return tuple(sorted(publishing)), tuple(sorted(subscribing))
+
+
+__all__ = ["KEEP_ALL_LIMIT", "Kept", "MemoryPublisher", "MemorySubscription", "Topic", "Topics"]

@@ -1,0 +1,109 @@
+"""Parameters of any node, by full name.
+
+One set of names serves both generations: `/node:param` is a node's parameter, which on ROS 1 is
+`/node/param` of the global tree; a name without a colon is one of the global tree. The tree exists on ROS 2
+too, so that programs written for ROS 1 find a place for theirs; there it is apart from the nodes' parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import TypeAlias
+
+from rwt_graph.api import Graph
+from rwt_graph.errors import NotFound, ParameterRejected, ProviderNotFound
+from rwt_graph.names import resolve, split_parameter
+from rwt_graph.parameters.tree import Value
+from rwt_graph.parameters.values import decode, encode
+from rwt_graph.program.endpoints import Message, MessageLike
+
+#: How long a node may take to answer for one of its parameters, in seconds.
+ANSWER_TIMEOUT = 5.0
+
+Call: TypeAlias = Callable[[str, MessageLike, float], Awaitable[Message]]
+
+_LIST = "/list_parameters"
+
+
+class ParameterClient:
+    """Reads and sets parameters through a node's `call_service` and the graph's tree."""
+
+    def __init__(self, graph: Graph, namespace: str, node: str, call: Call) -> None:
+        self._graph = graph
+        self._namespace = namespace
+        self._node = node
+        self._call = call
+
+    def _place(self, name: str) -> tuple[str, str]:
+        """(node, parameter), the node empty for the tree."""
+        split = split_parameter(name)
+        if split is None:
+            return "", resolve(name, self._namespace, self._node) if name.strip("/") else "/"
+        if self._graph.distro.ros_version == 1:
+            return "", f"{split[0]}/{split[1]}"
+        return split
+
+    async def _ask(self, node: str, service: str, request: MessageLike) -> Message:
+        try:
+            return await self._call(f"{node}/{service}", request, ANSWER_TIMEOUT)
+        except ProviderNotFound:
+            raise NotFound(f"node {node} is not there, or has no parameters") from None
+
+    async def get(self, name: str) -> Value:
+        """The value. Raises :exc:`NotFound`, :exc:`CallFailed`."""
+        node, parameter = self._place(name)
+        if not node:
+            return self._graph.parameters.get(parameter)
+        response = await self._ask(node, "get_parameters", {"names": [parameter]})
+        value = decode(response.values[0]) if response.values else None
+        if value is None:
+            raise NotFound(f"parameter {parameter} of node {node} is not set")
+        return value
+
+    async def set(self, name: str, value: Value) -> None:
+        """Give it a value. Raises :exc:`ParameterRejected`, :exc:`NotFound`, :exc:`CallFailed`."""
+        node, parameter = self._place(name)
+        if not node:
+            self._graph.parameters.set(parameter, value)
+        else:
+            await self._set_remote(node, parameter, encode(value))
+
+    async def _set_remote(self, node: str, parameter: str, value: dict[str, object]) -> None:
+        request = {"parameters": [{"name": parameter, "value": value}]}
+        response = await self._ask(node, "set_parameters", request)
+        if response.results and not response.results[0].successful:
+            raise ParameterRejected(response.results[0].reason)
+
+    async def delete(self, name: str) -> None:
+        """Remove it. Raises :exc:`NotFound`, :exc:`ParameterRejected`, :exc:`CallFailed`."""
+        node, parameter = self._place(name)
+        if not node:
+            self._graph.parameters.delete(parameter)
+        elif not await self.has(name):
+            raise NotFound(f"parameter {parameter} of node {node} is not set")
+        else:
+            await self._set_remote(node, parameter, encode(None))
+
+    async def has(self, name: str) -> bool:
+        """Whether it has a value. Raises :exc:`CallFailed`."""
+        node, parameter = self._place(name)
+        if not node:
+            return self._graph.parameters.has(parameter)
+        try:
+            await self.get(name)
+        except NotFound:
+            return False
+        return True
+
+    async def names(self) -> tuple[str, ...]:
+        """The full names of all parameters, sorted; those of nodes as `/node:param` on ROS 2."""
+        found = list(self._graph.parameters.names())
+        for service in self._graph.services():
+            if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters":
+                node = service.name.removesuffix(_LIST)
+                response = await self._call(service.name, {}, ANSWER_TIMEOUT)
+                found += [f"{node}:{name}" for name in response.result.names]
+        return tuple(sorted(found))
+
+
+__all__ = ["ANSWER_TIMEOUT", "ParameterClient"]

@@ -1,0 +1,140 @@
+"""The six standard parameter services of a ROS 2 node, and its `/parameter_events`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import TYPE_CHECKING
+
+from rwt_graph.clock import NANOSECONDS
+from rwt_graph.errors import NotFound, ParameterRejected
+from rwt_graph.parameters.node_parameters import NodeParameters
+from rwt_graph.parameters.tree import Value
+from rwt_graph.parameters.values import ParameterType, decode, encode, type_of
+from rwt_graph.program.endpoints import Message, TopicPublisher
+from rwt_graph.qos import QoS
+
+if TYPE_CHECKING:
+    from rwt_graph.program.endpoints import MessageLike
+    from rwt_interfaces.distro import Distro
+
+#: ROS 2's profile of `/parameter_events`.
+EVENTS_QOS = QoS(depth=1000)
+
+
+class ParameterServices:
+    """Answers the services for one node."""
+
+    def __init__(self, parameters: NodeParameters) -> None:
+        self._parameters = parameters
+
+    def handlers(self) -> Iterable[tuple[str, str, Callable[[Message], MessageLike]]]:
+        """Name below the node, type and handler of each service."""
+        yield "describe_parameters", "rcl_interfaces/DescribeParameters", self._describe
+        yield "get_parameters", "rcl_interfaces/GetParameters", self._get
+        yield "get_parameter_types", "rcl_interfaces/GetParameterTypes", self._types
+        yield "list_parameters", "rcl_interfaces/ListParameters", self._list
+        yield "set_parameters", "rcl_interfaces/SetParameters", self._set
+        yield "set_parameters_atomically", "rcl_interfaces/SetParametersAtomically", self._set_atomically
+
+    def _value(self, name: str) -> Value:
+        """The value, None when there is no such parameter (`NOT_SET` on the wire)."""
+        try:
+            return self._parameters.get(name)
+        except NotFound:
+            return None
+
+    def _describe(self, request: Message) -> MessageLike:
+        return {"descriptors": [self._descriptor(name) for name in request.names]}
+
+    def _descriptor(self, name: str) -> dict[str, object]:
+        if not self._parameters.has(name):
+            return {"name": name}
+        declaration = self._parameters.declaration(name)
+        return {
+            "name": name,
+            "type": int(type_of(self._parameters.get(name))),
+            "description": declaration.description,
+            "read_only": declaration.read_only,
+            "dynamic_typing": declaration.type is ParameterType.NOT_SET,
+        }
+
+    def _get(self, request: Message) -> MessageLike:
+        return {"values": [encode(self._value(name)) for name in request.names]}
+
+    def _types(self, request: Message) -> MessageLike:
+        return {"types": [int(type_of(self._value(name))) for name in request.names]}
+
+    def _list(self, request: Message) -> MessageLike:
+        names = [name for name in self._parameters.names() if _listed(name, request.prefixes, request.depth)]
+        prefixes = sorted({name.rpartition(".")[0] for name in names if "." in name})
+        return {"result": {"names": names, "prefixes": prefixes}}
+
+    def _set(self, request: Message) -> MessageLike:
+        return {"results": [_outcome(partial(self._set_one, p)) for p in request.parameters]}
+
+    def _set_one(self, parameter: Message) -> None:
+        value = decode(parameter.value)
+        if value is None:
+            self._parameters.delete(parameter.name)
+        else:
+            self._parameters.set(parameter.name, value)
+
+    def _set_atomically(self, request: Message) -> MessageLike:
+        def set_all() -> None:
+            self._parameters.set_all([(p.name, decode(p.value)) for p in request.parameters])
+
+        return {"result": _outcome(set_all)}
+
+
+def _listed(name: str, prefixes: Iterable[str], depth: int) -> bool:
+    """Whether `list_parameters` names it: `depth` counts the levels below a prefix, 0 is all of them."""
+    wanted = tuple(prefixes)
+    if not wanted:
+        return depth == 0 or name.count(".") < depth
+    for prefix in wanted:
+        if name == prefix:
+            return True
+        if name.startswith(prefix + "."):
+            below = name[len(prefix) + 1 :]
+            if depth == 0 or below.count(".") < depth:
+                return True
+    return False
+
+
+def _outcome(change: Callable[[], None]) -> dict[str, object]:
+    """`rcl_interfaces/SetParametersResult` of a change."""
+    try:
+        change()
+    except ParameterRejected as error:
+        return {"successful": False, "reason": str(error)}
+    return {"successful": True}
+
+
+class ParameterEvents:
+    """Publishes one node's changes on `/parameter_events`."""
+
+    def __init__(self, node: str, distro: Distro, publisher: TopicPublisher) -> None:
+        self._node = node
+        self._distro = distro
+        self._publisher = publisher
+
+    def stored(self, name: str, old: Value, new: Value) -> None:
+        """A value was stored: `old` None is a new parameter, `new` None a deleted one."""
+        if new is None and old is None:
+            return  # Declared without a value: nothing to tell yet.
+        if new is None:
+            group = "deleted_parameters"
+        else:
+            group = "new_parameters" if old is None else "changed_parameters"
+        stamp = divmod(self._publisher.now_ns(), NANOSECONDS)
+        self._publisher.publish(
+            {
+                "stamp": dict(zip(self._distro.time_fields, stamp, strict=True)),
+                "node": self._node,
+                group: [{"name": name, "value": encode(new)}],
+            }
+        )
+
+
+__all__ = ["EVENTS_QOS", "ParameterEvents", "ParameterServices"]

@@ -1,0 +1,1 @@
+"""What robot programs are written with: nodes, their endpoints, goals and timers."""

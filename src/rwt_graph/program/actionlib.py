@@ -1,0 +1,216 @@
+"""Actions of ROS 1: goals, cancels, status, feedback and results as messages on five topics (ALB-01).
+
+On noetic each action of a node is served so beside the graph's own way, which does the work: a goal that
+comes in as a message is sent on as a goal of the graph, and what is heard of it goes out as messages.
+Unlike ROS 1's simple server, it lets goals run side by side, as the graph does.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import partial
+from typing import TYPE_CHECKING
+
+from rwt_graph.api import ClientGoal, GoalEvents, GoalStatus, Participant
+from rwt_graph.clock import NANOSECONDS
+from rwt_graph.errors import CallFailed, GoalRejected
+from rwt_graph.program.endpoints import Message, TopicPublisher
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_graph.program.node import Node
+    from rwt_interfaces.structs import ActionType
+
+logger = logging.getLogger(__name__)
+
+#: Seconds between two status messages: clients wait 3 s for a first one (ALB-04, ALB-05).
+STATUS_PERIOD = 0.5
+
+#: Seconds that an ended goal stays in the status messages, as in ROS 1.
+ENDED_GOALS_STAY = 5.0
+
+
+class ActionlibStatus(IntEnum):
+    """The numbers of `actionlib_msgs/GoalStatus`, which are not those of ROS 2 (ALB-08)."""
+
+    PENDING = 0
+    ACTIVE = 1
+    PREEMPTED = 2
+    SUCCEEDED = 3
+    ABORTED = 4
+    REJECTED = 5
+    PREEMPTING = 6
+
+
+STATUS: Mapping[GoalStatus, ActionlibStatus] = {
+    GoalStatus.UNKNOWN: ActionlibStatus.PENDING,
+    GoalStatus.ACCEPTED: ActionlibStatus.PENDING,
+    GoalStatus.EXECUTING: ActionlibStatus.ACTIVE,
+    GoalStatus.CANCELING: ActionlibStatus.PREEMPTING,
+    GoalStatus.SUCCEEDED: ActionlibStatus.SUCCEEDED,
+    GoalStatus.CANCELED: ActionlibStatus.PREEMPTED,
+    GoalStatus.ABORTED: ActionlibStatus.ABORTED,
+}
+
+
+@dataclass(slots=True)
+class Tracked:
+    """A goal that came as a message.
+
+    Attributes:
+        id: the client's own text.
+        stamp_ns: the client's time of sending, or ours when it gave none.
+        ended: how it ended, once it has.
+        forget_at: when it leaves the status messages, by the steady clock.
+    """
+
+    id: str
+    stamp_ns: int
+    goal: ClientGoal | None = None
+    ended: ActionlibStatus | None = None
+    text: str = ""
+    forget_at: float = 0.0
+
+    @property
+    def status(self) -> ActionlibStatus:
+        """The state now."""
+        if self.ended is not None:
+            return self.ended
+        return ActionlibStatus.ACTIVE if self.goal is None else STATUS[self.goal.status]
+
+
+class ActionlibServer:
+    """Serves one action of a node over topics.
+
+    Args:
+        idle_status: whether the status goes out without any goal, too; on ROS 1 clients wait for it.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        participant: Participant,
+        action: str,
+        interface: ActionType,
+        *,
+        idle_status: bool = True,
+    ) -> None:
+        self._idle_status = idle_status
+        self._action = action
+        self._interface = interface
+        self._participant = participant
+        self._graph = node.graph
+        self._clock = node.clock
+        self._time_fields = node.distro.time_fields
+        self._goals: dict[str, Tracked] = {}
+        self._count = 0
+        self._node_name = node.name
+        name = interface.name
+        self._feedback = node.advertise(f"{action}/feedback", f"{name}ActionFeedback")
+        self._result = node.advertise(f"{action}/result", f"{name}ActionResult")
+        self._status = node.advertise(f"{action}/status", "actionlib_msgs/GoalStatusArray")
+        self._subscriptions = (
+            node.subscribe(f"{action}/goal", self._on_goal, f"{name}ActionGoal"),
+            node.subscribe(f"{action}/cancel", self._on_cancel, "actionlib_msgs/GoalID"),
+        )
+        self._timer = node.create_timer(STATUS_PERIOD, self._publish_status)
+
+    def close(self) -> None:
+        """Leave the topics; the clients of running goals were told by then."""
+        self._timer.cancel()
+        for endpoint in (*self._subscriptions, self._feedback, self._result, self._status):
+            endpoint.close()
+
+    def _serving(self) -> bool:
+        """Whether the action is still this node's: a replaced one must not answer beside the new one."""
+        info = self._graph.action(self._action)
+        return info is not None and info.node == self._node_name
+
+    def _nanoseconds(self, stamp: Message) -> int:
+        seconds, fraction = self._time_fields
+        return int(getattr(stamp, seconds) * NANOSECONDS + getattr(stamp, fraction))
+
+    def _stamp(self, time_ns: int) -> dict[str, int]:
+        return dict(zip(self._time_fields, divmod(time_ns, NANOSECONDS), strict=True))
+
+    def _on_goal(self, message: Message) -> None:
+        """ALB-02: the client makes the id; without one it gets ROS 1's `node-count-time`."""
+        if not self._serving():
+            return
+        now = self._clock.time_ns()
+        stamp = self._nanoseconds(message.goal_id.stamp) or now
+        self._count += 1
+        goal_id = message.goal_id.id or f"{self._node_name}-{self._count}-{now / NANOSECONDS:.9f}"
+        if goal_id in self._goals:
+            logger.warning("goal %s of %s was sent twice; the second is ignored", goal_id, self._action)
+            return
+        tracked = self._goals[goal_id] = Tracked(goal_id, stamp)
+        events = GoalEvents(
+            partial(self._on_result, tracked), partial(self._on_feedback, tracked), self._publish_status
+        )
+        payload = Payload.from_value(self._interface.goal, message.goal, self._clock.time_ns)
+        tracked.goal = self._participant.send_goal(self._action, payload, events)
+
+    def _on_cancel(self, message: Message) -> None:
+        """ALB-07: all of them, the one named, and those sent no later than the stamp."""
+        stamp = self._nanoseconds(message.stamp)
+        everything = not stamp and not message.id
+        for tracked in tuple(self._goals.values()):
+            named = bool(message.id) and tracked.id == message.id
+            if tracked.goal is not None and (everything or named or 0 < tracked.stamp_ns <= stamp):
+                tracked.goal.cancel()
+        self._publish_status()
+
+    def _on_feedback(self, tracked: Tracked, feedback: Payload) -> None:
+        self._send(self._feedback, tracked, "feedback", feedback.value())
+
+    def _on_result(self, tracked: Tracked, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        if isinstance(outcome, CallFailed):
+            rejected = isinstance(outcome, GoalRejected)
+            tracked.ended = ActionlibStatus.REJECTED if rejected else ActionlibStatus.ABORTED
+            tracked.text = str(outcome)
+            result: Message = {}
+        else:
+            tracked.ended = STATUS[status]
+            tracked.text = "" if tracked.goal is None else tracked.goal.reason
+            result = outcome.value()
+        tracked.forget_at = self._clock.monotonic() + ENDED_GOALS_STAY
+        self._send(self._result, tracked, "result", result)
+        self._publish_status()
+
+    def _send(self, publisher: TopicPublisher, tracked: Tracked, part: str, message: Message) -> None:
+        header = {"stamp": self._stamp(self._clock.time_ns())}
+        publisher.publish({"header": header, "status": self._status_of(tracked), part: message})
+
+    def _status_of(self, tracked: Tracked) -> dict[str, object]:
+        goal_id = {"stamp": self._stamp(tracked.stamp_ns), "id": tracked.id}
+        return {"goal_id": goal_id, "status": int(tracked.status), "text": tracked.text}
+
+    def _say_who_listens(self) -> None:
+        heard = self._feedback.subscriber_count > 0
+        for tracked in self._goals.values():
+            if tracked.goal is not None:
+                tracked.goal.want_feedback(heard)
+
+    def _publish_status(self) -> None:
+        if not self._serving():
+            return
+        self._say_who_listens()
+        now = self._clock.monotonic()
+        over = [t.id for t in self._goals.values() if t.ended is not None and t.forget_at <= now]
+        for goal_id in over:
+            del self._goals[goal_id]
+        if not self._status.subscriber_count or not (self._goals or self._idle_status):
+            return
+        self._status.publish(
+            {
+                "header": {"stamp": self._stamp(self._clock.time_ns())},
+                "status_list": [self._status_of(tracked) for tracked in self._goals.values()],
+            }
+        )
+
+
+__all__ = ["ENDED_GOALS_STAY", "STATUS", "STATUS_PERIOD", "ActionlibServer", "ActionlibStatus"]

@@ -1,0 +1,266 @@
+"""What a :class:`~rwt_graph.program.node.Node` hands out for topics: typed messages instead of payloads."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections import deque
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import anyio
+import msgspec
+
+from rwt_graph.api import Graph, Participant, Publisher, Sample, Subscription
+from rwt_graph.qos import QoS
+from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+#: What may be given where a message is wanted: values are checked and completed by its type.
+MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object]"
+
+#: A typed message: a Struct compiled from its definition, shared and read-only. Its fields are known when the
+#: program runs and not before, so type checkers are told nothing.
+Message: TypeAlias = Any
+
+#: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.
+MessageCallback: TypeAlias = Callable[[Message], Awaitable[None] | None]
+
+
+def to_payload(interface: MessageType, message: MessageLike, now: Callable[[], int]) -> Payload:
+    """A payload of that type.
+
+    Raises:
+        PayloadError: the message does not fit the type, or is a payload of another one.
+    """
+    if isinstance(message, Payload):
+        if message.type is not interface and message.type.name != interface.name:
+            raise PayloadError("", f"expected a {interface.name}, got a {message.type.name}")
+        return message
+    return Payload.from_value(interface, message, now)
+
+
+class TopicPublisher:
+    """Publishes on one topic. `publish` may be called from any thread while the graph runs."""
+
+    def __init__(self, graph: Graph, publisher: Publisher) -> None:
+        self.topic = publisher.topic
+        self.type = publisher.type
+        self._graph = graph
+        self._publisher = publisher
+        self.now_ns = graph.clock.time_ns
+
+    def publish(self, message: MessageLike) -> None:
+        """Send one message to every subscriber.
+
+        The message is checked here, in the caller's thread; from another thread than the graph's it is then
+        handed over, and messages of one thread stay in order.
+
+        Raises:
+            PayloadError: the message does not fit the topic's type.
+        """
+        payload = to_payload(self.type, message, self.now_ns)
+        if self._graph.on_graph_thread():
+            self._publisher.publish(payload)
+        else:
+            self._graph.run_on_graph(partial(self._publisher.publish, payload))
+
+    @property
+    def subscriber_count(self) -> int:
+        """How many subscribers are known now."""
+        return self._publisher.subscriber_count
+
+    def close(self) -> None:
+        """Leave the topic; messages kept for late joiners go with the publisher."""
+        if self._graph.on_graph_thread():
+            self._publisher.close()
+        else:
+            self._graph.run_on_graph(self._publisher.close)
+
+    def __enter__(self) -> TopicPublisher:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+class SampleQueue:
+    """Samples for a coroutine: bounded, the newest are kept."""
+
+    def __init__(self, size: int, time_ns: Callable[[], int]) -> None:
+        self._time_ns = time_ns
+        self._samples: deque[Sample] = deque(maxlen=max(1, size))
+        self._arrived: anyio.Event | None = None
+        self._closed = False
+        self.dropped = 0
+
+    def put(self, sample: Sample) -> None:
+        """Add a sample; the oldest makes room."""
+        if len(self._samples) == self._samples.maxlen:
+            self.dropped += 1
+        self._samples.append(sample.detach())
+        self._wake()
+
+    def _wake(self) -> None:
+        arrived, self._arrived = self._arrived, None
+        if arrived is not None:
+            arrived.set()
+
+    async def get(self) -> Sample | None:
+        """The oldest sample that has not expired, waiting for one; None after `close`."""
+        while True:
+            if self._samples:
+                sample = self._samples.popleft()
+                if not sample.expires_ns or sample.expires_ns >= self._time_ns():
+                    return sample
+                continue
+            if self._closed:
+                return None
+            if self._arrived is None:
+                self._arrived = anyio.Event()
+            await self._arrived.wait()
+
+    def close(self) -> None:
+        """Let readers end; what was not read is dropped."""
+        self._closed = True
+        self._samples.clear()
+        self._wake()
+
+
+class Samples:
+    """Iterates over a queue until it is closed."""
+
+    def __init__(self, queue: SampleQueue) -> None:
+        self._queue = queue
+
+    def __aiter__(self) -> Samples:
+        return self
+
+    async def __anext__(self) -> Sample:
+        sample = await self._queue.get()
+        if sample is None:
+            raise StopAsyncIteration
+        return sample
+
+
+class TopicSubscription:
+    """Receives one topic, through a callback or as an asynchronous iterator.
+
+    Attributes:
+        topic: absolute name.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        participant: Participant,
+        topic: str,
+        callback: MessageCallback | None,
+        on_sample: Callable[[Sample], None] | None,
+        interface: MessageType | None,
+        qos: QoS,
+        queue_size: int,
+    ) -> None:
+        self.topic = topic
+        self._graph = graph
+        self._has_callback = callback is not None
+        self._queue: SampleQueue | None
+        receive = on_sample or _at_once(callback)
+        if receive is None:
+            self._queue = SampleQueue(queue_size, graph.clock.time_ns)
+            receive = self._queue.put
+        else:
+            self._queue = None
+        self._subscription: Subscription = participant.subscribe(topic, receive, interface, qos)
+        if self._queue is not None and callback is not None:
+            graph.spawn(partial(self._call_in_turn, self._queue, callback), f"subscriber of {topic}")
+
+    async def _call_in_turn(self, queue: SampleQueue, callback: MessageCallback) -> None:
+        while (sample := await queue.get()) is not None:
+            try:
+                returned = callback(sample.payload.value())
+                if returned is not None:
+                    await returned
+            except Exception:
+                logger.exception("a subscriber of %s failed", self.topic)
+
+    @property
+    def type(self) -> MessageType | None:
+        """The topic's type; None while there is none."""
+        return self._subscription.type
+
+    @property
+    def dropped(self) -> int:
+        """How many messages the queue of a coroutine callback or iterator had no room for."""
+        return 0 if self._queue is None else self._queue.dropped
+
+    def __aiter__(self) -> TopicSubscription:
+        return self
+
+    async def __anext__(self) -> Message:
+        return (await anext(self.samples())).payload.value()
+
+    def samples(self) -> Samples:
+        """The samples themselves, undecoded, until the subscription is closed.
+
+        Raises:
+            RuntimeError: the subscription has a callback, which receives them already.
+        """
+        if self._queue is None or self._has_callback:
+            raise RuntimeError(
+                f"the subscription of {self.topic} has a callback; subscribe without one to iterate"
+            )
+        return Samples(self._queue)
+
+    def close(self) -> None:
+        """Leave the topic; no callback is begun after this, iterators end."""
+        if not self._graph.on_graph_thread():
+            self._graph.run_on_graph(self.close)
+            return
+        self._subscription.close()
+        if self._queue is not None:
+            self._queue.close()
+
+    def __enter__(self) -> TopicSubscription:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | None:
+    """What calls a plain function; None for what needs a queue."""
+    if callback is None or is_coroutine_function(callback):
+        return None
+
+    def receive(sample: Sample) -> None:
+        callback(sample.payload.value())
+
+    return receive
+
+
+def is_coroutine_function(function: Callable[..., object]) -> bool:
+    """Whether calling it makes a coroutine; looks into partials and objects with `__call__`."""
+    while isinstance(function, partial):
+        function = function.func
+    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
+        getattr(function, "__call__", None)  # noqa: B004 - asked for its kind, not whether it is there
+    )
+
+
+__all__ = [
+    "Message",
+    "MessageCallback",
+    "MessageLike",
+    "SampleQueue",
+    "TopicPublisher",
+    "TopicSubscription",
+    "is_coroutine_function",
+    "to_payload",
+]

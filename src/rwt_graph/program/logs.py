@@ -1,0 +1,70 @@
+"""A node's log: `/rosout` for the graph, Python's logging for the process."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from typing import TYPE_CHECKING
+
+from rwt_graph.clock import NANOSECONDS
+from rwt_graph.program.endpoints import TopicPublisher
+
+if TYPE_CHECKING:
+    from rwt_interfaces.distro import Distro
+
+#: Python's level → the number in `rosgraph_msgs/Log` (ROS 1); `rcl_interfaces/Log` uses Python's own numbers.
+ROS_1_LEVELS = {logging.DEBUG: 1, logging.INFO: 2, logging.WARNING: 4, logging.ERROR: 8, logging.CRITICAL: 16}
+
+
+class NodeLog:
+    """Writes each line to `/rosout` and to the Python logger of the node's name. Safe from any thread."""
+
+    def __init__(self, node: str, distro: Distro, publisher: TopicPublisher) -> None:
+        self._node = node
+        # ROS 2 names a node's logger so; ROS 1 gives the node's name itself.
+        self._name = node.strip("/").replace("/", ".")
+        self._distro = distro
+        self._publisher = publisher
+        self._logger = logging.getLogger(f"ros.{self._name}")
+
+    def debug(self, text: str) -> None:
+        """For developers."""
+        self._write(logging.DEBUG, text)
+
+    def info(self, text: str) -> None:
+        """For operators."""
+        self._write(logging.INFO, text)
+
+    def warning(self, text: str) -> None:
+        """Something unexpected that the node can live with."""
+        self._write(logging.WARNING, text)
+
+    warn = warning
+
+    def error(self, text: str) -> None:
+        """Something that did not work."""
+        self._write(logging.ERROR, text)
+
+    def fatal(self, text: str) -> None:
+        """The node cannot go on."""
+        self._write(logging.CRITICAL, text)
+
+    def _write(self, level: int, text: str) -> None:
+        self._logger.log(level, "%s", text)
+        caller = sys._getframe(2)
+        where = {
+            "file": caller.f_code.co_filename,
+            "function": caller.f_code.co_name,
+            "line": caller.f_lineno,
+        }
+        self._publisher.publish({**self._head(level), **where, "msg": text})
+
+    def _head(self, level: int) -> dict[str, object]:
+        now = self._publisher.now_ns()
+        stamp = dict(zip(self._distro.time_fields, divmod(now, NANOSECONDS), strict=True))
+        if self._distro.ros_version == 1:
+            return {"header": {"stamp": stamp}, "level": ROS_1_LEVELS[level], "name": self._node}
+        return {"stamp": stamp, "level": level, "name": self._name}
+
+
+__all__ = ["NodeLog"]

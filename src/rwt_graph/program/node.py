@@ -1,0 +1,500 @@
+"""The API of robot programs: typed messages, coroutines and plain functions, safe from every thread.
+
+A node is written on the contract of :mod:`rwt_graph.api` alone, so it works on every backend::
+
+    graph = MemoryGraph()
+    node = Node(graph, "talker")
+    chatter = node.advertise("chatter", "std_msgs/String")
+    async with graph:
+        chatter.publish({"data": "hello"})
+
+Threads: once the graph runs, every method that is not a coroutine may be called from any thread. Those that
+return something wait for the graph's thread; `publish` does not. A coroutine is awaited on the graph's event
+loop; from another thread, :meth:`Node.run_blocking` runs one there and waits for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Coroutine
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from rwt_graph.api import Graph, Sample
+from rwt_graph.clock import Clock, SimulatedClock, Timer
+from rwt_graph.errors import NotRunning, ProviderNotFound, WrongThread
+from rwt_graph.memory.system import rosout_qos, rosout_type
+from rwt_graph.names import namespace_of, node_name, resolve
+from rwt_graph.parameters.client import ParameterClient
+from rwt_graph.parameters.node_parameters import NodeParameters, NodeStore, TreeStore
+from rwt_graph.parameters.services import EVENTS_QOS, ParameterEvents, ParameterServices
+from rwt_graph.parameters.tree import Value
+from rwt_graph.program import service_handlers
+from rwt_graph.program.actionlib import ActionlibServer
+from rwt_graph.program.endpoints import (
+    Message,
+    MessageCallback,
+    MessageLike,
+    TopicPublisher,
+    TopicSubscription,
+    to_payload,
+)
+from rwt_graph.program.goals import AcceptGoal, ActionFunction, Execute, GoalHandle
+from rwt_graph.program.logs import NodeLog
+from rwt_graph.program.service_handlers import ServiceFunction, ServiceHandler
+from rwt_graph.program.timers import PeriodicTimer
+from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, LATCHED, QoS
+
+if TYPE_CHECKING:
+    from rwt_interfaces.distro import Distro
+    from rwt_interfaces.payload import Payload
+    from rwt_interfaces.registry import Registry
+
+T = TypeVar("T")
+
+
+class Closable(Protocol):
+    """What a :class:`Handle` holds."""
+
+    def close(self) -> None:
+        """Let go."""
+        ...
+
+
+class Handle:
+    """A service or action that a node offers; `close` withdraws it, from any thread.
+
+    Attributes:
+        name: absolute name.
+    """
+
+    def __init__(self, graph: Graph, name: str, *parts: Closable) -> None:
+        self.name = name
+        self._graph = graph
+        self._parts = parts
+
+    def close(self) -> None:
+        """Withdraw it; calls and goals in flight end with :exc:`ProviderGone`."""
+        if self._graph.on_graph_thread():
+            self._close()
+        else:
+            self._graph.run_on_graph(self._close)
+
+    def _close(self) -> None:
+        for part in self._parts:
+            part.close()
+
+    def __enter__(self) -> Handle:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+class Node:
+    """One participant of the graph.
+
+    Args:
+        graph: any backend.
+        name: the node's own name (`talker`), or its absolute one.
+        namespace: what relative names are relative to.
+
+    Attributes:
+        name: absolute name.
+        log: writes to `/rosout` and Python's logging.
+        parameters: the node's own; `get_param` and its like reach those of all nodes.
+
+    Raises:
+        InvalidGraphName: the name or the namespace is not one that ROS allows.
+    """
+
+    def __init__(self, graph: Graph, name: str, namespace: str = "/") -> None:
+        self.graph = graph
+        self.name = node_name(name, namespace)
+        self.namespace = namespace_of(self.name)
+        self._participant = self._run(lambda: graph.participant(self.name))
+        self._timers: set[PeriodicTimer] = set()
+        rosout = self.advertise("/rosout", rosout_type(graph.distro), rosout_qos(graph.distro))
+        self.log = NodeLog(self.name, graph.distro, rosout)
+        self.parameters = self._make_parameters()
+        self._remote = ParameterClient(graph, self.namespace, self.name, self.call_service)
+
+    def _make_parameters(self) -> NodeParameters:
+        if self.distro.ros_version == 1:
+            tree = TreeStore(self.graph.parameters, self.name)
+            return NodeParameters(self.name, tree, True, self._run)
+        publisher = self.advertise("/parameter_events", "rcl_interfaces/ParameterEvent", EVENTS_QOS)
+        events = ParameterEvents(self.name, self.distro, publisher)
+        parameters = NodeParameters(self.name, NodeStore(events.stored), False, self._run)
+        for name, interface, handler in ParameterServices(parameters).handlers():
+            self.advertise_service(f"~/{name}", interface, handler)
+        parameters.declare("use_sim_time", isinstance(self.clock, SimulatedClock), read_only=True)
+        return parameters
+
+    @property
+    def clock(self) -> Clock:
+        """ROS time, steady time and timers."""
+        return self.graph.clock
+
+    @property
+    def registry(self) -> Registry:
+        """The interfaces that the graph knows."""
+        return self.graph.registry
+
+    @property
+    def distro(self) -> Distro:
+        """The ROS distribution that the graph speaks."""
+        return self.graph.distro
+
+    def resolve(self, name: str) -> str:
+        """The absolute form of a name: relative to the namespace, `~/x` to the node."""
+        return resolve(name, self.namespace, self.name)
+
+    # Topics
+
+    def advertise(
+        self,
+        topic: str,
+        type: str,
+        qos: QoS | None = None,
+        latch: bool = False,
+    ) -> TopicPublisher:
+        """Become a publisher of a topic.
+
+        Args:
+            type: `std_msgs/String` or `std_msgs/msg/String`.
+            qos: keep-last 10, reliable, volatile by default.
+            latch: keep the last message for whoever joins late; the same as `qos=LATCHED`.
+
+        Raises:
+            UnknownType: no such message is known.
+            TypeConflict: the topic is established with another type.
+            InvalidGraphName: not a name that ROS allows.
+        """
+        name, message = self.resolve(topic), self.registry.message(type)
+        wanted = qos or (LATCHED if latch else DEFAULT_QOS)
+        return self._run(
+            lambda: TopicPublisher(self.graph, self._participant.advertise(name, message, wanted))
+        )
+
+    def subscribe(
+        self,
+        topic: str,
+        callback: MessageCallback | None = None,
+        type: str | None = None,
+        qos: QoS = BEST_AVAILABLE,
+        queue_size: int = 10,
+        *,
+        on_sample: Callable[[Sample], None] | None = None,
+    ) -> TopicSubscription:
+        """Become a subscriber of a topic.
+
+        Args:
+            callback: called with each message. A plain function runs on the graph's thread, from within
+                `publish`; a coroutine function runs in one task, message after message. Without a callback,
+                iterate: `async for message in subscription`.
+            type: None takes the topic's, as soon as it has one.
+            queue_size: how many messages wait for a coroutine or an iterator; the newest are kept.
+            on_sample: instead of `callback`, called with each undecoded :class:`Sample` on the graph's
+            thread.
+
+        Raises:
+            UnknownType: no such message is known.
+            TypeConflict: the topic is established with another type.
+            InvalidGraphName: not a name that ROS allows.
+        """
+        name = self.resolve(topic)
+        message = None if type is None else self.registry.message(type)
+        return self._run(
+            lambda: TopicSubscription(
+                self.graph, self._participant, name, callback, on_sample, message, qos, queue_size
+            )
+        )
+
+    # Services
+
+    def advertise_service(
+        self,
+        service: str,
+        type: str,
+        handler: ServiceHandler,
+    ) -> Handle:
+        """Offer a service; a provider of the same name is replaced.
+
+        Args:
+            handler: takes the request, gives the response (anything :data:`MessageLike`, None for defaults).
+                Raise :exc:`ServiceFailed` to refuse; any other exception is logged and fails the call too.
+                A plain function runs on the graph's thread; use `async def` for what takes time, with
+                `anyio.to_thread.run_sync` for what blocks.
+
+        Raises:
+            UnknownType: no such service is known.
+            InvalidGraphName: not a name that ROS allows.
+        """
+        name, interface = self.resolve(service), self.registry.service(type)
+        function = ServiceFunction(self.graph, name, interface.response, handler)
+        return self._run(
+            lambda: Handle(self.graph, name, self._participant.advertise_service(name, interface, function))
+        )
+
+    async def call_service(
+        self,
+        service: str,
+        request: MessageLike | None = None,
+        timeout: float | None = None,
+    ) -> Message:
+        """Call a service and wait for its response.
+
+        Args:
+            request: None for one of defaults.
+            timeout: seconds; None waits for ever.
+
+        Raises:
+            ProviderNotFound: nobody offers it (a :exc:`CallFailed` and a :exc:`NotFound`).
+            ServiceFailed: its provider says so; also CallTimeout and ProviderGone.
+            PayloadError: the request does not fit the service's type.
+        """
+        name = self.resolve(service)
+        payload = self._request(name, request)
+        return (await service_handlers.call(self._participant, name, payload, timeout)).value()
+
+    def call_service_sync(
+        self, service: str, request: MessageLike | None = None, timeout: float | None = None
+    ) -> Message:
+        """:meth:`call_service` for plain functions in threads: blocks until the response is there.
+
+        Raises:
+            WrongThread: called on the graph's own thread, which would wait for itself.
+            NotRunning: the graph is not on an event loop.
+        """
+        return self.run_blocking(lambda: self.call_service(service, request, timeout))
+
+    def _request(self, name: str, request: MessageLike | None) -> Payload:
+        info = self.graph.service(name)
+        if info is None:
+            raise ProviderNotFound(f"Service {name} does not exist")
+        return to_payload(info.type.request, {} if request is None else request, self.clock.time_ns)
+
+    # Actions
+
+    def advertise_action(
+        self,
+        action: str,
+        type: str,
+        execute: Execute,
+        accept: AcceptGoal | None = None,
+    ) -> Handle:
+        """Offer an action; a server of the same name is replaced. On ROS 1 it is served over topics too
+        (ALB-01).
+
+        Args:
+            execute: a coroutine function, run as a task for each goal. What it returns is the result of a
+                goal that succeeded; :exc:`GoalCanceled` and :exc:`GoalAborted` end it otherwise, and so
+                does any other exception, as aborted. Cancelled itself when the action is withdrawn.
+            accept: looks at the goal's message first: True accepts, False or a reason rejects.
+
+        Raises:
+            UnknownType: no such action is known.
+            InvalidGraphName: not a name that ROS allows.
+            TypeError: `execute` is not a coroutine function.
+        """
+        name, interface = self.resolve(action), self.registry.action(type)
+        function = ActionFunction(self.graph, name, interface, execute, accept)
+
+        def advertise() -> Handle:
+            registration = self._participant.advertise_action(name, interface, function)
+            if self.distro.ros_version != 1:
+                return Handle(self.graph, name, registration)
+            topics = ActionlibServer(self, self._participant, name, interface)
+            return Handle(self.graph, name, registration, topics)
+
+        return self._run(advertise)
+
+    def serve_over_topics(self, action: str, type: str) -> Handle:
+        """Offer an action of this node over the topics of ROS 1 besides (ALB-01), for clients of actionlib.
+
+        On ROS 1 :meth:`advertise_action` does so by itself. There the status always goes out; here it does
+        while there are goals.
+
+        Args:
+            action: one that this node offers; when it is withdrawn, goals that come are left unanswered.
+            type: what the action is called over topics; its fields are those of the action's own type.
+
+        Raises:
+            UnknownType: no such action is known.
+            InvalidGraphName: not a name that ROS allows.
+        """
+        name, interface = self.resolve(action), self.registry.action(type)
+
+        def serve() -> Handle:
+            topics = ActionlibServer(self, self._participant, name, interface, idle_status=False)
+            return Handle(self.graph, name, topics)
+
+        return self._run(serve)
+
+    async def send_goal(
+        self,
+        action: str,
+        goal: MessageLike | None = None,
+        on_feedback: Callable[[Message], None] | None = None,
+        *,
+        goal_id: str | None = None,
+    ) -> GoalHandle:
+        """Send a goal, and wait until the server has taken it.
+
+        Args:
+            goal: None for one of defaults.
+            on_feedback: a plain function, called on the graph's thread with each feedback message.
+            goal_id: 32 lower-case hex digits; made here by default.
+
+        Raises:
+            ProviderNotFound: nobody offers the action (a :exc:`CallFailed` and a :exc:`NotFound`).
+            GoalRejected: its server refuses.
+            ProviderGone: its server went away meanwhile.
+            PayloadError: the goal does not fit the action's type.
+        """
+        name = self.resolve(action)
+        info = self.graph.action(name)
+        if info is None:
+            raise ProviderNotFound(f"Action {name} does not exist")
+        payload = to_payload(info.type.goal, {} if goal is None else goal, self.clock.time_ns)
+        handle = GoalHandle(name, on_feedback)
+        handle.send(self._participant, payload, goal_id)
+        await handle.accepted()
+        return handle
+
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Ask to cancel a goal that anybody sent, by its id; an unknown one is no error."""
+        name = self.resolve(action)
+        self._run(lambda: self._participant.cancel_goal(name, goal_id))
+
+    # Parameters of any node
+
+    async def get_param(self, name: str) -> Value:
+        """The value of a parameter: `/node:param`, or a name of the global tree.
+
+        Raises:
+            NotFound: there is no such node, parameter or value.
+            CallFailed: the node did not answer.
+        """
+        return await self._remote.get(name)
+
+    async def set_param(self, name: str, value: Value) -> None:
+        """Set a parameter.
+
+        Raises:
+            ParameterRejected: the node refused, and why.
+            NotFound: there is no such node.
+            CallFailed: the node did not answer.
+        """
+        await self._remote.set(name, value)
+
+    async def delete_param(self, name: str) -> None:
+        """Remove a parameter.
+
+        Raises:
+            ParameterRejected: the node does not allow it.
+            NotFound: there is no such node or parameter.
+            CallFailed: the node did not answer.
+        """
+        await self._remote.delete(name)
+
+    async def has_param(self, name: str) -> bool:
+        """Whether a parameter has a value. Raises :exc:`CallFailed` when its node does not answer."""
+        return await self._remote.has(name)
+
+    async def list_params(self) -> tuple[str, ...]:
+        """The full names of all parameters, sorted: `/node:param` on ROS 2, `/param` of the global tree."""
+        return await self._remote.names()
+
+    # Time
+
+    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
+        """Call `callback` every `period` seconds of the graph's clock, first after one period.
+
+        A coroutine function runs as a task; a tick that comes while it still runs is skipped. Ticks that
+        were missed are skipped too, so the rate never catches up in a burst.
+
+        Raises:
+            ValueError: `period` is not positive.
+        """
+        if period <= 0:
+            raise ValueError(f"a timer's period must be positive, not {period} s")
+        timer = PeriodicTimer(self.graph, period, callback, self._timers.discard)
+        self._timers.add(timer)
+        self._run(timer.start)
+        return timer
+
+    # Threads
+
+    def run_blocking(self, function: Callable[[], Coroutine[object, object, T]]) -> T:
+        """Run a coroutine function on the graph's event loop, and wait for what it returns.
+
+        For threads: `node.run_blocking(lambda: node.get_param("/robot:speed"))`.
+
+        Raises:
+            WrongThread: called on the graph's own thread, which would wait for itself.
+            NotRunning: the graph is not on an event loop, or was left meanwhile.
+        """
+        if not self.graph.running:
+            raise NotRunning("a blocking call needs a running graph: enter it with 'async with graph'")
+        if self.graph.on_graph_thread():
+            raise WrongThread(
+                "a blocking call on the graph's own thread would wait for itself: await it instead"
+            )
+        outcome: Future[T] = Future()
+
+        async def run() -> None:
+            try:
+                result = await function()
+            except Exception as error:
+                outcome.set_exception(error)
+            except BaseException:
+                outcome.set_exception(NotRunning("the graph was left during a blocking call"))
+                raise
+            else:
+                outcome.set_result(result)
+
+        def begin() -> None:
+            try:
+                self.graph.spawn(run, f"blocking call of {self.name}")
+            except NotRunning as error:
+                outcome.set_exception(error)
+
+        self.graph.run_on_graph(begin)
+        return outcome.result()
+
+    def _run(self, function: Callable[[], T]) -> T:
+        """The result of `function`, run on the graph's thread; what it raises is raised here."""
+        if self.graph.on_graph_thread():
+            return function()
+        outcome: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                outcome.set_result(function())
+            except Exception as error:
+                outcome.set_exception(error)
+
+        self.graph.run_on_graph(run)
+        return outcome.result()
+
+    # Leaving
+
+    def close(self) -> None:
+        """Leave the graph with everything that this node made."""
+        self._run(self._close)
+
+    def _close(self) -> None:
+        for timer in tuple(self._timers):
+            timer.cancel()
+        self.parameters.close()
+        self._participant.close()
+
+    def __enter__(self) -> Node:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+__all__ = ["Handle", "Node"]

@@ -1,0 +1,104 @@
+"""From a function of the program to a service of the contract, and back."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, TypeAlias
+
+from rwt_graph.api import Graph, Participant, ServiceCall
+from rwt_graph.errors import CallFailed, ServiceFailed
+from rwt_graph.program.endpoints import Message, MessageLike, is_coroutine_function, to_payload
+from rwt_graph.program.future import Outcome
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+Answer: TypeAlias = "MessageLike | Awaitable[MessageLike | None] | None"
+
+#: Takes the request and gives the response; None stands for a response of defaults.
+ServiceHandler: TypeAlias = Callable[[Message], Answer]
+
+
+def failure_text(error: Exception) -> str:
+    """What a caller is told of an exception."""
+    return str(error) or type(error).__name__
+
+
+class ServiceFunction:
+    """Calls a handler for each request; what it raises is the caller's :exc:`ServiceFailed`.
+
+    A plain handler runs on the graph's thread and holds everything up while it does: slow work belongs in an
+    `async def` handler, with `anyio.to_thread.run_sync` for what blocks. Each call of a coroutine handler
+    is a task; calls may overlap.
+    """
+
+    def __init__(self, graph: Graph, service: str, response: MessageType, handler: ServiceHandler) -> None:
+        self._graph = graph
+        self._service = service
+        self._response = response
+        self._handler = handler
+        self._is_coroutine = is_coroutine_function(handler)
+
+    def __call__(self, call: ServiceCall) -> None:
+        """Answer one call, now or from a task."""
+        # Read now: the request may be a view of a receive buffer that is used again when this has returned.
+        request = call.request.value()
+        if self._is_coroutine:
+            self._answer_later(call, lambda: self._handler(request))
+            return
+        try:
+            answer = self._handler(request)
+            if not inspect.isawaitable(answer):
+                call.reply(self._payload(answer))
+                return
+        except Exception as error:
+            self._fail(call, error)
+            return
+        self._answer_later(call, lambda: answer)
+
+    def _answer_later(self, call: ServiceCall, begin: Callable[[], Answer]) -> None:
+        if not self._graph.running:
+            call.fail(f"service {self._service} has a coroutine handler, and the graph is not running")
+            return
+
+        async def finish() -> None:
+            try:
+                answer = begin()
+                call.reply(self._payload(await answer if inspect.isawaitable(answer) else answer))
+            except Exception as error:
+                self._fail(call, error)
+
+        self._graph.spawn(finish, f"service {self._service}")
+
+    def _payload(self, answer: MessageLike | None) -> Payload:
+        return to_payload(self._response, {} if answer is None else answer, self._graph.clock.time_ns)
+
+    def _fail(self, call: ServiceCall, error: Exception) -> None:
+        if not isinstance(error, ServiceFailed):
+            logger.error("service %s failed", self._service, exc_info=error)
+        call.fail(failure_text(error))
+
+
+async def call(participant: Participant, service: str, request: Payload, seconds: float | None) -> Payload:
+    """Call a service and wait for the response.
+
+    Raises:
+        CallFailed: with the reason, by its subclass.
+    """
+    outcome: Outcome[Payload | CallFailed] = Outcome()
+    pending = participant.call_service(service, request, outcome.set, seconds)
+    try:
+        answer = await outcome.wait()
+    finally:
+        pending.cancel()
+    if isinstance(answer, CallFailed):
+        raise answer
+    return answer
+
+
+__all__ = ["ServiceFunction", "ServiceHandler", "call", "failure_text"]

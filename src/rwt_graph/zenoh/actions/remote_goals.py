@@ -1,0 +1,257 @@
+"""Goals of action servers in other processes, through the services and topics of ROS 2."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from rwt_graph.api import ActionInfo, ClientGoal, GoalStatus, Sample, Subscription
+from rwt_graph.errors import CallFailed, GoalRejected, ProviderGone, ServiceFailed
+from rwt_graph.qos import DEFAULT_QOS
+from rwt_graph.zenoh.actions.names import SEND_GOAL, ActionNames, part_type, struct_payload, uuid_struct
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_graph.api import GoalEvents, PendingCall
+    from rwt_graph.memory.node_resources import Owner
+    from rwt_graph.memory.remote import ServicesElsewhere
+    from rwt_graph.memory.services import Services
+    from rwt_graph.memory.topics import Topics
+    from rwt_interfaces.registry import Registry
+
+logger = logging.getLogger(__name__)
+
+#: The id that ROS 2's cancel service takes for "all of them".
+_EVERY_GOAL = "0" * 32
+
+_STATES = {status.value: status for status in GoalStatus}
+
+
+class RemoteActions:
+    """The actions of other processes: whoever offers `<action>/_action/send_goal` offers the action."""
+
+    def __init__(
+        self, topics: Topics, services: Services, remote: ServicesElsewhere, registry: Registry
+    ) -> None:
+        self.topics = topics
+        self.services = services
+        self.registry = registry
+        self._remote = remote
+
+    def info(self, name: str) -> ActionInfo | None:
+        """One action, or None; also None when its type is not known here."""
+        service = self._remote.info(f"{name}{SEND_GOAL}")
+        if service is None:
+            return None
+        try:
+            type = self.registry.action(service.type.name.removesuffix("_SendGoal"))
+        except InterfaceError:
+            return None
+        return ActionInfo(name, type, service.node)
+
+    def names(self) -> set[str]:
+        """The names of all of them."""
+        return {name.removesuffix(SEND_GOAL) for name in self._remote.names() if name.endswith(SEND_GOAL)}
+
+    def of_node(self, node: str) -> set[str]:
+        """The names of those that a node offers."""
+        return {
+            name.removesuffix(SEND_GOAL) for name in self._remote.of_node(node) if name.endswith(SEND_GOAL)
+        }
+
+    def send(
+        self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: Owner
+    ) -> ClientGoal | None:
+        """Send a goal; None when no other process offers the action."""
+        info = self.info(action)
+        if info is None:
+            return None
+        goal = RemoteGoal(self, info, events, goal_id, client)
+        goal.send(payload)
+        return goal
+
+    def cancel(self, action: str, goal_id: str, client: Owner) -> None:
+        """Ask to cancel a goal by its id; nobody waits for the answer."""
+        if goal_id == _EVERY_GOAL:
+            return  # It would cancel them all, and is no goal's own.
+        self.ask_to_cancel(action, goal_id, client, lambda _: None)
+
+    def ask_to_cancel(
+        self, action: str, goal_id: str, client: Owner, on_reply: Callable[[Payload | CallFailed], None]
+    ) -> None:
+        """Call the action's cancel service."""
+        request = self.registry.service("action_msgs/CancelGoal").request
+        info = {"goal_info": {"goal_id": {"uuid": bytes.fromhex(goal_id)}}}
+        name = ActionNames(action).cancel_goal
+        self.services.call(name, Payload.from_value(request, info), on_reply, None, client)
+
+
+class RemoteGoal(ClientGoal):
+    """One goal as its client sees it."""
+
+    def __init__(
+        self, actions: RemoteActions, info: ActionInfo, events: GoalEvents, goal_id: str, client: Owner
+    ) -> None:
+        self.id = goal_id
+        self.action = info.name
+        self._type = info.type
+        self._names = ActionNames(info.name)
+        self._actions = actions
+        self._events: GoalEvents | None = events
+        self._client = client
+        self._status = GoalStatus.UNKNOWN
+        self._reason = ""
+        self._feedback: Subscription | None = None
+        self._reasons: Subscription | None = None
+        self._pending: PendingCall | None = None
+
+    @property
+    def status(self) -> GoalStatus:
+        """The last state that was heard of."""
+        return self._status
+
+    @property
+    def reason(self) -> str:
+        """Why the server ended the goal as it did; a server that is not this project's never says."""
+        return self._reason
+
+    def send(self, payload: Payload) -> None:
+        """Listen for what belongs to the goal, then send it."""
+        self._client.add(self, self.client_closed)
+        self.want_feedback(True)
+        self._reasons = self._listen(self._names.reasons, "std_msgs/String", self._on_reason)
+        request = self._actions.registry.service(part_type(self._type, "_SendGoal")).request
+        goal = struct_payload(request, goal_id=uuid_struct(request, self.id), goal=payload.value())
+        self._call(self._names.send_goal, goal, self._on_answer)
+
+    def want_feedback(self, wanted: bool) -> None:
+        """Subscribe to the feedback, or leave it: a server that has no subscribers sends none."""
+        feedback = self._feedback
+        if not wanted and feedback is not None:
+            self._feedback = None
+            feedback.close()
+        elif (
+            wanted and feedback is None and self._events is not None and self._events.on_feedback is not None
+        ):
+            type = part_type(self._type, "_FeedbackMessage")
+            self._feedback = self._listen(self._names.feedback, type, self._on_feedback)
+
+    def _listen(self, topic: str, type: str, on_sample: Callable[[Sample], None]) -> Subscription:
+        actions = self._actions
+        return actions.topics.subscribe(
+            topic, on_sample, actions.registry.message(type), DEFAULT_QOS, self._client
+        )
+
+    def _call(self, service: str, request: Payload, on_reply: Callable[[Payload | CallFailed], None]) -> None:
+        self._pending = self._actions.services.call(service, request, on_reply, None, self._client)
+
+    # What the server says
+
+    def _on_answer(self, answer: Payload | CallFailed) -> None:
+        if isinstance(answer, CallFailed):
+            self._failed(GoalRejected(str(answer)) if isinstance(answer, ServiceFailed) else answer)
+            return
+        response: Any = answer.value()
+        if not response.accepted:
+            text = self._reason or f"action {self.action} rejected the goal"
+            self._end(GoalStatus.UNKNOWN, GoalRejected(text))
+            return
+        # A cancel may have been granted before this answer came.
+        self._status = max(self._status, GoalStatus.EXECUTING)
+        if self._events is not None:
+            if self._events.on_accepted is not None:
+                self._tell(self._events.on_accepted)
+            self._ask_result()
+
+    def _ask_result(self) -> None:
+        request = self._actions.registry.service(part_type(self._type, "_GetResult")).request
+        self._call(
+            self._names.get_result,
+            struct_payload(request, goal_id=uuid_struct(request, self.id)),
+            self._on_result,
+        )
+
+    def _on_result(self, answer: Payload | CallFailed) -> None:
+        if isinstance(answer, CallFailed):
+            self._failed(answer)
+            return
+        response: Any = answer.value()
+        status = _STATES.get(response.status, GoalStatus.UNKNOWN)
+        if not status.is_terminal:
+            self._failed(ProviderGone(f"Action {self.action} does not know goal {self.id} any more"))
+            return
+        self._end(status, Payload.from_value(self._type.result, response.result))
+
+    def _failed(self, failure: CallFailed) -> None:
+        if isinstance(failure, ProviderGone):
+            self._end(GoalStatus.ABORTED, ProviderGone(f"Action {self.action} was unadvertised"))
+        else:
+            self._end(self._status, failure)
+
+    def _on_feedback(self, sample: Sample) -> None:
+        message: Any = sample.payload.value()
+        events = self._events
+        if bytes(message.goal_id.uuid).hex() != self.id or events is None:
+            return
+        if (on_feedback := events.on_feedback) is not None:
+            feedback = Payload.from_value(self._type.feedback, message.feedback)
+            self._tell(lambda: on_feedback(feedback))
+
+    def _on_reason(self, sample: Sample) -> None:
+        message: Any = sample.payload.value()
+        goal_id, _, reason = message.data.partition(" ")
+        if goal_id == self.id:
+            self._reason = reason
+
+    def _end(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        self._status = status
+        if isinstance(outcome, ProviderGone):
+            self._reason = str(outcome)
+        events = self._events
+        self._let_go()
+        if events is not None:
+            self._tell(lambda: events.on_result(status, outcome))
+
+    # What the client wants
+
+    def cancel(self) -> None:
+        """Ask the server to cancel."""
+        if self._events is not None and not self._status.is_terminal:
+            self._actions.ask_to_cancel(self.action, self.id, self._client, self._on_cancel_answer)
+
+    def _on_cancel_answer(self, answer: Payload | CallFailed) -> None:
+        if isinstance(answer, CallFailed) or self._status.is_terminal:
+            return
+        response: Any = answer.value()
+        if any(bytes(info.goal_id.uuid).hex() == self.id for info in response.goals_canceling):
+            self._status = GoalStatus.CANCELING
+
+    def abandon(self) -> None:
+        """Hear nothing more of the goal; it goes on running."""
+        pending = self._pending
+        self._let_go()
+        if pending is not None and self._status is not GoalStatus.UNKNOWN:
+            # An unanswered goal is left to be answered: a cancelled call might take it along.
+            pending.cancel()
+
+    def client_closed(self) -> None:
+        """The client's node leaves: it hears so, and the goal goes on running (ACT-19)."""
+        self._end(self._status, CallFailed(f"node {self._client.name} was closed"))
+
+    def _let_go(self) -> None:
+        self._events = None
+        self._client.drop(self)
+        self.want_feedback(False)
+        if self._reasons is not None:
+            self._reasons.close()
+
+    def _tell(self, callback: Callable[[], None]) -> None:
+        try:
+            callback()
+        except Exception:
+            logger.exception("a callback of goal %s of %s failed", self.id, self.action)
+
+
+__all__ = ["RemoteActions", "RemoteGoal"]

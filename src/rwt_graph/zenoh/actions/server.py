@@ -1,0 +1,157 @@
+"""An action server of this process, as the services and topics of ROS 2.
+
+What other processes see of an action: three services to send, cancel and ask after goals, a topic of feedback
+and a latched one of states. Goals that come from there are goals like any other, and every goal is told of.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rwt_graph.api import GoalEvents, GoalStatus
+from rwt_graph.clock import NANOSECONDS, Clock
+from rwt_graph.errors import CallFailed, GoalRejected
+from rwt_graph.memory.cancel_service import cancel_service
+from rwt_graph.memory.node_resources import Owner
+from rwt_graph.qos import LATCHED
+from rwt_graph.zenoh.actions.names import ActionNames, part_type, struct_payload, uuid_struct
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Participant, ServiceCall
+    from rwt_graph.memory.actions import Actions, MemoryActionServer
+
+#: How many results are kept for clients that ask after the goal has ended.
+RESULTS_KEPT = 100
+
+
+class ActionCarrier:
+    """Carries one action; lives as long as its server."""
+
+    def __init__(
+        self, participant: Participant, server: MemoryActionServer, actions: Actions, clock: Clock
+    ) -> None:
+        self._server = server
+        self._actions = actions
+        self._clock = clock
+        self._clients = Owner(server.node)
+        self._stamps: dict[str, dict[str, int]] = {}
+        self._results: OrderedDict[str, tuple[GoalStatus, Payload]] = OrderedDict()
+        self._waiting: dict[str, list[ServiceCall]] = {}
+        self._advertise(participant)
+        server.watcher = self
+
+    def _advertise(self, participant: Participant) -> None:
+        names, registry = ActionNames(self._server.name), self._server.type.goal.registry
+        message, service = registry.message, registry.service
+        self._feedback = participant.advertise(
+            names.feedback, message(part_type(self._server.type, "_FeedbackMessage"))
+        )
+        self._status = participant.advertise(names.status, message("action_msgs/GoalStatusArray"), LATCHED)
+        self._reasons = participant.advertise(names.reasons, message("std_msgs/String"))
+        cancel = service("action_msgs/CancelGoal")
+        self._result_type = service(part_type(self._server.type, "_GetResult")).response
+        send = service(part_type(self._server.type, "_SendGoal"))
+        self._answer_type = send.response
+        # The goal service comes last: who sees it may count on the others.
+        self._services = (
+            participant.advertise_service(names.cancel_goal, cancel, cancel_service(self._server, cancel)),
+            participant.advertise_service(
+                names.get_result, service(part_type(self._server.type, "_GetResult")), self._on_get_result
+            ),
+            participant.advertise_service(names.send_goal, send, self._on_send_goal),
+        )
+
+    def close(self) -> None:
+        """Withdraw the services and topics; who waits for a result hears that the provider is gone."""
+        self._server.watcher = None
+        for service in reversed(self._services):
+            service.close()
+        for publisher in (self._feedback, self._status, self._reasons):
+            publisher.close()
+
+    # What clients ask
+
+    def _on_send_goal(self, call: ServiceCall) -> None:
+        request: Any = call.request.value()
+        goal_id = bytes(request.goal_id.uuid).hex()
+        goal = Payload.from_value(self._server.type.goal, request.goal)
+        events = GoalEvents(partial(self._refused, call), None, partial(self._accepted, call, goal_id))
+        self._actions.send_here(self._server, goal, events, goal_id, self._clients)
+
+    def _accepted(self, call: ServiceCall, goal_id: str) -> None:
+        stamp = self._stamps.get(goal_id) or self._now()
+        call.reply(Payload.from_value(self._answer_type, {"accepted": True, "stamp": stamp}))
+
+    def _refused(self, call: ServiceCall, _status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        if isinstance(outcome, GoalRejected):
+            request: Any = call.request.value()
+            self._give_reason(bytes(request.goal_id.uuid).hex(), str(outcome))
+            call.reply(Payload.from_value(self._answer_type, {}))
+
+    def _on_get_result(self, call: ServiceCall) -> None:
+        request: Any = call.request.value()
+        goal_id = bytes(request.goal_id.uuid).hex()
+        if goal_id in self._results:
+            self._give_result(call, *self._results[goal_id])
+        elif goal_id in self._server.goals:
+            self._waiting.setdefault(goal_id, []).append(call)
+        else:
+            nothing = Payload.from_value(self._server.type.result, {})
+            self._give_result(call, GoalStatus.UNKNOWN, nothing)
+
+    def _give_result(self, call: ServiceCall, status: GoalStatus, result: Payload) -> None:
+        call.reply(struct_payload(self._result_type, status=int(status), result=result.value()))
+
+    # What clients are told
+
+    def changed(self, goal_id: str) -> None:
+        """Publish the states of all goals that are not over, and of the one that changed."""
+        self._stamps.setdefault(goal_id, self._now())
+        states = [
+            {
+                "goal_info": {"goal_id": {"uuid": bytes.fromhex(id_)}, "stamp": self._stamps.get(id_, {})},
+                "status": int(goal.status),
+            }
+            for id_, goal in self._server.goals.items()
+            if goal.status is not GoalStatus.UNKNOWN
+        ]
+        self._status.publish(Payload.from_value(self._status.type, {"status_list": states}))
+
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether anybody subscribes to the feedback, here or elsewhere."""
+        return bool(self._feedback.subscriber_count)
+
+    def fed_back(self, goal_id: str, feedback: Payload) -> None:
+        """Publish feedback, if anybody listens."""
+        if self.feedback_wanted:
+            type = self._feedback.type
+            uuid = uuid_struct(type, goal_id)
+            self._feedback.publish(struct_payload(type, goal_id=uuid, feedback=feedback.value()))
+
+    def ended(self, goal_id: str, status: GoalStatus, result: Payload | None, reason: str) -> None:
+        """Answer who waits for the result, and keep it for who asks later."""
+        self._stamps.pop(goal_id, None)
+        waiting = self._waiting.pop(goal_id, [])
+        if result is None:
+            return
+        self._give_reason(goal_id, reason)
+        self._results[goal_id] = (status, result.detach())
+        while len(self._results) > RESULTS_KEPT:
+            self._results.popitem(last=False)
+        for call in waiting:
+            self._give_result(call, status, result)
+
+    def _give_reason(self, goal_id: str, reason: str) -> None:
+        if reason and self._reasons.subscriber_count:
+            self._reasons.publish(Payload.from_value(self._reasons.type, {"data": f"{goal_id} {reason}"}))
+
+    def _now(self) -> dict[str, int]:
+        seconds, nanoseconds = divmod(self._clock.time_ns(), NANOSECONDS)
+        return {"sec": seconds, "nanosec": nanoseconds}
+
+
+__all__ = ["RESULTS_KEPT", "ActionCarrier"]

@@ -1,0 +1,128 @@
+"""Liveliness tokens: how nodes, publishers, subscriptions, services and clients make themselves known.
+
+`@ros2_lv/<domain>/<session>/<node id>/<entity id>/<kind>/<enclave>/<namespace>/<node>`, and for everything
+but a node `/<name>/<dds type>/<type hash>/<qos>` (design, "Graph Cache"). In names `/` is written `%`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from rwt_graph.qos import DEFAULT_QOS, QoS
+from rwt_graph.zenoh.rmw import qos_text
+from rwt_graph.zenoh.rmw.errors import WireError
+from rwt_graph.zenoh.rmw.keys import SLASH, demangle, mangle
+
+_PREFIX = "@ros2_lv"
+
+#: Parts of a node's token, and of every other.
+_NODE_PARTS, _ENDPOINT_PARTS = 9, 13
+
+#: Longest token that is looked at.
+MAX_LENGTH = 4096
+
+
+class Kind(Enum):
+    """What a token stands for."""
+
+    NODE = "NN"
+    PUBLISHER = "MP"
+    SUBSCRIPTION = "MS"
+    SERVICE = "SS"
+    CLIENT = "SC"
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """What a node takes part in.
+
+    Attributes:
+        name: absolute name of the topic or service.
+        dds_type: `std_msgs::msg::dds_::String_`.
+        type_hash: `RIHS01_…`.
+    """
+
+    name: str
+    dds_type: str
+    type_hash: str
+    qos: QoS = DEFAULT_QOS
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """One liveliness token.
+
+    Attributes:
+        domain: ROS_DOMAIN_ID.
+        session: the Zenoh session's id, as text.
+        node_id, entity_id: numbers of that session; the same for a node.
+        node: absolute name of the node.
+        endpoint: None for a node.
+    """
+
+    domain: int
+    session: str
+    node_id: int
+    entity_id: int
+    kind: Kind
+    node: str
+    endpoint: Endpoint | None = None
+    enclave: str = "/"
+
+    def key(self) -> str:
+        """The key that is declared alive."""
+        namespace, _, name = self.node.rpartition("/")
+        ids = f"{_PREFIX}/{self.domain}/{self.session}/{self.node_id}/{self.entity_id}/{self.kind.value}"
+        key = f"{ids}/{mangle(self.enclave)}/{mangle(namespace)}/{name}"
+        if self.endpoint is None:
+            return key
+        end = self.endpoint
+        qos = qos_text.encode(end.qos)
+        return f"{key}/{mangle(end.name)}/{end.dds_type}/{end.type_hash}/{qos}"
+
+
+def all_tokens(domain: int) -> str:
+    """The key expression of every token of a domain."""
+    return f"{_PREFIX}/{domain}/**"
+
+
+def parse(key: str) -> Token:
+    """Read a token.
+
+    Raises:
+        WireError: it is not one; says which part is wrong.
+    """
+    if len(key) > MAX_LENGTH:
+        raise WireError(f"a liveliness token of {len(key)} characters; the longest read is {MAX_LENGTH}")
+    parts = key.split("/")
+    if len(parts) < _NODE_PARTS or parts[0] != _PREFIX:
+        raise WireError(f"{key[:120]!r} is not a liveliness token of ROS 2")
+    kind = next((kind for kind in Kind if kind.value == parts[5]), None)
+    if kind is None:
+        raise WireError(f"{key[:120]!r} is a token of an unknown kind, {parts[5][:8]!r}")
+    wanted = _NODE_PARTS if kind is Kind.NODE else _ENDPOINT_PARTS
+    if len(parts) != wanted:
+        raise WireError(f"{key[:120]!r} has {len(parts)} parts; a token of kind {kind.value} has {wanted}")
+    domain, node_id, entity_id = (_number(parts[index], key) for index in (1, 3, 4))
+    endpoint = None
+    if kind is not Kind.NODE:
+        name = _name(parts[9], key)
+        endpoint = Endpoint(name, parts[10], parts[11], qos_text.decode(parts[12]))
+    node = f"{_name(parts[7], key).rstrip('/')}/{parts[8]}"
+    return Token(domain, parts[2], node_id, entity_id, kind, node, endpoint, demangle(parts[6]))
+
+
+def _name(part: str, key: str) -> str:
+    if not part.startswith(SLASH):
+        raise WireError(f"{key[:120]!r}: {part[:40]!r} does not begin with {SLASH}")
+    return demangle(part)
+
+
+def _number(text: str, key: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > 20:
+        raise WireError(f"{key[:120]!r}: {text[:20]!r} is not a number")
+    return int(text)
+
+
+__all__ = ["Endpoint", "Kind", "Token", "all_tokens", "parse"]

@@ -1,0 +1,1 @@
+"""What a `.msg`, `.srv` or `.action` text says: its fields, constants and hashes."""

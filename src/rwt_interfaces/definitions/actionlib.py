@@ -1,0 +1,92 @@
+"""The messages that belong to services and actions by rule rather than by a file of their own."""
+
+from __future__ import annotations
+
+from rwt_interfaces.definitions.model import (
+    ActionDefinition,
+    Field,
+    FieldType,
+    MessageDefinition,
+    ServiceDefinition,
+)
+from rwt_interfaces.definitions.parser import format_message
+
+SERVICE_PARTS = ("Request", "Response")
+ACTION_PARTS = ("Goal", "Result", "Feedback")
+#: What ROS 1 puts around the parts of an action to carry them over topics. `Action` only lists the three
+#: others.
+WRAPPERS = ("Action", "ActionGoal", "ActionResult", "ActionFeedback")
+#: What ROS 2 calls the message of one step of a call, which service introspection publishes.
+EVENT = "_Event"
+#: The services with which ROS 2 carries an action.
+ACTION_SERVICES = ("_SendGoal", "_GetResult")
+#: The message with which ROS 2 carries an action's feedback.
+FEEDBACK_MESSAGE = "_FeedbackMessage"
+
+_UUID = FieldType("unique_identifier_msgs/UUID")
+
+
+def split_part(name: str, parts: tuple[str, ...]) -> tuple[str, str] | None:
+    """Split ``SetBool_Request`` or ``SetBoolRequest`` into ``SetBool`` and ``Request``; else None."""
+    for part in parts:
+        base = name.removesuffix(part)
+        if base != name:
+            base = base.removesuffix("_")
+            return (base, part) if base else None
+    return None
+
+
+def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
+    """The message ``XAction``, ``XActionGoal``, ``XActionResult`` or ``XActionFeedback`` of action ``X``."""
+    if which == "Action":
+        fields = tuple(
+            Field(f"action_{part.lower()}", FieldType(f"{action.name}Action{part}")) for part in ACTION_PARTS
+        )
+    else:
+        part = which.removeprefix("Action").lower()
+        head = ("goal_id", "GoalID") if part == "goal" else ("status", "GoalStatus")
+        body: dict[str, MessageDefinition] = {
+            "goal": action.goal,
+            "result": action.result,
+            "feedback": action.feedback,
+        }
+        fields = (
+            Field("header", FieldType("std_msgs/Header")),
+            Field(head[0], FieldType(f"actionlib_msgs/{head[1]}")),
+            Field(part, FieldType(body[part].name)),
+        )
+    return _made(f"{action.name}{which}", fields)
+
+
+def service_event(service: ServiceDefinition) -> MessageDefinition:
+    """The message ``X_Event`` of service ``X``: what is published of a call on ``/name/_service_event``."""
+    fields = (
+        Field("info", FieldType("service_msgs/ServiceEventInfo")),
+        Field("request", FieldType(service.request.name, is_array=True, bound=1)),
+        Field("response", FieldType(service.response.name, is_array=True, bound=1)),
+    )
+    return _made(f"{service.name}{EVENT}", fields)
+
+
+def feedback_message(action: ActionDefinition) -> MessageDefinition:
+    """The message ``X_FeedbackMessage`` of action ``X``, published on ``/name/_action/feedback``."""
+    fields = (Field("goal_id", _UUID), Field("feedback", FieldType(action.feedback.name)))
+    return _made(f"{action.name}{FEEDBACK_MESSAGE}", fields)
+
+
+def action_service(action: ActionDefinition, which: str) -> ServiceDefinition:
+    """The service ``X_SendGoal`` or ``X_GetResult`` of action ``X``."""
+    name = f"{action.name}{which}"
+    request: tuple[Field, ...]
+    if which == "_SendGoal":
+        request = (Field("goal_id", _UUID), Field("goal", FieldType(action.goal.name)))
+        stamp = Field("stamp", FieldType("builtin_interfaces/Time"))
+        response = (Field("accepted", FieldType("bool")), stamp)
+    else:
+        request = (Field("goal_id", _UUID),)
+        response = (Field("status", FieldType("int8")), Field("result", FieldType(action.result.name)))
+    return ServiceDefinition(name, _made(f"{name}_Request", request), _made(f"{name}_Response", response))
+
+
+def _made(name: str, fields: tuple[Field, ...]) -> MessageDefinition:
+    return MessageDefinition(name, fields, (), format_message(MessageDefinition(name, fields)))

@@ -1,0 +1,159 @@
+"""Fingerprints of message definitions: ROS 1's md5 sum and ROS 2's type hash (RIHS01, REP 2016)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Protocol
+
+from rwt_interfaces.definitions.actionlib import EVENT
+from rwt_interfaces.definitions.model import Field, FieldType, MessageDefinition, ServiceDefinition
+from rwt_interfaces.definitions.parser import format_type
+from rwt_interfaces.names import three_part
+
+_TIMES = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"}
+_PRIMITIVE_TIMES = {name: primitive for primitive, name in _TIMES.items()}
+_TIME_FIELDS: tuple[Field, ...] = (Field("sec", FieldType("int32")), Field("nanosec", FieldType("uint32")))
+
+#: Type numbers of RIHS01. A `char` of a .msg file is an octet of the wire, which RIHS01 sees as uint8.
+_NUMBERS = {
+    "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
+    "float32": 10, "float64": 11, "char": 3, "bool": 15, "byte": 16, "string": 17, "wstring": 18,
+}  # fmt: skip
+_NESTED = 1
+#: A string with a longest length counts as another type: 17 becomes 21, 18 becomes 22.
+_BOUNDED_STRING = 4
+_ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE = 48, 96, 144
+#: What ROS 2 puts into a message without fields, because C has no empty struct.
+_FILLER = Field("structure_needs_at_least_one_member", FieldType("uint8"))
+
+
+class Lookup(Protocol):
+    """Where the definitions of nested messages come from: a :class:`~rwt_interfaces.registry.Registry`."""
+
+    def definition(self, name: str) -> MessageDefinition:
+        """The definition of that name."""
+        ...
+
+    def full_name(self, name: str) -> str:
+        """The three-part name of a message, ``std_msgs/msg/String`` or ``std_srvs/srv/SetBool_Request``."""
+        ...
+
+
+def md5(definition: MessageDefinition, lookup: Lookup) -> str:
+    """ROS 1's md5 sum of a message, 32 hexadecimal digits.
+
+    Raises:
+        UnknownType: a nested message is not known.
+    """
+    return _md5(_md5_text(definition, lookup, {}))
+
+
+def service_md5(definition: ServiceDefinition, lookup: Lookup) -> str:
+    """ROS 1's md5 sum of a service: over the texts of request and response, joined without a separator."""
+    known: dict[str, str] = {}
+    return _md5("".join(_md5_text(part, lookup, known) for part in (definition.request, definition.response)))
+
+
+def _md5(text: str) -> str:
+    return hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()
+
+
+def _md5_text(definition: MessageDefinition, lookup: Lookup, known: dict[str, str]) -> str:
+    """What the sum is computed over: constants, then fields; a nested message, or array of it, as its sum."""
+    lines = [f"{item.type.name} {item.name}={item.text}" for item in definition.constants]
+    for item in definition.fields:
+        name = item.type.name
+        if item.type.is_primitive:
+            lines.append(f"{format_type(item.type)} {item.name}")
+        elif name in _PRIMITIVE_TIMES:
+            lines.append(f"{format_type(item.type).replace(name, _PRIMITIVE_TIMES[name], 1)} {item.name}")
+        else:
+            if name not in known:
+                known[name] = _md5(_md5_text(lookup.definition(name), lookup, known))
+            lines.append(f"{known[name]} {item.name}")
+    return "\n".join(lines)
+
+
+def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
+    """ROS 2's type hash of a message: ``RIHS01_`` and 64 hexadecimal digits.
+
+    Raises:
+        UnknownType: a nested message is not known.
+    """
+    nested: dict[str, dict[str, object]] = {}
+    described = _described(lookup.full_name(definition.name), definition.fields, lookup, nested)
+    return _hashed(described, nested)
+
+
+def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Lookup) -> str:
+    """ROS 2's type hash of a service, which is described as a message of three: its request, its response
+    and the event with which a service reports on itself.
+
+    Args:
+        full_name: three-part, ``std_srvs/srv/SetBool``.
+
+    Raises:
+        UnknownType: a nested message is not known.
+    """
+    parts = {
+        "request": definition.request.name,
+        "response": definition.response.name,
+        "event": f"{definition.name}{EVENT}",
+    }
+    fields = tuple(Field(f"{part}_message", FieldType(name)) for part, name in parts.items())
+    nested: dict[str, dict[str, object]] = {}
+    return _hashed(_described(full_name, fields, lookup, nested), nested)
+
+
+def _hashed(described: dict[str, object], nested: dict[str, dict[str, object]]) -> str:
+    text = json.dumps(
+        {
+            "type_description": described,
+            "referenced_type_descriptions": [nested[name] for name in sorted(nested)],
+        }
+    )
+    return f"RIHS01_{hashlib.sha256(text.encode()).hexdigest()}"
+
+
+def _described(
+    name: str, fields: tuple[Field, ...], lookup: Lookup, nested: dict[str, dict[str, object]]
+) -> dict[str, object]:
+    return {
+        "type_name": name,
+        "fields": [
+            {"name": field.name, "type": _field_type(field.type, lookup, nested)}
+            for field in fields or (_FILLER,)
+        ],
+    }
+
+
+def _field_type(
+    field_type: FieldType, lookup: Lookup, nested: dict[str, dict[str, object]]
+) -> dict[str, object]:
+    if field_type.is_primitive and field_type.name not in _TIMES:
+        number, nested_name = _NUMBERS[field_type.name], ""
+        if field_type.string_bound is not None:
+            number += _BOUNDED_STRING
+    else:
+        number, nested_name = _NESTED, _nested(field_type.name, lookup, nested)
+    if field_type.is_array:
+        unbounded = field_type.length is None and field_type.bound is None
+        number += _SEQUENCE if unbounded else _BOUNDED_SEQUENCE if field_type.length is None else _ARRAY
+    return {
+        "type_id": number,
+        "capacity": field_type.length or field_type.bound or 0,
+        "string_capacity": field_type.string_bound or 0,
+        "nested_type_name": nested_name,
+    }
+
+
+def _nested(name: str, lookup: Lookup, nested: dict[str, dict[str, object]]) -> str:
+    """Describe a nested message once, and give its three-part name."""
+    # A time of ROS 1 is a primitive; RIHS01 only knows the message that replaced it.
+    full = three_part(_TIMES[name], "msg") if name in _TIMES else lookup.full_name(name)
+    if full not in nested:
+        fields = _TIME_FIELDS if name in _TIMES else lookup.definition(name).fields
+        nested[full] = {}
+        nested[full] = _described(full, fields, lookup, nested)
+    return full

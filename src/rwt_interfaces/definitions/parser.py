@@ -1,0 +1,272 @@
+"""Text of ``.msg``, ``.srv`` and ``.action`` files → definitions, and back.
+
+One grammar serves both ROS versions; `ros_version` settles the three points where they disagree:
+
+* a string constant is the rest of its line, ``#`` and quotes included (1), or a quoted or bare word followed
+  by an optional comment (2);
+* a time is a primitive (1) or ``builtin_interfaces/Time`` (2); the other spelling is translated, so that a
+  package written for one is usable in the other;
+* the parts of services and actions are called ``SetBoolRequest`` (1) or ``SetBool_Request`` (2).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from rwt_interfaces.definitions.literals import Literals, Value
+from rwt_interfaces.definitions.model import (
+    PRIMITIVES,
+    ActionDefinition,
+    Constant,
+    Field,
+    FieldType,
+    MessageDefinition,
+    ServiceDefinition,
+)
+from rwt_interfaces.errors import DefinitionError, InvalidName
+from rwt_interfaces.names import is_word, parse_type_name
+
+_LONGEST_ARRAY = 2**32 - 1
+
+_TYPE = re.compile(
+    r"(?P<base>[A-Za-z][A-Za-z0-9_/]*)(?:<=(?P<chars>[0-9]+))?(?P<array>\[(?:<=(?P<bound>[0-9]+)|(?P<length>[0-9]+))?\])?",
+    re.ASCII,
+)
+_AFTER_TYPE = re.compile(r"(?P<name>[^\s=#\"'\[]+)\s*(?P<rest>.*)", re.DOTALL)
+
+#: How the two versions call the same thing, keyed by the version that is being read for.
+_TIMES: dict[int, dict[str, str]] = {
+    1: {"builtin_interfaces/Time": "time", "builtin_interfaces/Duration": "duration"},
+    2: {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"},
+}
+
+
+def parse_message(text: str, name: str, *, source: str = "", ros_version: int = 2) -> MessageDefinition:
+    """Read one message.
+
+    Args:
+        text: the definition; any line ending.
+        name: its name, two-part or three-part.
+        source: what errors call the text, usually a path; the name when empty.
+        ros_version: 1 or 2, see the module's text.
+
+    Raises:
+        DefinitionError: what is wrong, and on which line of `source`.
+        InvalidName: `name` is not a type name.
+    """
+    package, _, short = parse_type_name(name)
+    lines = list(enumerate(_lines(text), start=1))
+    return _Message(package, source or f"{package}/{short}.msg", ros_version).read(short, lines)
+
+
+def parse_service(text: str, name: str, *, source: str = "", ros_version: int = 2) -> ServiceDefinition:
+    """Read one service: request, a line ``---``, response.
+
+    Arguments and errors are those of :func:`parse_message`.
+    """
+    package, _, short = parse_type_name(name)
+    source = source or f"{package}/{short}.srv"
+    reader = _Message(package, source, ros_version)
+    parts = _sections(text, source, ("request", "response"))
+    request, response = (
+        reader.read(part_name(short, part, ros_version), lines)
+        for part, lines in zip(("Request", "Response"), parts, strict=True)
+    )
+    return ServiceDefinition(f"{package}/{short}", request, response)
+
+
+def parse_action(text: str, name: str, *, source: str = "", ros_version: int = 2) -> ActionDefinition:
+    """Read one action: goal, result and feedback between lines ``---``.
+
+    Arguments and errors are those of :func:`parse_message`.
+    """
+    package, _, short = parse_type_name(name)
+    source = source or f"{package}/{short}.action"
+    reader = _Message(package, source, ros_version)
+    parts = _sections(text, source, ("goal", "result", "feedback"))
+    goal, result, feedback = (
+        reader.read(part_name(short, part, ros_version), lines)
+        for part, lines in zip(("Goal", "Result", "Feedback"), parts, strict=True)
+    )
+    return ActionDefinition(f"{package}/{short}", goal, result, feedback)
+
+
+def part_name(name: str, part: str, ros_version: int) -> str:
+    """The name of the `part` (``Request``, ``Goal``, …) of a service or action in this version of ROS."""
+    return f"{name}{part}" if ros_version == 1 else f"{name}_{part}"
+
+
+def format_type(field_type: FieldType) -> str:
+    """A field type as it is written in a definition."""
+    text = field_type.name
+    if field_type.string_bound is not None:
+        text += f"<={field_type.string_bound}"
+    if field_type.length is not None:
+        return f"{text}[{field_type.length}]"
+    if field_type.bound is not None:
+        return f"{text}[<={field_type.bound}]"
+    return f"{text}[]" if field_type.is_array else text
+
+
+def format_message(definition: MessageDefinition) -> str:
+    """A definition as text without comments, which reads back as an equal definition."""
+    lines = [f"{format_type(item.type)} {item.name}={item.text}" for item in definition.constants]
+    for item in definition.fields:
+        default = "" if item.default is None else f" {Literals.format(item.default)}"
+        lines.append(f"{format_type(item.type)} {item.name}{default}")
+    return "".join(f"{line}\n" for line in lines)
+
+
+_Lines = list[tuple[int, str]]
+
+
+def _lines(text: str) -> list[str]:
+    """Lines of a text with any line ending, without its byte order mark.
+
+    Not splitlines(), which also splits at form feeds and other separators that may stand in a comment.
+    """
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def _sections(text: str, source: str, parts: tuple[str, ...]) -> Iterator[_Lines]:
+    sections: list[_Lines] = [[]]
+    for number, line in enumerate(_lines(text), start=1):
+        if line.startswith("---"):
+            sections.append([])
+            if len(sections) > len(parts):
+                raise DefinitionError(
+                    f'{source}:{number}: one "---" too many; the parts are {", ".join(parts)}'
+                )
+        else:
+            sections[-1].append((number, line))
+    if len(sections) < len(parts):
+        raise DefinitionError(
+            f'{source}: {len(sections) - 1} lines "---"; expected {len(parts) - 1} between {", ".join(parts)}'
+        )
+    return iter(sections)
+
+
+class _Message:
+    """Reads messages of one package from one source."""
+
+    __slots__ = ("package", "ros_version", "source", "translated")
+
+    def __init__(self, package: str, source: str, ros_version: int) -> None:
+        self.package = package
+        self.source = source
+        self.ros_version = ros_version
+        self.translated = False
+
+    def read(self, name: str, lines: _Lines) -> MessageDefinition:
+        """Read the lines of one message or of one part of a service or action."""
+        self.translated = False
+        fields: dict[str, Field] = {}
+        constants: dict[str, Constant] = {}
+        for number, line in lines:
+            try:
+                item = self._line(line.strip())
+                if item is None:
+                    continue
+                if item.name in fields or item.name in constants:
+                    raise DefinitionError(f'the name "{item.name}" is used twice')
+            except DefinitionError as error:
+                raise DefinitionError(f"{self.source}:{number}: {error}") from None
+            if isinstance(item, Field):
+                fields[item.name] = item
+            else:
+                constants[item.name] = item
+        definition = MessageDefinition(
+            f"{self.package}/{name}", tuple(fields.values()), tuple(constants.values()), _tidy(lines)
+        )
+        if not self.translated:
+            return definition
+        # The written text says `time` where this version says `builtin_interfaces/Time`, or the reverse.
+        # Whoever parses the text (a viewer, API-06) must see what is really on the wire.
+        return MessageDefinition(
+            definition.name, definition.fields, definition.constants, format_message(definition)
+        )
+
+    def _line(self, line: str) -> Field | Constant | None:
+        if not line or line.startswith("#"):
+            return None
+        written, *following = line.split(maxsplit=1)
+        field_type = self._type(written)
+        match = _AFTER_TYPE.fullmatch(following[0]) if following else None
+        if match is None:
+            raise DefinitionError(f'expected a name after "{written[:80]}"')
+        name, rest = match["name"], match["rest"]
+        if not is_word(name):
+            raise DefinitionError(
+                f'"{name}" cannot be a name: letters, digits and _, beginning with a letter'
+            )
+        if rest.startswith("="):
+            return self._constant(field_type, name, rest[1:].strip())
+        if not rest or rest.startswith("#"):
+            return Field(name, field_type)
+        return Field(name, field_type, self._default(field_type, rest))
+
+    def _type(self, written: str) -> FieldType:
+        match = _TYPE.fullmatch(written)
+        if match is None:
+            raise DefinitionError(f'"{written[:80]}" is not a type')
+        base = self._base(match["base"])
+        chars = match["chars"]
+        if chars is not None and base not in ("string", "wstring"):
+            raise DefinitionError(f'"{written}": only string and wstring can have a longest length')
+        return FieldType(
+            base,
+            string_bound=None if chars is None else _size(chars, written),
+            is_array=match["array"] is not None,
+            length=None if match["length"] is None else _size(match["length"], written),
+            bound=None if match["bound"] is None else _size(match["bound"], written),
+        )
+
+    def _base(self, base: str) -> str:
+        if "/" not in base:
+            if base == "Header":
+                return "std_msgs/Header"
+            if base not in PRIMITIVES:
+                return f"{self.package}/{base}"
+        else:
+            try:
+                package, kind, name = parse_type_name(base)
+            except InvalidName as error:
+                raise DefinitionError(str(error)) from None
+            if kind not in ("", "msg"):
+                raise DefinitionError(f'"{base}": a field holds a message, not the kind "{kind}"')
+            base = f"{package}/{name}"
+        other = _TIMES[self.ros_version].get(base)
+        if other is None:
+            return base
+        self.translated = True
+        return other
+
+    def _constant(self, field_type: FieldType, name: str, rest: str) -> Constant:
+        if field_type.is_array or not field_type.is_primitive or field_type.name in ("time", "duration"):
+            raise DefinitionError(
+                f'constant "{name}" cannot be of type {format_type(field_type)}: only of plain types'
+            )
+        if self.ros_version == 1 and field_type.name == "string":
+            return Constant(name, field_type, rest, rest)
+        literals = Literals(rest)
+        value = literals.constant(field_type)
+        return Constant(name, field_type, value, literals.text)
+
+    def _default(self, field_type: FieldType, rest: str) -> Value | tuple[Value, ...]:
+        if not field_type.is_primitive or field_type.name in ("time", "duration"):
+            raise DefinitionError(f"a field of type {format_type(field_type)} cannot have a default value")
+        return Literals(rest).default(field_type)
+
+
+def _size(digits: str, written: str) -> int:
+    size = int(digits) if len(digits) <= 10 else _LONGEST_ARRAY + 1
+    if not 0 < size <= _LONGEST_ARRAY:
+        raise DefinitionError(f'"{written[:80]}": a length must be between 1 and {_LONGEST_ARRAY}')
+    return size
+
+
+def _tidy(lines: _Lines) -> str:
+    """The lines as text, without blank lines around it, ending in a line feed unless empty."""
+    text = "\n".join(line.rstrip() for _, line in lines).strip("\n")
+    return f"{text}\n" if text else ""

@@ -1,0 +1,201 @@
+"""What a field holds, resolved for one distribution: the vocabulary that every serialisation compiles
+from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rwt_interfaces.distro import Distro
+
+if TYPE_CHECKING:
+    from rwt_interfaces.definitions.model import FieldType
+    from rwt_interfaces.registry import Registry
+    from rwt_interfaces.structs import MessageType
+
+#: Largest double that still rounds to a finite float32: just under 2**128 - 2**103.
+FLOAT32_LIMIT = 3.4028235677973362e38
+
+
+@dataclass(frozen=True, slots=True)
+class Bool:
+    """``bool``."""
+
+    def __str__(self) -> str:
+        return "bool"
+
+
+@dataclass(frozen=True, slots=True)
+class Int:
+    """An integer; `code` is its letter in :mod:`struct`, `low` and `high` are inclusive."""
+
+    name: str
+    code: str
+    low: int
+    high: int
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Float:
+    """``float32`` (code ``f``) or ``float64`` (code ``d``)."""
+
+    name: str
+    code: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class String:
+    """``string`` or ``wstring``; `bound` counts characters."""
+
+    bound: int | None = None
+    wide: bool = False
+
+    def __str__(self) -> str:
+        name = "wstring" if self.wide else "string"
+        return name if self.bound is None else f"{name}<={self.bound}"
+
+
+@dataclass(frozen=True, slots=True)
+class Time:
+    """A point in time or a duration: whole seconds and nanoseconds under the names in `keys` (JSN-05)."""
+
+    is_duration: bool
+    keys: tuple[str, str]
+    seconds: Int
+    nanoseconds: Int
+
+    def __str__(self) -> str:
+        return "duration" if self.is_duration else "time"
+
+
+@dataclass(frozen=True, slots=True)
+class Octets:
+    """``uint8[]``, ``char[]`` and their fixed forms: base64 in JSON (JSN-01), bytes in Python."""
+
+    length: int | None = None
+
+    def __str__(self) -> str:
+        return "uint8[]" if self.length is None else f"uint8[{self.length}]"
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A nested message."""
+
+    type: MessageType
+
+    def __str__(self) -> str:
+        return self.type.name
+
+
+@dataclass(frozen=True, slots=True)
+class Array:
+    """A list of `element`: exactly `length`, at most `bound`, or any number."""
+
+    element: Scalar
+    length: int | None = None
+    bound: int | None = None
+
+    def __str__(self) -> str:
+        if self.length is not None:
+            return f"{self.element}[{self.length}]"
+        return f"{self.element}[]" if self.bound is None else f"{self.element}[<={self.bound}]"
+
+
+Scalar = Bool | Int | Float | String | Time | Message
+Shape = Scalar | Octets | Array
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """One field of a message.
+
+    Attributes:
+        name: as ROS and the wire spell it.
+        attribute: as Python spells it: a keyword gets an underscore appended (``from`` is ``from_``).
+        shape: what it holds.
+        default: the value written in the definition, or None.
+    """
+
+    name: str
+    attribute: str
+    shape: Shape
+    default: object | None
+
+
+def _int(name: str, code: str, bits: int, signed: bool) -> Int:
+    return (
+        Int(name, code, -(1 << bits - 1), (1 << bits - 1) - 1)
+        if signed
+        else Int(name, code, 0, (1 << bits) - 1)
+    )
+
+
+_INTS = {
+    shape.name: shape
+    for shape in (
+        _int("int8", "b", 8, True),
+        _int("uint8", "B", 8, False),
+        _int("int16", "h", 16, True),
+        _int("uint16", "H", 16, False),
+        _int("int32", "i", 32, True),
+        _int("uint32", "I", 32, False),
+        _int("int64", "q", 64, True),
+        _int("uint64", "Q", 64, False),
+    )
+}
+#: The element of :class:`Octets`.
+UINT8 = _INTS["uint8"]
+_CHAR = _int("char", "B", 8, False)
+#: ROS 1's byte is an old name of int8; ROS 2's is an octet.
+_BYTE = {1: _int("byte", "b", 8, True), 2: _int("byte", "B", 8, False)}
+_FLOATS = {"float32": Float("float32", "f"), "float64": Float("float64", "d")}
+#: The element of most arrays of numbers.
+FLOAT32 = _FLOATS["float32"]
+_BUILTIN_TIMES = {"builtin_interfaces/Time": False, "builtin_interfaces/Duration": True}
+
+
+def time_shape(name: str, distro: Distro) -> Time | None:
+    """The time that `name` is, or None. ROS 2's times are messages whose names and signs are fixed; ROS 1's
+    primitives are spelled as the distribution spells time, and only durations are negative there."""
+    nanoseconds = _INTS["uint32"]
+    if name in _BUILTIN_TIMES:
+        return Time(_BUILTIN_TIMES[name], ("sec", "nanosec"), _INTS["int32"], nanoseconds)
+    if name == "time":
+        return Time(False, distro.time_fields, nanoseconds, nanoseconds)
+    if name == "duration":
+        return Time(True, distro.time_fields, _INTS["int32"], _INTS["int32"])
+    return None
+
+
+def shape_of(field: FieldType, types: Registry) -> Shape:
+    """Resolve one field's type; raises UnknownType for a nested message that nobody defined."""
+    if not field.is_array:
+        return _scalar(field, types)
+    # JSN-02: a bounded sequence of uint8 is a list, unlike the free and the fixed one.
+    if field.name in ("uint8", "char") and field.bound is None:
+        return Octets(field.length)
+    return Array(_scalar(field, types), field.length, field.bound)
+
+
+def _scalar(field: FieldType, types: Registry) -> Scalar:
+    name = field.name
+    if name == "bool":
+        return Bool()
+    if name in _INTS:
+        return _INTS[name]
+    if name in _FLOATS:
+        return _FLOATS[name]
+    if name in ("string", "wstring"):
+        return String(field.string_bound, name == "wstring")
+    if name == "char":
+        return _CHAR
+    if name == "byte":
+        return _BYTE[types.distro.ros_version]
+    return time_shape(name, types.distro) or Message(types.message(name))

@@ -1,0 +1,169 @@
+"""Numbers as they come (Python's, numpy's, JSON's) checked against ROS's number types (JSN-21 to JSN-24)."""
+
+from __future__ import annotations
+
+import math
+import struct
+import sys
+from array import array
+from functools import lru_cache
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+
+from rwt_interfaces import field_types as shapes
+from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.validation.mismatch import describe, under
+
+if TYPE_CHECKING:
+    import numpy as np
+
+#: msgspec keeps bounds in an int64, which uint64's upper one does not fit.
+_LARGEST_BOUND = (1 << 63) - 1
+#: Subscripted at run time, which a checker cannot follow.
+_LIST: Any = list
+_FLOAT32 = struct.Struct("f")
+
+
+def as_int(value: object, shape: shapes.Int) -> int:
+    """The value as an integer of that type; no float is one, not even 1.0, and no bool (JSN-22)."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise PayloadError("", f"expected {shape}, got {describe(value)}")
+    number = int(value)
+    if not shape.low <= number <= shape.high:
+        raise PayloadError("", f"expected {shape}, got {describe(number)}, which is out of range")
+    return number
+
+
+def as_float(value: object, shape: shapes.Float) -> float:
+    """The value as a float: integers are taken (JSN-21), null is NaN, so that what JSON made of NaN comes
+    back."""
+    if value is None:
+        return math.nan
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise PayloadError("", f"expected {shape}, got {describe(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+        value = "a very large integer"
+    else:
+        if shape.code == "d":
+            return number
+        if not abs(number) > shapes.FLOAT32_LIMIT or math.isinf(number):
+            return float32(number)
+    raise PayloadError("", f"expected {shape}, got {describe(value)}, which is out of range")
+
+
+def float32(number: float) -> float:
+    """The float32 nearest to a number in its range."""
+    nearest: float = _FLOAT32.unpack(_FLOAT32.pack(number))[0]
+    return nearest
+
+
+def float32_list(numbers: list[Any]) -> list[float]:
+    """The float32s nearest to numbers in its range, infinities and NaN among them."""
+    return array("f", numbers).tolist()
+
+
+def int_annotation(shape: shapes.Int) -> object:
+    """The integer as msgspec checks it; uint64's upper bound is checked by whoever decodes."""
+    if shape.high > _LARGEST_BOUND:
+        return Annotated[int, msgspec.Meta(ge=shape.low)]
+    return Annotated[int, msgspec.Meta(ge=shape.low, le=shape.high)]
+
+
+def float_annotation(shape: shapes.Float) -> object:
+    """The float as msgspec checks it; None stands for null."""
+    if shape.code == "d":
+        return float | None
+    return Annotated[float, msgspec.Meta(ge=-shapes.FLOAT32_LIMIT, le=shapes.FLOAT32_LIMIT)] | None
+
+
+@lru_cache(maxsize=32)
+def _list_annotation(shape: shapes.Int | shapes.Float) -> Any:
+    return _LIST[int_annotation(shape) if isinstance(shape, shapes.Int) else float_annotation(shape)]
+
+
+def number_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
+    """A new list of checked numbers: in one pass of compiled code if all are plain, one by one if not."""
+    try:
+        numbers: list[Any] = msgspec.convert(value, _list_annotation(shape))
+    except (msgspec.ValidationError, TypeError):
+        if shape.code == "f":
+            return _float32_list(value, shape)
+        return _one_by_one(value, shape)
+    if isinstance(shape, shapes.Float):
+        if None in numbers:
+            numbers = [math.nan if number is None else number for number in numbers]
+        return float32_list(numbers) if shape.code == "f" else numbers
+    if shape.high > _LARGEST_BOUND and numbers and max(numbers) > shape.high:
+        return _one_by_one(value, shape)
+    return numbers
+
+
+def _float32_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
+    """Float32 numbers with infinities among them, which a laser scan is full of and a range check refuses."""
+    try:
+        numbers: list[float] = msgspec.convert(value, list[float])
+        struct.pack(f"<{len(numbers)}f", *numbers)
+    except (msgspec.ValidationError, TypeError, OverflowError):
+        return _one_by_one(value, shape)
+    return float32_list(numbers)
+
+
+def _one_by_one(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
+    numbers: list[Any] = []
+    for index, item in enumerate(value):
+        try:
+            numbers.append(as_int(item, shape) if isinstance(shape, shapes.Int) else as_float(item, shape))
+        except PayloadError as error:
+            raise under(f"[{index}]", error) from None
+    return numbers
+
+
+def is_numpy_array(value: object) -> bool:
+    """Whether the value is a numpy array, found out without importing numpy."""
+    # Another thread may be halfway through importing it, and no value is of a class that is not there yet.
+    array = getattr(sys.modules.get("numpy"), "ndarray", None)
+    return array is not None and isinstance(value, array)
+
+
+def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool) -> np.ndarray:
+    """A flat, read-only copy in exactly the element's type; raises PayloadError if a value does not fit.
+
+    Integers may become floats, floats never integers, and bool stays by itself, as for single values.
+    """
+    import numpy as np
+
+    kind = value.dtype.kind
+    code = "?" if isinstance(shape, shapes.Bool) else shape.code
+    accepted = {"?": "b", "f": "iuf", "d": "iuf"}.get(code, "iu")
+    if kind not in accepted:
+        raise PayloadError("", f"expected {shape} elements, got a numpy array of {value.dtype}")
+    target = np.dtype(code)
+    if isinstance(shape, shapes.Int) and value.size and not np.can_cast(value.dtype, target):
+        _refuse_outside(value, int(value.min()) < shape.low or int(value.max()) > shape.high, shape)
+    if code == "f" and not np.can_cast(value.dtype, target):
+        finite = value[np.isfinite(value)]
+        _refuse_outside(value, finite.size and float(np.abs(finite).max()) > shapes.FLOAT32_LIMIT, shape)
+    copy = np.array(value, dtype=target, order="C", copy=True).reshape(-1)
+    copy.setflags(write=False)
+    return copy
+
+
+def _refuse_outside(value: Any, outside: object, shape: shapes.Int | shapes.Float | shapes.Bool) -> None:
+    if outside:
+        raise PayloadError("", f"expected {shape} elements, got a numpy array with values out of range")
+
+
+def little_endian(items: Any, code: str) -> bytes:
+    """Checked numbers, a list or a numpy array, as packed little-endian elements of that :mod:`struct`
+    letter."""
+    if code == "?":
+        return bytes(items)
+    if is_numpy_array(items):
+        packed: bytes = items.astype(f"<{code}", copy=False).tobytes()
+        return packed
+    return struct.pack(f"<{len(items)}{code}", *items)

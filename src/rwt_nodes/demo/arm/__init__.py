@@ -1,0 +1,1 @@
+"""The demo robot's arm: kinematics, trajectories and their controller."""

@@ -1,0 +1,1 @@
+"""The demo robot's description and meshes."""

@@ -1,0 +1,1 @@
+"""How the demo robot finds and follows its way."""

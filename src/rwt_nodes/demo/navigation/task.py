@@ -1,0 +1,219 @@
+"""The action `/navigate_to_pose`: from a goal to a robot that stands there.
+
+The driving is done in :meth:`Navigation.steer`, once a control step, so that it needs no task of its own; the
+action's coroutine only waits for the end of its trip.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import anyio
+
+from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, GoalStatus, Node
+from rwt_nodes.demo import messages
+from rwt_nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
+from rwt_nodes.demo.frames import MAP, ODOM, frame
+from rwt_nodes.demo.model.urdf import BASE
+from rwt_nodes.demo.navigation.path_follower import PathFollower
+from rwt_nodes.demo.navigation.planner import NoWay, Planner
+from rwt_nodes.demo.world.pose import ORIGIN, Pose
+
+ACTION = "nav2_msgs/NavigateToPose"
+#: Seconds between two feedbacks.
+_FEEDBACK_EVERY = 0.2
+#: Seconds of standing still on the way after which the trip is given up.
+_PATIENCE = 5.0
+#: Metres from the way, after somebody else has driven, at which a new one is planned.
+_REPLAN_AT = 0.4
+
+
+class _Header(Protocol):
+    frame_id: str
+
+
+class _PoseStamped(Protocol):
+    header: _Header
+    pose: messages.PoseLike
+
+
+class NavigateRequest(Protocol):
+    """The goal of `nav2_msgs/NavigateToPose`."""
+
+    pose: _PoseStamped
+
+
+@dataclass(slots=True)
+class _Trip:
+    """One goal on its way."""
+
+    goal: ActionGoal
+    follower: PathFollower
+    started: float
+    ended: anyio.Event = field(default_factory=anyio.Event)
+    status: GoalStatus = GoalStatus.EXECUTING
+    reason: str = ""
+    still_since: float | None = None
+    last_feedback: float = -math.inf
+
+    def end(self, status: GoalStatus, reason: str = "") -> None:
+        if not self.ended.is_set():
+            self.status, self.reason = status, reason
+            self.ended.set()
+
+
+class Navigation:
+    """Serves the action and, while a goal is active, says how to drive."""
+
+    def __init__(self, node: Node, drive: DifferentialDrive, planner: Planner, odom_origin: Pose) -> None:
+        self._node = node
+        self._drive = drive
+        self._planner = planner
+        self._odom_origin = odom_origin
+        self._trip: _Trip | None = None
+        self._plans = node.advertise("plan", "nav_msgs/Path")
+        node.advertise_action("navigate_to_pose", ACTION, self._execute, accept=self._accept)
+
+    @property
+    def active(self) -> bool:
+        """Whether a goal is being driven to."""
+        return self._trip is not None
+
+    def steer(self, overridden: bool) -> Velocity:
+        """How to drive now; `overridden` while somebody drives by hand, which only pauses the trip."""
+        trip = self._trip
+        if trip is None:
+            return STANDSTILL
+        if trip.goal.cancel_requested:
+            if overridden or self._drive.velocity.is_zero:
+                self._finish(GoalStatus.CANCELED)
+            return STANDSTILL
+        if not self._drive.enabled:
+            self._finish(GoalStatus.ABORTED, "the motors are disabled; call /enable_motors")
+            return STANDSTILL
+        self._give_feedback(trip)
+        if overridden:
+            trip.still_since = None
+            return STANDSTILL
+        return self._follow(trip)
+
+    def abort(self, reason: str) -> None:
+        """Give up the active goal, if there is one."""
+        self._finish(GoalStatus.ABORTED, reason)
+
+    def _follow(self, trip: _Trip) -> Velocity:
+        pose = self._drive.pose
+        if trip.follower.arrived(pose) and self._drive.velocity.is_zero:
+            self._finish(GoalStatus.SUCCEEDED)
+            return STANDSTILL
+        if self._is_stuck(trip):
+            self._finish(GoalStatus.ABORTED, "the robot is stuck")
+            return STANDSTILL
+        if trip.follower.off_track(pose) > _REPLAN_AT:
+            try:
+                trip.follower = self._plan(trip.follower.goal)
+            except NoWay as error:
+                self._finish(GoalStatus.ABORTED, str(error))
+                return STANDSTILL
+        return trip.follower.steer(pose)
+
+    def _finish(self, status: GoalStatus, reason: str = "") -> None:
+        if self._trip is not None:
+            self._trip.end(status, reason)
+            self._trip = None
+
+    def _is_stuck(self, trip: _Trip) -> bool:
+        now = self._node.clock.monotonic()
+        if self._drive.bumped or self._drive.velocity.is_zero:
+            if trip.still_since is None:
+                trip.still_since = now
+            return now - trip.still_since > _PATIENCE
+        trip.still_since = None
+        return False
+
+    def _accept(self, request: NavigateRequest) -> bool | str:
+        """True, or why the goal cannot even be tried."""
+        target = messages.read_pose(request.pose.pose)
+        if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
+            return "the goal's pose has a value that is not a finite number"
+        given, known = request.pose.header.frame_id, self._frames()
+        if _bare(given) not in known:
+            _, *others, last = known
+            return f'the goal is in frame "{given}"; use {", ".join(others)} or {last}'
+        return True
+
+    def _frames(self) -> dict[str, Pose]:
+        """The origin in the map of each frame a goal may be in; a goal without one is in the map."""
+        return {
+            "": ORIGIN,
+            frame(self._node, MAP): ORIGIN,
+            frame(self._node, ODOM): self._odom_origin,
+            frame(self._node, BASE): self._drive.pose,
+        }
+
+    async def _execute(self, goal: ActionGoal) -> messages.Message:
+        self.abort("a newer goal took its place")
+        request: NavigateRequest = goal.request
+        origin = self._frames()[_bare(request.pose.header.frame_id)]
+        try:
+            follower = self._plan(origin.after(messages.read_pose(request.pose.pose)))
+        except NoWay as error:
+            raise GoalAborted(self._result(str(error)), str(error)) from error
+        trip = self._trip = _Trip(goal, follower, self._node.clock.monotonic())
+        try:
+            await trip.ended.wait()
+        finally:
+            # Whatever ends the wait, a robot without a goal must not drive on.
+            if self._trip is trip:
+                self._trip = None
+        if trip.status is GoalStatus.CANCELED:
+            raise GoalCanceled(self._result("canceled"))
+        if trip.status is GoalStatus.ABORTED:
+            raise GoalAborted(self._result(trip.reason), trip.reason)
+        return self._result("")
+
+    def _plan(self, target: Pose) -> PathFollower:
+        here = self._drive.pose
+        corners = self._planner.plan((here.x, here.y), (target.x, target.y))
+        self._publish_plan(corners, target)
+        return PathFollower(corners, target, self._drive.limits)
+
+    def _publish_plan(self, corners: list[tuple[float, float]], target: Pose) -> None:
+        header = messages.header(self._node.clock.time_ns(), frame(self._node, MAP))
+        poses = [{"header": header, "pose": messages.pose(Pose(x, y, target.heading))} for x, y in corners]
+        self._plans.publish({"header": header, "poses": poses})
+
+    def _give_feedback(self, trip: _Trip) -> None:
+        now = self._node.clock.monotonic()
+        # A step may come a hair early by rounding; half a step of slack keeps the rate.
+        if now - trip.last_feedback < _FEEDBACK_EVERY - 0.025:
+            return
+        trip.last_feedback = now
+        pose, remaining = self._drive.pose, trip.follower.remaining(self._drive.pose)
+        speed = max(abs(self._drive.velocity.linear), self._drive.limits.speed / 2)
+        stamp = self._node.clock.time_ns()
+        trip.goal.publish_feedback(
+            {
+                "current_pose": {
+                    "header": messages.header(stamp, frame(self._node, MAP)),
+                    "pose": messages.pose(pose),
+                },
+                "navigation_time": messages.time(round((now - trip.started) * 1e9)),
+                "estimated_time_remaining": messages.time(round(remaining / speed * 1e9)),
+                "number_of_recoveries": 0,
+                "distance_remaining": remaining,
+            }
+        )
+
+    def _result(self, error: str) -> messages.Message:
+        """The result with what this distribution's definition has of it."""
+        fields = self._node.registry.action(ACTION).result.struct.__struct_fields__
+        told = {"error_code": 1 if error else 0, "error_msg": error}
+        return {name: value for name, value in told.items() if name in fields}
+
+
+def _bare(frame: str) -> str:
+    """A frame's name without the slash that old ROS 1 programs put before it."""
+    return frame.removeprefix("/")

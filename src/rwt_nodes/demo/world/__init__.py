@@ -1,0 +1,1 @@
+"""The demo robot's surroundings, and what its sensors see of them."""

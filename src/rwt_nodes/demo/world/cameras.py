@@ -1,0 +1,128 @@
+"""The colour camera and the depth camera: `/camera/…`. They are one device with one lens and one frame."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import anyio.to_thread
+
+from rwt_graph import Node, Timer, TopicPublisher
+from rwt_graph.qos import SENSOR_DATA
+from rwt_nodes.demo import messages
+from rwt_nodes.demo.drive import DifferentialDrive
+from rwt_nodes.demo.frames import frame
+from rwt_nodes.demo.model.urdf import OPTICAL, Mount
+from rwt_nodes.demo.world.lens import Lens
+from rwt_nodes.demo.world.map import World
+from rwt_nodes.demo.world.pose import Pose
+
+if TYPE_CHECKING:
+    from rwt_nodes.demo.world.view import View
+
+#: The cloud has every second row and column of every third picture: whole, it would be 147 MB/s.
+_POINTS_SKIP, _POINTS_EVERY = 2, 3
+#: Of the compressed pictures, as image_transport has it.
+_JPEG_QUALITY = 80
+
+
+class CameraPublisher:
+    """Publishes `/camera/image_raw`, its compressed form, `/camera/depth/image_raw` and
+    `/camera/depth/points`, each only while somebody listens, and their camera infos.
+
+    Pictures are drawn in a worker thread, from arrays: numpy is loaded with the first listener.
+    """
+
+    def __init__(self, node: Node, drive: DifferentialDrive, world: World, mount: Mount, lens: Lens) -> None:
+        self._node = node
+        self._frame = frame(node, OPTICAL)
+        self._drive = drive
+        self._world = world
+        self._mount = mount
+        self._lens = lens
+        self._view: View | None = None
+        self._period = 1 / 30
+        self._shots = 0
+        self._timer: Timer | None = None
+        self._colours = node.advertise("camera/image_raw", "sensor_msgs/Image", SENSOR_DATA)
+        self._jpegs = node.advertise(
+            "camera/image_raw/compressed", "sensor_msgs/CompressedImage", SENSOR_DATA
+        )
+        self._infos = node.advertise("camera/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
+        self._depths = node.advertise("camera/depth/image_raw", "sensor_msgs/Image", SENSOR_DATA)
+        self._depth_infos = node.advertise("camera/depth/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
+        self._points = node.advertise("camera/depth/points", "sensor_msgs/PointCloud2", SENSOR_DATA)
+
+    def set_rate(self, rate: float) -> None:
+        """Publish `rate` pictures a second from now on."""
+        self._period = 1 / rate
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = self._node.create_timer(self._period, self._shoot)
+
+    def look_for_listeners(self) -> None:
+        """Run while there are some, and sleep otherwise: an idle robot is not woken thirty times a second."""
+        wanted = self._is_heard(*self._topics())
+        if wanted and self._timer is None:
+            self._timer = self._node.create_timer(self._period, self._shoot)
+        elif not wanted and self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _topics(self) -> tuple[TopicPublisher, ...]:
+        return (*self._drawn(), self._infos, self._depth_infos)
+
+    def _drawn(self) -> tuple[TopicPublisher, ...]:
+        return self._colours, self._jpegs, self._depths, self._points
+
+    async def _shoot(self) -> None:
+        """Publish one picture of every kind that is wanted, all of the same moment."""
+        header = messages.header(self._node.clock.time_ns(), self._frame)
+        self._shots += 1
+        for infos in (self._infos, self._depth_infos):
+            if infos.subscriber_count:
+                infos.publish(self._lens.camera_info(header, self._node.distro.ros_version))
+        if self._is_heard(*self._drawn()):
+            pose = self._drive.pose.after(Pose(self._mount.x, self._mount.y))
+            await anyio.to_thread.run_sync(partial(self._draw, header, pose))
+
+    def _draw(self, header: messages.Message, pose: Pose) -> None:
+        """Runs in a worker thread; a timer's coroutine is never run twice at a time, so neither is this."""
+        if self._view is None:
+            from rwt_nodes.demo.world.view import View  # loads numpy
+
+            self._view = View(self._world, self._lens, self._mount.z)
+        sight = self._view.look(pose)
+        depths = self._view.depths(sight) if self._is_heard(self._depths, self._points) else None
+        if depths is not None and self._depths.subscriber_count:
+            self._depths.publish(self._image(header, "16UC1", 2, depths.tobytes()))
+        if not self._is_heard(self._colours, self._jpegs, self._points):
+            return
+        colours = self._view.colours(sight)
+        if self._colours.subscriber_count:
+            self._colours.publish(self._image(header, "rgb8", 3, colours.tobytes()))
+        if self._jpegs.subscriber_count:
+            from rwt_nodes.video.encoders.jpeg import encode_jpeg
+
+            data = encode_jpeg(colours, _JPEG_QUALITY)
+            self._jpegs.publish({"header": header, "format": "rgb8; jpeg compressed bgr8", "data": data})
+        if depths is not None and self._points.subscriber_count and self._shots % _POINTS_EVERY == 0:
+            from rwt_nodes.demo.world.points import point_cloud
+
+            self._points.publish(point_cloud(header, depths, colours, self._lens, _POINTS_SKIP))
+
+    @staticmethod
+    def _is_heard(*topics: TopicPublisher) -> bool:
+        return any(topic.subscriber_count for topic in topics)
+
+    def _image(self, header: messages.Message, encoding: str, pixel: int, data: bytes) -> messages.Message:
+        """`sensor_msgs/Image` of pixels of so many bytes, low byte first."""
+        return {
+            "header": header,
+            "width": self._lens.width,
+            "height": self._lens.height,
+            "encoding": encoding,
+            "is_bigendian": 0,
+            "step": self._lens.width * pixel,
+            "data": data,
+        }

@@ -1,0 +1,169 @@
+"""Meshes and textures over HTTP: what a URDF names by ``package://`` becomes something a browser can fetch.
+
+``package://my_arm/meshes/hand.dae`` is served as ``/packages/my_arm/meshes/hand.dae``. For ros3djs's
+``UrdfClient`` that is the option ``path: "http://HOST:PORT/packages/"``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping
+from os.path import isfile
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+from urllib.parse import unquote
+
+import anyio
+import anyio.to_thread
+
+from rwt_interfaces.definitions.package_directories import package_name
+from rwt_transports.http import HttpRequest, HttpResponse
+
+PATH: Final = "/packages/"
+
+#: What a scene is made of. Packages hold more, and some of it, as a launch file with a password, is not for
+#: everybody who may look at the robot.
+CONTENT_TYPES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        ".dae": "model/vnd.collada+xml",
+        ".stl": "model/stl",
+        ".obj": "model/obj",
+        ".mtl": "model/mtl",
+        ".ply": "application/octet-stream",
+        ".gltf": "model/gltf+json",
+        ".glb": "model/gltf-binary",
+        ".bin": "application/octet-stream",
+        ".urdf": "application/xml",
+        ".png": "image/png",
+        ".jpg": "image/jpeg",
+        ".jpeg": "image/jpeg",
+        ".webp": "image/webp",
+        ".bmp": "image/bmp",
+        ".tga": "image/x-tga",
+        ".tif": "image/tiff",
+        ".tiff": "image/tiff",
+    }
+)
+_CHUNK = 256 * 1024
+
+
+class PackagesError(ValueError):
+    """A folder of packages that cannot be served; the text says which and why."""
+
+
+class Packages:
+    """Serves the files of ROS packages.
+
+    Args:
+        folders: each a package, which is a folder with a `package.xml`, or a folder with packages somewhere
+            below it. A folder right below that has no `package.xml` in it is a package of the folder's name.
+            Of two packages of one name the first counts.
+
+    Attributes:
+        pages: what `serve` takes as its argument of that name.
+
+    Raises:
+        PackagesError: one of them is no folder, or has nothing in it.
+    """
+
+    def __init__(self, folders: Iterable[Path]) -> None:
+        self._roots: dict[str, Path] = {}
+        for folder in folders:
+            for root in _packages(folder):
+                self._roots.setdefault(package_name(root), root)
+        self.pages: Mapping[str, Callable[[HttpRequest, object], Awaitable[HttpResponse]]] = {
+            f"{PATH}*": self._page
+        }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The packages, sorted."""
+        return tuple(sorted(self._roots))
+
+    async def _page(self, request: HttpRequest, may_subscribe: object) -> HttpResponse:
+        """One file. Whoever may come in may have it: a robot's looks are no secret of one topic."""
+        return await anyio.to_thread.run_sync(self._answer, request)
+
+    def _answer(self, request: HttpRequest) -> HttpResponse:
+        package, _, rest = unquote(request.path.removeprefix(PATH), errors="replace").partition("/")
+        root = self._roots.get(package)
+        if root is None:
+            known = ", ".join(self.names)
+            return _refusal(404, f"there is no package {package!r} here; there is {known}")
+        path = _below(root, rest)
+        if path is None or not isfile(path):  # which has no exceptions for names that are too long
+            return _refusal(404, f"package {package} has no file {rest!r}")
+        content_type = CONTENT_TYPES.get(path.suffix.lower())
+        if content_type is None:
+            kinds = " ".join(sorted(CONTENT_TYPES))
+            return _refusal(403, f"{rest!r} is no mesh, texture or description; served are {kinds}")
+        return _file(path, content_type, request.headers.get("if-none-match", ""))
+
+
+def _packages(folder: Path) -> Iterator[Path]:
+    """The roots of the packages at or below a folder."""
+    try:
+        found = list(_walk(folder.absolute(), set()))
+        found += [root for root in sorted(_folders(folder.absolute())) if not _touches(root, found)]
+    except OSError as error:
+        raise PackagesError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
+    if not found:
+        raise PackagesError(f"{folder}: no packages; expected PACKAGE/meshes/… in it, or a package.xml")
+    yield from found
+
+
+def _walk(folder: Path, seen: set[Path]) -> Iterator[Path]:
+    """Folders with a `package.xml`; nothing below one is looked at."""
+    if folder.resolve() in seen:
+        return  # a link to where the walk has been
+    seen.add(folder.resolve())
+    if (folder / "package.xml").is_file():
+        yield folder
+        return
+    for entry in sorted(_folders(folder)):
+        yield from _walk(entry, seen)
+
+
+def _folders(folder: Path) -> Iterator[Path]:
+    return (entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith("."))
+
+
+def _touches(root: Path, found: Iterable[Path]) -> bool:
+    """Whether a folder is a package that was found, is in one, or has one in it."""
+    return any(root == other or root in other.parents or other in root.parents for other in found)
+
+
+def _below(root: Path, rest: str) -> Path | None:
+    """The file of that path in a package; None for a path that leads out of it, and for hidden ones.
+
+    Links are followed: a workspace that was built with links has nothing else.
+    """
+    parts = rest.split("/")
+    # On Windows a backslash and the colon of a drive lead elsewhere.
+    if any(not part or part.startswith(".") or set(part) & set("\\:\0") for part in parts):
+        return None
+    return root.joinpath(*parts)
+
+
+def _file(path: Path, content_type: str, known_tag: str) -> HttpResponse:
+    try:
+        path.open("rb").close()
+        state = path.stat()
+    except OSError as error:
+        return _refusal(403, f"{path.name} cannot be read: {error.strerror}")
+    tag = f'"{state.st_mtime_ns:x}-{state.st_size:x}"'
+    # "no-cache" lets a browser keep it and ask each time whether it still holds (RFC 9111 section 5.2.2.4).
+    headers = {"ETag": tag, "Cache-Control": "no-cache"}
+    if tag in known_tag:
+        return HttpResponse(b"", 304, content_type, headers)
+    return HttpResponse(_chunks(path), 200, content_type, headers)
+
+
+async def _chunks(path: Path) -> AsyncIterator[bytes]:
+    async with await anyio.open_file(path, "rb") as file:
+        while chunk := await file.read(_CHUNK):
+            yield chunk
+
+
+def _refusal(status: int, text: str) -> HttpResponse:
+    return HttpResponse(f"{text}\n".encode(), status)

@@ -1,0 +1,1 @@
+"""From pixels to bytes: image and video encoders and their containers."""

@@ -1,0 +1,56 @@
+"""Pictures by themselves: JPEG and PNG. Imported where somebody watches."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+from rwt_nodes.video.encoders.encoded import Encoded
+from rwt_nodes.video.encoders.jpeg import encode_jpeg
+from rwt_nodes.video.encoders.pixels import Bytes, without_alpha
+from rwt_nodes.video.header_stamp import stamp_ns
+from rwt_nodes.video.picture import read_picture
+from rwt_nodes.video.stream_request import Jpeg, Png, Wish
+from rwt_nodes.video.topics import COMPRESSED
+
+if TYPE_CHECKING:
+    from rwt_interfaces.payload import Payload
+
+_JPEG_MAGIC = b"\xff\xd8\xff"
+_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+_DEFAULT_QUALITY = 95
+#: Higher levels of PNG take four times as long, for a few bytes in a thousand.
+_HIGHEST_LEVEL = 6
+
+
+class StillEncoder:
+    """Makes a JPEG or a PNG of each message, or passes on the one that it holds."""
+
+    def __init__(self, wish: Wish, coding: Jpeg | Png) -> None:
+        self._wish = wish
+        self._coding = coding
+
+    def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded:
+        """See :meth:`rwt_nodes.video.encoders.encoded.Encoder.encode`; every picture can be shown without others."""
+        stamp = stamp_ns(payload)
+        if payload.type.name == COMPRESSED and not self._wish.changes_pictures:
+            message: Any = payload.value()
+            data = bytes(message.data)
+            if data.startswith(_JPEG_MAGIC):
+                return Encoded(data, stamp, at_ms, "image/jpeg")
+            # Only who asks for whatever there is takes anything but what was asked for.
+            if data.startswith(_PNG_MAGIC) and self._wish.prefers_compressed:
+                return Encoded(data, stamp, at_ms, "image/png")
+        pixels = read_picture(payload, self._wish)
+        if isinstance(self._coding, Png):
+            return Encoded(_png(pixels, self._coding.level), stamp, at_ms, "image/png")
+        quality = self._coding.quality or _DEFAULT_QUALITY
+        return Encoded(encode_jpeg(without_alpha(pixels), quality), stamp, at_ms, "image/jpeg")
+
+
+def _png(pixels: Bytes, level: int) -> bytes:
+    from PIL import Image
+
+    written = io.BytesIO()
+    Image.fromarray(pixels).save(written, "PNG", compress_level=min(level, _HIGHEST_LEVEL))
+    return written.getvalue()

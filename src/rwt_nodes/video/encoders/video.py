@@ -1,0 +1,112 @@
+"""Film: VP8, VP9 and H.264 by PyAV (the extra `video`). Imported where somebody watches one."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Final
+
+import av
+from av.codec.context import Flags
+from av.video.codeccontext import VideoCodecContext
+from av.video.frame import PictureType, VideoFrame
+
+from rwt_nodes.video.encoders import colours
+from rwt_nodes.video.encoders.encoded import Encoded, Track
+from rwt_nodes.video.encoders.pixels import Bytes, resized, without_alpha
+from rwt_nodes.video.errors import PictureUnreadable
+from rwt_nodes.video.header_stamp import stamp_ns
+from rwt_nodes.video.picture import read_picture
+from rwt_nodes.video.stream_request import Film, Wish
+
+if TYPE_CHECKING:
+    from rwt_interfaces.payload import Payload
+
+_MILLISECONDS: Final = Fraction(1, 1000)
+_ENCODERS: Final = {"vp8": "libvpx", "vp9": "libvpx-vp9", "h264": "libx264"}
+#: No picture is kept back: a viewer sees the last one, not the one before.
+_OPTIONS: Final = {
+    "vp8": {"lag-in-frames": "0", "auto-alt-ref": "0"},
+    "vp9": {
+        "lag-in-frames": "0",
+        "auto-alt-ref": "0",
+        "cpu-used": "8",
+        "deadline": "realtime",
+        "row-mt": "1",
+    },
+    "h264": {"tune": "zerolatency", "forced-idr": "1"},
+}
+#: The constant quality of H.264 where no bit rate is asked for, as web_video_server has it.
+_H264_QUALITY: Final = "20"
+
+
+class FilmEncoder:
+    """Makes one film of a topic's pictures, in the size of the first; see
+    :class:`rwt_nodes.video.encoders.encoded.Encoder`."""
+
+    def __init__(self, wish: Wish, film: Film) -> None:
+        self._wish = wish
+        self._film = film
+        self._codec: VideoCodecContext | None = None
+        self._track: Track | None = None
+        self._last_ms = -1
+
+    def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
+        """See :meth:`rwt_nodes.video.encoders.encoded.Encoder.encode`."""
+        pixels = without_alpha(read_picture(payload, self._wish))
+        codec = self._codec or self._open(pixels)
+        frame = VideoFrame.from_ndarray(
+            resized(pixels, codec.width, codec.height), "rgb24" if pixels.ndim == 3 else "gray"
+        )
+        self._last_ms = frame.pts = max(at_ms, self._last_ms + 1)
+        frame.time_base = _MILLISECONDS
+        if key:
+            frame.pict_type = PictureType.I
+        try:
+            packets = codec.encode(frame)
+        except av.FFmpegError as error:
+            raise PictureUnreadable(f"{self._film.codec} refused a picture (code {error.errno})") from None
+        if not packets:
+            return None
+        if self._track is None:
+            self._track = Track(self._film.codec, codec.width, codec.height, bytes(codec.extradata or b""))
+        (packet,) = packets
+        return Encoded(bytes(packet), stamp_ns(payload), frame.pts, track=self._track, key=packet.is_keyframe)
+
+    def _open(self, pixels: Bytes) -> VideoCodecContext:
+        film = self._film
+        codec = av.CodecContext.create(_ENCODERS[film.codec], "w")
+        assert isinstance(codec, VideoCodecContext)
+        # Colours have half the resolution in these films: an odd row or column is left out.
+        codec.width, codec.height = max(2, pixels.shape[1] & ~1), max(2, pixels.shape[0] & ~1)
+        codec.pix_fmt = "yuv420p"
+        codec.colorspace = colours.MATRIX
+        codec.color_range = colours.RANGE
+        codec.color_trc = colours.TRANSFER
+        codec.color_primaries = colours.PRIMARIES
+        codec.time_base = _MILLISECONDS
+        codec.framerate = Fraction(30)
+        codec.gop_size = film.gop
+        codec.max_b_frames = 0
+        codec.flags |= Flags.low_delay
+        # The threads of libvpx wait for each other without letting go of the processor: with others at work
+        # on it a picture took twenty times as long on two threads as on one.
+        codec.thread_count = 1
+        if film.codec == "h264":
+            codec.flags |= Flags.global_header  # the parameter sets apart, as MP4 wants them
+        if film.bitrate is not None:
+            codec.bit_rate = film.bitrate
+        codec.options = _options(film)
+        self._codec = codec
+        return codec
+
+
+def _options(film: Film) -> dict[str, str]:
+    options = {**_OPTIONS[film.codec], "qmin": str(film.qmin), "qmax": str(film.qmax)}
+    if film.quality:
+        options["deadline"] = film.quality
+        options["cpu-used"] = "8" if film.quality == "realtime" else "2"
+    if film.preset:
+        options["preset"] = film.preset
+    if film.bitrate is None:
+        options["crf"] = _H264_QUALITY
+    return options

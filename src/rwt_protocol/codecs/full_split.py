@@ -1,0 +1,156 @@
+"""Taking a JSON frame apart when every byte of it is looked at."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.codecs.depth import deeper_than
+from rwt_protocol.codecs.envelope import DECODER
+
+MOST_MESSAGES: Final = 1000
+"""Messages and faults that one frame may hold; what follows is one more fault."""
+
+_decode: Final = DECODER.decode
+_decode_raw: Final = msgspec.json.Decoder(msgspec.Raw).decode
+_decode_raw_members: Final = msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
+
+_TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
+_STRING_OR_CONSTANT: Final = re.compile(rb'"(?:[^"\\]|\\.)*+"|-?Infinity|NaN', re.DOTALL)
+_SURROGATE: Final = re.compile(rb"\\u[dD][89a-fA-F]")
+_KIND: Final = {
+    ord("["): "an array",
+    ord('"'): "a string",
+    ord("n"): "null",
+    ord("t"): "true",
+    ord("f"): "false",
+}
+
+
+def split_whole(data: bytes, max_depth: int) -> Sequence[Members | Fault]:
+    """The messages in one frame, in order. Never raises.
+
+    The usual frame, one object and nothing else, takes one pass. Any other is read by :func:`_split_several`.
+    """
+    try:
+        if not data.isascii():
+            str(data, "utf-8")
+        members = _decode(data)
+    except UnicodeDecodeError as error:
+        return (Fault(f"not UTF-8, at byte {error.start}"),)
+    except (msgspec.DecodeError, RecursionError):
+        return _split_several(data, max_depth)
+    if len(data) > 2 * max_depth and deeper_than(data, max_depth):
+        return (_too_deep(max_depth, members),)
+    return (members,)
+
+
+def _too_deep(max_depth: int, members: Members | None = None) -> Fault:
+    return Fault(f"nested more than {max_depth} levels deep (max_depth)", members or {})
+
+
+def _split_several(data: bytes, max_depth: int) -> list[Members | Fault]:
+    """What a frame holds that is not one plain object: several, garbage, or JSON as Python writes it.
+
+    Objects are taken in order, each on its own (ENV-10). Text between them that cannot begin an object or
+    an array is passed over to the next brace, and refused; the objects around it still run. An object or
+    array that is cut short or broken ends the frame: what stands inside it is never taken for a message,
+    and nothing of it is kept for the next frame (ENV-09).
+    """
+    found: list[Members | Fault] = []
+    rest = data.strip(b" \t\r\n")
+    if not rest:
+        return [Fault("the message is empty")]
+    position, cleaned = 0, False
+    while position < len(rest):
+        if len(found) >= MOST_MESSAGES:
+            found.append(Fault(f"more than {MOST_MESSAGES} messages in one frame; the rest was dropped"))
+            break
+        try:
+            end = position + _end_of_value(memoryview(rest)[position:])
+        except RecursionError:
+            found.append(_too_deep(max_depth))
+            break
+        except msgspec.DecodeError as error:
+            if not cleaned:
+                rest, position, cleaned = _without_constants(rest[position:]), 0, True
+                continue
+            if rest[position] in b"{[":
+                found.append(_broken(error, rest[position:]))
+                break
+            found.append(Fault("not JSON: expected an object that starts with {"))
+            end = rest.find(b"{", position + 1)
+            if end < 0:
+                break
+        else:
+            found.append(_read_value(rest[position:end], max_depth))
+        position = end
+        while position < len(rest) and rest[position] in b" \t\r\n":
+            position += 1
+    return found
+
+
+def _end_of_value(view: memoryview) -> int:
+    """Where the JSON value at the beginning of `view` ends.
+
+    Raises:
+        msgspec.DecodeError: there is no JSON value.
+        RecursionError: it is nested too deeply to be skipped.
+    """
+    try:
+        _decode_raw(view)
+    except msgspec.DecodeError as error:
+        trailing = _TRAILING.search(str(error))
+        if trailing is None:
+            raise
+        return int(trailing[1]) - 1
+    return len(view)
+
+
+def _broken(error: msgspec.DecodeError, text: bytes) -> Fault:
+    if _SURROGATE.search(text):
+        return Fault("not JSON: malformed, or text that is not Unicode")
+    if "truncated" in str(error):
+        return Fault(f"not JSON: cut short after {len(text)} bytes")
+    return Fault("not JSON: an object or array is malformed")
+
+
+def _without_constants(text: bytes) -> bytes:
+    """`text` with the tokens NaN and Infinity turned into null.
+
+    Python writes them for numbers that JSON has not, and roslibpy sends them. Null is how such a number is
+    written on the way out (X16), so it is read that way too.
+    """
+    if b"NaN" not in text and b"Infinity" not in text:
+        return text
+    return _STRING_OR_CONSTANT.sub(lambda found: found[0] if found[0][:1] == b'"' else b"null", text)
+
+
+def _read_value(piece: bytes, max_depth: int) -> Members | Fault:
+    """One JSON value, which is a message if it is an object."""
+    if piece[:1] != b"{":
+        return Fault(f"expected an object, got {_KIND.get(piece[0], 'a number')}")
+    try:
+        members = _decode(piece)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        readable = _readable(piece)
+        return Fault(
+            f"{readable.get('op', 'it')}: holds a number too large, or text that is not Unicode", readable
+        )
+    return _too_deep(max_depth, members) if deeper_than(piece, max_depth) else members
+
+
+def _readable(piece: bytes) -> Members:
+    """The scalars that can be read of an object in which another cannot."""
+    members: Members = {}
+    for name, raw in _decode_raw_members(piece).items():
+        if name in ("op", "id", "service", "action"):
+            try:
+                members[name] = msgspec.json.decode(raw, type=str | int)
+            except msgspec.DecodeError:
+                continue
+    return members

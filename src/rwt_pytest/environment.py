@@ -1,0 +1,240 @@
+"""Everything that one test has: a graph in a thread of its own, a robot, a server, and the wire between."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import anyio
+import pytest
+from anyio.from_thread import BlockingPortal, start_blocking_portal
+
+from rwt.nodes import Shown, start_nodes
+from rwt.server import serve
+from rwt.settings.models import Settings, SettingsError
+from rwt.settings.sources import Given, from_text, load_settings
+from rwt_graph.clock import SimulatedClock
+from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.registry import Registry
+from rwt_pytest.options import Wishes
+from rwt_testing import Faults, ObservedGraph, ObservedWire, ScriptedRobot, Transcript
+from rwt_testing.expectations import PATIENCE, refuse_on_an_event_loop
+from rwt_testing.virtual_time import VirtualTime
+
+if TYPE_CHECKING:
+    from rwt_nodes.demo import DemoRobot
+
+
+#: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
+EPOCH_NS = 1_700_000_000_000_000_000
+
+#: The worlds of this moment: that of the test, and those of fixtures that live longer.
+_OPEN: list[RobotWorld] = []
+
+_ANY_PORT = "ws://127.0.0.1:0"
+_LOOK = 0.005
+
+
+class RobotServer:
+    """A rosbridge server on a free port of this machine.
+
+    Attributes:
+        url: ``ws://127.0.0.1:PORT``.
+        host: ``127.0.0.1``.
+        port: the number.
+    """
+
+    def __init__(self, url: str, wire: ObservedWire) -> None:
+        self.url = url
+        self.host, _, port = url.removeprefix("ws://").partition(":")
+        self.port = int(port)
+        self._wire = wire
+
+    @property
+    def faults(self) -> Faults:
+        """What goes wrong on the way; see :class:`rwt_testing.Faults`."""
+        return self._wire.faults
+
+    @property
+    def transcript(self) -> Transcript:
+        """What went over the wire so far."""
+        return self._wire.transcript
+
+    @property
+    def client_count(self) -> int:
+        """How many clients are connected now."""
+        return self._wire.client_count
+
+    def wait_for_clients(self, count: int = 1, within: float = PATIENCE) -> None:
+        """Block until exactly `count` clients are connected.
+
+        Args:
+            within: seconds of real time.
+
+        Raises:
+            AssertionError: it did not become so.
+            BlockingWait: called from a coroutine.
+        """
+        __tracebackhide__ = True
+        refuse_on_an_event_loop("use `await rwt_server.until_clients(...)`")
+        deadline = time.monotonic() + within
+        while self.client_count != count:
+            self._check(count, within, deadline)
+            time.sleep(_LOOK)
+
+    async def until_clients(self, count: int = 1, within: float = PATIENCE) -> None:
+        """As :meth:`wait_for_clients`, for coroutines."""
+        __tracebackhide__ = True
+        deadline = time.monotonic() + within
+        while self.client_count != count:
+            self._check(count, within, deadline)
+            await anyio.sleep(_LOOK)
+
+    def _check(self, count: int, within: float, deadline: float) -> None:
+        __tracebackhide__ = True
+        if time.monotonic() >= deadline:
+            raise AssertionError(
+                f"{self.client_count} clients are connected after {within:g} s, where {count} should be"
+            )
+
+
+class RobotWorld:
+    """What the fixtures of one test share; robot and server are made when they are first asked for.
+
+    Attributes:
+        wishes: what the test wants.
+        graph: the robot graph; it runs.
+        wire: what observes the server.
+    """
+
+    def __init__(
+        self,
+        wishes: Wishes,
+        settings: Settings,
+        graph: ObservedGraph,
+        portal: BlockingPortal,
+        stack: ExitStack,
+        shown: Shown,
+    ) -> None:
+        self.wishes = wishes
+        self.graph = graph
+        self.wire = ObservedWire(graph, bson=settings.bson_only_mode)
+        self._settings = settings
+        self._portal = portal
+        self._stack = stack
+        self._shown = shown
+
+    @property
+    def virtual_time(self) -> VirtualTime:
+        """The clock as the test moves it."""
+        clock = self.graph.clock
+        if not isinstance(clock, SimulatedClock):
+            raise pytest.UsageError(
+                "rwt_clock must be an argument of the test or of a fixture that it names, so that the robot"
+                " is made with it; request.getfixturevalue comes too late"
+            )
+        return VirtualTime(clock, self._portal)
+
+    @cached_property
+    def robot(self) -> ScriptedRobot:
+        """The scripted robot, named `robot`."""
+        robot = ScriptedRobot(self.graph)
+        self._stack.callback(robot.close)
+        return robot
+
+    @cached_property
+    def server(self) -> RobotServer:
+        """The server, listening."""
+        running = serve(
+            self.graph,
+            _ANY_PORT,
+            settings=self._settings,
+            pages=self._shown.pages,
+            sections=self._shown.sections,
+            figures=self._shown.figures,
+            around=self.wire.around,
+        )
+        server = self._stack.enter_context(self._portal.wrap_async_context_manager(running))
+        return RobotServer(server.urls[0], self.wire)
+
+
+@contextmanager
+def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
+    """Run a graph in a thread until the block is left; then the thread has ended.
+
+    For fixtures of your own that live longer than one test.
+
+    Raises:
+        UsageError: a setting or an interface file cannot be used.
+    """
+    settings = _settings(wishes)
+    registry = _registry(wishes)
+    clock = SimulatedClock(EPOCH_NS) if wishes.virtual else None
+    with ExitStack() as stack:
+        portal = stack.enter_context(start_blocking_portal("asyncio", name="rwt robot"))
+        graph = ObservedGraph(registry, clock)
+        stack.enter_context(portal.wrap_async_context_manager(graph))
+        nodes = ExitStack()
+        stack.callback(portal.call, nodes.close)
+        shown = portal.call(start_nodes, graph, settings, nodes)
+        if wishes.demo:
+            shown.add(portal.call(_start_demo, graph, nodes))
+        world = RobotWorld(wishes, settings, graph, portal, stack, shown)
+        _OPEN.append(world)
+        try:
+            yield world
+        finally:
+            _OPEN.remove(world)
+
+
+def transcripts(most: int) -> list[str]:
+    """The last `most` lines of each transcript of this moment, for the report of a failing test."""
+    texts = [world.wire.transcript.text(most) for world in _OPEN] if most else []
+    return [text for text in texts if text]
+
+
+def _start_demo(graph: ObservedGraph, stack: ExitStack) -> DemoRobot:
+    from rwt_nodes.demo import DemoRobot  # Its code is read only where it runs.
+
+    return stack.enter_context(closing(DemoRobot(graph)))
+
+
+def _settings(wishes: Wishes) -> Settings:
+    """The server's settings: those of the ini file are texts, those of markers values."""
+    given = []
+    try:
+        for key, value in wishes.settings.items():
+            if isinstance(value, str):
+                given.append(from_text(key, value, "pytest"))
+            else:
+                given.append(Given(tuple(key.split(".")), value, "pytest"))
+        given.append(Given(("distro",), wishes.distro, "pytest"))
+        return load_settings(command_line=tuple(given)).settings
+    except SettingsError as error:
+        raise pytest.UsageError(f"rwt_settings: {error}") from None
+
+
+def _registry(wishes: Wishes) -> Registry:
+    registry = Registry(DISTROS[wishes.distro])
+    for folder in wishes.interfaces:
+        try:
+            registry.add_directory(folder)
+        except (InterfaceError, OSError) as error:
+            raise pytest.UsageError(f"rwt_interfaces: {folder}: {error}") from None
+    if wishes.interfaces:
+        _verify(registry)
+    return registry
+
+
+def _verify(registry: Registry) -> None:
+    try:
+        registry.verify()
+    except InterfaceError as error:
+        raise pytest.UsageError(f"rwt_interfaces: {error}") from None
+
+
+__all__ = ["RobotServer", "RobotWorld", "Wishes", "open_world", "transcripts"]

@@ -1,0 +1,1 @@
+"""Robots that do what a file says."""

@@ -1,0 +1,1 @@
+"""Scripted robots: what they offer, and what they do when called."""

@@ -1,0 +1,97 @@
+"""A client that reads slowly: messages wait, and what is too old gives way."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rwt_protocol.transport import DropReason
+
+if TYPE_CHECKING:
+    from rwt_graph.clock import Clock
+
+#: Messages of all topics that may wait for one client; beyond it the oldest of a topic is dropped.
+MOST_WAITING = 10_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Waiting:
+    """One message in the queue; `flow` is None for a reply, which is never dropped."""
+
+    send: Callable[[], None]
+    flow: object
+    on_drop: Callable[[DropReason], None] | None
+
+
+class PacedQueue:
+    """Lets messages go on at the pace of a slow reader, in order.
+
+    Args:
+        clock: whose seconds count.
+        pace: messages a second now; None for no limit, and then everything that waits goes on.
+    """
+
+    def __init__(self, clock: Clock, pace: Callable[[], float | None]) -> None:
+        self._clock = clock
+        self._pace = pace
+        self._waiting: deque[_Waiting] = deque()
+        self._ticking = False
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing waits."""
+        return not self._waiting
+
+    def put(
+        self,
+        send: Callable[[], None],
+        flow: object = None,
+        depth: int | None = None,
+        on_drop: Callable[[DropReason], None] | None = None,
+    ) -> None:
+        """Let a message wait for its turn; the first of all is taken at once.
+
+        Args:
+            flow: tells the messages of one topic; None for one that may not be dropped.
+            depth: how many of the flow may wait.
+            on_drop: is told of one that gave way.
+        """
+        if flow is not None and depth is not None:
+            self._make_room(flow, depth)
+        if flow is not None and len(self._waiting) >= MOST_WAITING:
+            self._drop_oldest(lambda each: each.flow is not None, DropReason.BACKLOG)
+        self._waiting.append(_Waiting(send, flow, on_drop))
+        if not self._ticking:
+            self._tick()
+
+    def _make_room(self, flow: object, depth: int) -> None:
+        while sum(each.flow is flow for each in self._waiting) >= max(1, depth):
+            self._drop_oldest(lambda each: each.flow is flow, DropReason.QUEUE)
+
+    def _drop_oldest(self, is_meant: Callable[[_Waiting], bool], reason: DropReason) -> None:
+        oldest = next((each for each in self._waiting if is_meant(each)), None)
+        if oldest is None:
+            return
+        self._waiting.remove(oldest)
+        if oldest.on_drop is not None:
+            oldest.on_drop(reason)
+
+    def _tick(self) -> None:
+        self._ticking = False
+        pace = self._pace()
+        if pace is None:
+            self.flush()
+        elif self._waiting:
+            self._ticking = True
+            self._clock.call_later(1.0 / pace, self._tick)
+            self._waiting.popleft().send()
+
+    def flush(self) -> None:
+        """Let everything go on now."""
+        while self._waiting:
+            self._waiting.popleft().send()
+
+
+__all__ = ["PacedQueue"]

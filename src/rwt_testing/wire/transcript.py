@@ -1,0 +1,87 @@
+"""What went over the wire, for people: bounded, the newest is kept."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rwt_protocol.transport import Buffer, Frame
+
+#: Lines that are kept, and characters of each message.
+KEPT_LINES = 1000
+KEPT_CHARACTERS = 300
+
+
+class Transcript:
+    """One line for each message, each connection and each fault.
+
+    ``←`` goes to the client, ``→`` comes from it. Times are those of the robot's clock, from the beginning.
+
+    Args:
+        monotonic: seconds of the clock.
+    """
+
+    def __init__(self, monotonic: Callable[[], float]) -> None:
+        self._monotonic = monotonic
+        self._began = monotonic()
+        self._lines: deque[str] = deque(maxlen=KEPT_LINES)
+        self._count = 0
+
+    def note(self, client: int, text: str) -> None:
+        """Add a line about one client; 0 is one that did not come in."""
+        who = f"client {client}" if client else "a client"
+        self._lines.append(f"{self._monotonic() - self._began:9.3f} s  {who} {text}")
+        self._count += 1
+
+    def message(self, client: int, arrow: str, shown: str, remark: str = "") -> None:
+        """Add a message."""
+        self.note(client, f"{arrow} {remark + ' ' if remark else ''}{shown}")
+
+    def lines(self) -> list[str]:
+        """What is kept, oldest first; from any thread."""
+        return list(self._lines)
+
+    def text(self, most: int = 100) -> str:
+        """The last `most` lines."""
+        lines = self.lines()
+        shown = lines[-most:] if most > 0 else []
+        left_out = self._count - len(shown)
+        return "\n".join([*([f"… {left_out} earlier lines"] if left_out else []), *shown])
+
+    def clear(self) -> None:
+        """Forget everything; times go on."""
+        self._lines.clear()
+        self._count = 0
+
+    def __str__(self) -> str:
+        return self.text()
+
+
+def shown_frame(frame: Frame) -> str:
+    """The beginning of an outgoing message."""
+    if frame.binary:
+        return f"<{frame.size} bytes>"
+    head = bytearray()
+    for part in frame.parts:
+        # Four bytes are the longest character of UTF-8.
+        head += part[: 4 * KEPT_CHARACTERS - len(head)]
+    return _cut(bytes(head), frame.size)
+
+
+def shown_bytes(data: Buffer, binary: bool) -> str:
+    """The beginning of a message that came in."""
+    if binary and bytes(data[:1]) != b"{":
+        return f"<{len(data)} bytes>"
+    return _cut(bytes(data[: 4 * KEPT_CHARACTERS]), len(data))
+
+
+def _cut(head: bytes, size: int) -> str:
+    text = head.decode(errors="replace")
+    cut = text[:KEPT_CHARACTERS]
+    one_line = cut.replace("\r", "\\r").replace("\n", "\\n")
+    return one_line if len(cut.encode(errors="replace")) >= size else f"{one_line}… ({size} bytes)"
+
+
+__all__ = ["Transcript", "shown_bytes", "shown_frame"]

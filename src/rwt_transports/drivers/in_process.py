@@ -1,0 +1,153 @@
+"""Two endpoints in one process, joined without bytes: what one sends, the other receives one loop turn
+later."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from time import time_ns
+
+import anyio
+import anyio.lowlevel
+
+from rwt_protocol.transport import (
+    AS_MANY_AS_FIT,
+    Accept,
+    DropReason,
+    Endpoint,
+    Flow,
+    FlowRules,
+    Frame,
+    PeerInfo,
+    Traffic,
+)
+from rwt_transports.background import background_tasks
+
+
+class _End:
+    """What one of the two writes to; satisfies :class:`rwt_protocol.transport.Sink`."""
+
+    __slots__ = ("_awake", "_closing", "_frames", "_size", "other")
+
+    def __init__(self, awake: anyio.Event) -> None:
+        self._awake = awake
+        self._frames: deque[Frame] = deque()
+        self._size = 0
+        self._closing: tuple[int, str] | None = None
+        self.other: Endpoint | None = None
+
+    def send(self, frame: Frame) -> None:
+        if self._closing is None:
+            self._frames.append(frame)
+            self._size += frame.size
+            self._awake.set()
+
+    def close(self, code: int = 1000, reason: str = "") -> None:
+        if self._closing is None:
+            self._closing = (code, reason)
+            self._awake.set()
+
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time_ns,
+    ) -> Flow:
+        return _EndFlow(self)
+
+    @property
+    def backlog(self) -> int:
+        return self._size
+
+    @property
+    def traffic(self) -> Traffic:
+        return Traffic(queued_messages=len(self._frames), queued_bytes=self._size)
+
+    def watch(self, awake: anyio.Event) -> None:
+        """Set this event from now on."""
+        self._awake = awake
+
+    def deliver(self) -> tuple[int, str] | None:
+        """Hand over what was sent; returns code and reason once this side has closed."""
+        for _ in range(len(self._frames)):
+            frame = self._frames.popleft()
+            self._size -= frame.size
+            if self.other is not None:
+                self.other.receive(frame.data, frame.binary)
+        return None if self._frames else self._closing
+
+
+class _EndFlow:
+    """One topic's way to the other side, which is never slow; satisfies
+    :class:`rwt_protocol.transport.Flow`."""
+
+    __slots__ = ("_end",)
+
+    def __init__(self, end: _End) -> None:
+        self._end = end
+
+    def send(self, frame: Frame) -> None:
+        self._end.send(frame)
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        for frame in pieces:
+            self._end.send(frame)
+
+    def configure(self, rules: FlowRules) -> None:
+        """Rules are for slow readers."""
+
+    def close(self) -> None:
+        """There are no drops to report."""
+
+
+@asynccontextmanager
+async def connect_pair(near: Accept, far: Accept) -> AsyncIterator[None]:
+    """Join the endpoints that two accept functions make, for the length of the block.
+
+    The block goes on when either side closes: the endpoints' `closed` tells. Leaving it closes with 1000.
+
+    Args:
+        near: the side that connects.
+        far: the side that is connected to; it is asked first, and may raise
+            :exc:`~rwt_transports.errors.Refused`.
+    """
+    awake = anyio.Event()
+    ours, theirs = _End(awake), _End(awake)
+    ours.other = far(theirs, PeerInfo("memory"))
+    theirs.other = near(ours, PeerInfo("memory"))
+    async with background_tasks() as tasks:
+        tasks.start_soon(_pump, ours, theirs)
+        try:
+            yield
+        finally:
+            ours.close(1000, "")
+            # The other side still gets what was sent before.
+            _end(ours, theirs, ours.deliver() or (1000, ""))
+
+
+async def _pump(ours: _End, theirs: _End) -> None:
+    while True:
+        awake = anyio.Event()
+        ours.watch(awake)
+        theirs.watch(awake)
+        for end in (ours, theirs):
+            closing = end.deliver()
+            if closing is not None:
+                _end(ours, theirs, closing)
+                return
+        if not (ours.backlog or theirs.backlog):
+            await awake.wait()
+        else:
+            await anyio.lowlevel.checkpoint()
+
+
+def _end(ours: _End, theirs: _End, closing: tuple[int, str]) -> None:
+    """Tell both endpoints once that it is over."""
+    for end in (ours, theirs):
+        end.close(*closing)
+        endpoint, end.other = end.other, None
+        if endpoint is not None:
+            endpoint.closed(*closing)

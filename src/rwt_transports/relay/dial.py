@@ -1,0 +1,327 @@
+"""Dial-out: a robot behind a NAT opens the connections, and serves over them as if clients had come to it.
+
+The other end is a :mod:`rwt_transports.relay.hub`. A few connections are kept waiting there; each serves one client
+from its assignment to its end, and another takes its place among those that wait.
+"""
+
+from __future__ import annotations
+
+import logging
+import random
+import secrets
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass
+from ssl import SSLContext
+
+import anyio
+from anyio.abc import TaskGroup, TaskStatus
+
+from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.api import OversizeAware
+from rwt_transports.background import background_tasks
+from rwt_transports.connect import connect, parse_connect_url
+from rwt_transports.errors import BadUrl, Refused, TransportError
+from rwt_transports.incidents import report
+from rwt_transports.limits import Limits
+from rwt_transports.relay.protocol import (
+    INSTANCE,
+    NAME_RULE,
+    REPLACED,
+    ROBOTS,
+    BadAssignment,
+    decode_assignment,
+    is_robot_name,
+)
+from rwt_transports.websocket.close_codes import GOING_AWAY, INTERNAL_ERROR, POLICY, PROTOCOL_ERROR, TOO_BIG
+
+logger = logging.getLogger("rwt_transports.relay.dial")
+
+SPARES = 2
+"""Connections kept waiting: as many clients may come at once without one more round trip."""
+
+MANY_FAILURES = 20
+"""Enough for the longest wait."""
+
+
+@dataclass(frozen=True, slots=True)
+class BackOff:
+    """How long to wait before the next attempt: it doubles with each failure, and varies so that many robots
+    do not come back at the same moment.
+
+    Attributes:
+        first: seconds after the first failure.
+        most: seconds at the most.
+        steady: seconds that a connection must last to count as none.
+    """
+
+    first: float = 0.5
+    most: float = 30.0
+    steady: float = 5.0
+
+    def delay(self, failures: int, chance: float) -> float:
+        """Seconds to wait after `failures` in a row; `chance` is between 0 and 1."""
+        longest = min(self.most, self.first * 2.0 ** min(failures - 1, 30))
+        return longest * (0.5 + chance / 2)
+
+
+@dataclass(slots=True)
+class Dialed:
+    """How one dial-out goes.
+
+    Attributes:
+        url: the hub, with the robot's path.
+        spares: connections that wait for a client.
+        clients: connections that serve one.
+        failures: attempts that failed since the last success.
+        error: why the last one failed; empty after a success.
+    """
+
+    url: str
+    spares: int = 0
+    clients: int = 0
+    failures: int = 0
+    error: str = ""
+
+    @property
+    def connected(self) -> bool:
+        """Whether a client that comes now is served."""
+        return self.spares > 0
+
+
+@asynccontextmanager
+async def dial(
+    url: str,
+    accept: Accept,
+    *,
+    token: str | None = None,
+    limits: Limits | None = None,
+    tls: SSLContext | None = None,
+    back_off: BackOff | None = None,
+) -> AsyncIterator[Dialed]:
+    """Serve the clients that a hub passes on, within the block; the hub may come and go meanwhile.
+
+    Args:
+        url: ``wss://HUB/robots/NAME`` or ``ws://HUB/robots/NAME``; NAME is what clients call the robot.
+        accept: makes the endpoint of each client; may raise :exc:`~rwt_transports.errors.Refused`, and the
+            client is closed with 1008 and the reason, since it is connected to the hub already.
+        token: what the hub wants to see.
+        limits: bounds of each connection.
+        tls: how to check the hub's certificate; by default against the system's authorities.
+        back_off: how long to wait between attempts.
+
+    Raises:
+        BadUrl: the URL is not one of a hub.
+    """
+    check_dial_url(url)
+    headers = {INSTANCE: secrets.token_hex(8)}
+    if token is not None:
+        headers["Authorization"] = f"Bearer {token}"
+    dialed = Dialed(url)
+
+    @asynccontextmanager
+    async def open_one(accept_hub: Accept) -> AsyncIterator[None]:
+        async with connect(url, accept_hub, limits=limits, tls=tls, headers=headers):
+            yield
+
+    robot = _Robot(dialed, accept, back_off or BackOff(), open_one)
+    async with background_tasks() as tasks:
+        tasks.start_soon(robot.run, tasks)
+        try:
+            yield dialed
+        finally:
+            with anyio.move_on_after((limits or Limits()).close_seconds, shield=True):
+                await robot.leave()
+
+
+def check_dial_url(url: str) -> str:
+    """The name that a robot dials in as.
+
+    Raises:
+        BadUrl: naming what is wrong, with an example.
+    """
+    example = "for example wss://hub.example/robots/my_robot"
+    try:
+        target = parse_connect_url(url)
+    except BadUrl as error:
+        raise BadUrl(f"cannot dial {url!r}: expected the WebSocket URL of a hub, {example}") from error
+    if not target.scheme.websocket:
+        raise BadUrl(f"cannot dial {url!r}: a hub is reached by ws:// or wss://, {example}")
+    name = target.path.removeprefix(ROBOTS)
+    if not target.path.startswith(ROBOTS) or not is_robot_name(name):
+        raise BadUrl(f"cannot dial {url!r}: its path must be {ROBOTS}NAME, {example}; a name is {NAME_RULE}")
+    return name
+
+
+_OpenOne = Callable[[Accept], AbstractAsyncContextManager[None]]
+
+
+class _Robot:
+    """Keeps the connections of one dial-out."""
+
+    def __init__(self, dialed: Dialed, accept: Accept, back_off: BackOff, open_one: _OpenOne) -> None:
+        self._dialed = dialed
+        self._accept = accept
+        self._back_off = back_off
+        self._open_one = open_one
+        self._fewer = anyio.Event()
+        self._lines: set[_Line] = set()
+        self._running = anyio.CancelScope()
+        self._shaky = 0  # failures before the connections that have not lasted yet
+
+    async def run(self, tasks: TaskGroup) -> None:
+        """Open a connection whenever too few wait."""
+        with self._running:
+            await self._keep(tasks)
+
+    async def leave(self) -> None:
+        """Open no more, close what is open, and wait for that."""
+        self._running.cancel()
+        lines = tuple(self._lines)
+        for line in lines:
+            line.leave()
+        for line in lines:
+            await line.over.wait()
+
+    async def _keep(self, tasks: TaskGroup) -> None:
+        dialed = self._dialed
+        while True:
+            while dialed.spares >= SPARES:
+                self._fewer = anyio.Event()
+                await self._fewer.wait()
+            if dialed.failures:
+                await anyio.sleep(self._back_off.delay(dialed.failures, random.random()))
+            try:
+                await tasks.start(self._serve)
+            except TransportError as error:
+                self._failed(str(error))
+
+    async def _serve(self, *, task_status: TaskStatus[None]) -> None:
+        """One connection, from the handshake to its end."""
+        line = _Line(self._accept, self._assigned)
+        async with self._open_one(line.take):
+            opened = anyio.current_time()
+            self._opened()
+            self._lines.add(line)
+            task_status.started()
+            await line.over.wait()
+            self._lines.discard(line)
+        if line.client is not None:
+            self._dialed.clients -= 1
+            return
+        self._dialed.spares -= 1
+        if self._running.cancel_called:
+            return
+        if line.code == REPLACED:
+            # Whoever has the name now would be pushed out in turn.
+            self._shaky = MANY_FAILURES
+        elif anyio.current_time() - opened >= self._back_off.steady:
+            self._shaky = 0
+        self._failed(f"the hub closed the connection: {line.ending}", before=self._shaky)
+        self._fewer.set()
+
+    def _opened(self) -> None:
+        dialed = self._dialed
+        if not dialed.spares and not dialed.clients:
+            logger.info("dialled in at %s", dialed.url)
+        dialed.spares += 1
+        self._shaky = max(self._shaky, dialed.failures)
+        dialed.failures = 0
+        dialed.error = ""
+
+    def _assigned(self) -> None:
+        dialed = self._dialed
+        dialed.spares -= 1
+        dialed.clients += 1
+        self._shaky = 0
+        self._fewer.set()
+
+    def _failed(self, why: str, *, before: int = 0) -> None:
+        dialed = self._dialed
+        dialed.failures = max(dialed.failures, before) + 1
+        level = logging.WARNING if why != dialed.error else logging.DEBUG
+        dialed.error = why
+        logger.log(level, "cannot serve at %s: %s; trying again", dialed.url, why)
+
+
+class _Line:
+    """One connection to the hub: waits for its assignment, then is a client's.
+
+    Attributes:
+        client: the client's endpoint.
+        over: set when the connection has ended.
+        code: with which code.
+        ending: the same with the reason.
+    """
+
+    def __init__(self, accept: Accept, assigned: Callable[[], None]) -> None:
+        self._accept = accept
+        self._assigned = assigned
+        self._sink: Sink | None = None
+        self.client: Endpoint | None = None
+        self.over = anyio.Event()
+        self.code = 0
+        self.ending = ""
+
+    def take(self, sink: Sink, info: PeerInfo) -> Endpoint:
+        """The connection is open; an accept function."""
+        self._sink = sink
+        return self
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Take one message."""
+        if self.client is not None:
+            self.client.receive(data, binary)
+        elif self._sink is not None:
+            self._begin(self._sink, data)
+
+    def _begin(self, sink: Sink, data: bytes) -> None:
+        try:
+            info = decode_assignment(data)
+        except BadAssignment as error:
+            sink.close(PROTOCOL_ERROR, str(error))
+            return
+        self._assigned()
+        # From here on the connection has had a client, whether that is let in or not.
+        self.client = _TURNED_AWAY
+        try:
+            self.client = self._accept(sink, info)
+        except Refused as refused:
+            sink.close(POLICY, refused.reason)
+        except Exception:
+            report("the accept function failed for a client at %s", info.address)
+            sink.close(INTERNAL_ERROR, "internal error")
+
+    def oversized(self, size: int, limit: int) -> None:
+        """A message was too large to be taken."""
+        client: object = self.client
+        if isinstance(client, OversizeAware):
+            client.oversized(size, limit)
+        elif self._sink is not None:
+            self._sink.close(TOO_BIG, f"a message of {size} bytes; the limit is {limit} (message_bytes)")
+
+    def leave(self) -> None:
+        """Close, if it is not over: this side goes away."""
+        if self._sink is not None and not self.over.is_set():
+            self._sink.close(GOING_AWAY, "the server is going away")
+
+    def closed(self, code: int, reason: str) -> None:
+        """The connection has ended."""
+        self.code = code
+        self.ending = f"{code} {reason}".strip()
+        if self.client is not None:
+            self.client.closed(code, reason)
+        self.over.set()
+
+
+class _TurnedAway:
+    """The endpoint of a client that was not let in, until its connection is closed."""
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Nobody listens."""
+
+    def closed(self, code: int, reason: str) -> None:
+        """Nobody cares."""
+
+
+_TURNED_AWAY = _TurnedAway()

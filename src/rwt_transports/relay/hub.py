@@ -1,0 +1,392 @@
+"""The other end of dial-out: robots behind a NAT dial in, and clients reach each under its own path.
+
+Nothing is multiplexed. A robot keeps a few connections that wait (:mod:`rwt_transports.relay.protocol`); a client
+that comes gets one of them to itself, message by message and end to end, with the robot's own refusals and
+close codes. Whoever reads slowly holds back the other side, so the robot's own lanes and rules decide what is
+dropped, as if there were no hub.
+"""
+
+from __future__ import annotations
+
+import hmac
+import html
+import json
+import logging
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_transports.api import Valve
+from rwt_transports.errors import Refused
+from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_transports.relay.protocol import (
+    INSTANCE,
+    NAME_RULE,
+    REPLACED,
+    ROBOTS,
+    encode_assignment,
+    is_robot_name,
+    split_client_path,
+)
+from rwt_transports.websocket.close_codes import (
+    GOING_AWAY,
+    POLICY,
+    SERVICE_RESTART,
+    TRY_AGAIN_LATER,
+    may_travel,
+)
+
+logger = logging.getLogger("rwt_transports.relay.hub")
+
+PASS_BYTES = 256 * 1024
+"""Passed on before asking whether the other side has taken it."""
+PATIENCE_SECONDS = 10.0
+"""How long a client waits for a connection of its robot."""
+GRACE_SECONDS = 3.0
+"""How long a robot without a connection still counts as here: it may be about to open the next one."""
+MOST_SPARES = 16
+"""Connections of one robot that may wait."""
+MOST_WAITING = 256
+"""Clients of one robot that may wait."""
+
+
+@dataclass(slots=True)
+class Robot:
+    """One robot that has dialled in.
+
+    Attributes:
+        name: what its path is.
+        instance: tells it from another program of the same name.
+        address: where it dialled from.
+        spares: its connections that wait for a client.
+        waiting: clients that wait for a connection.
+        pairs: connections that serve a client.
+        alone_since: when it was first seen without any connection.
+    """
+
+    name: str
+    instance: str
+    address: str
+    spares: deque[_RobotSide] = field(default_factory=deque)
+    waiting: deque[_ClientSide] = field(default_factory=deque)
+    pairs: set[_RobotSide] = field(default_factory=set)
+    alone_since: float | None = None
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether it has no connection left."""
+        return not self.spares and not self.pairs
+
+
+class Hub:
+    """Every robot that has dialled in, and who speaks with it.
+
+    Args:
+        tokens: bearer tokens of which a robot must show one; none lets every robot in.
+        grace: seconds for which a robot without a connection still counts as here.
+    """
+
+    def __init__(self, tokens: Collection[str] = (), grace: float = GRACE_SECONDS) -> None:
+        self._grace = grace
+        self._tokens = tuple(token.encode() for token in tokens)
+        self._robots: dict[str, Robot] = {}
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """Those that are here, by name."""
+        return tuple(self._robots[name] for name in sorted(self._robots))
+
+    def accept(self, sink: Sink, info: PeerInfo) -> Endpoint:
+        """Take in a robot, or a client of one.
+
+        Raises:
+            Refused: there is no such robot (404), or a robot without the token (401), by a browser (403),
+                with an impossible name (400) or with too many connections (429).
+        """
+        path = info.path.partition("?")[0]
+        if path.startswith(ROBOTS):
+            return self._accept_robot(sink, info, path.removeprefix(ROBOTS))
+        return self._accept_client(sink, info)
+
+    def tick(self, now: float) -> None:
+        """Look after clients that wait and robots that have gone; `now` is monotonic, in seconds."""
+        for robot in self.robots:
+            if not robot.is_alone:
+                robot.alone_since = None
+            elif robot.alone_since is None:
+                robot.alone_since = now
+            elif now - robot.alone_since >= self._grace:
+                self._forget(robot)
+            for client in tuple(robot.waiting):
+                if client.since is None:
+                    client.since = now
+                elif now - client.since >= PATIENCE_SECONDS:
+                    robot.waiting.remove(client)
+                    client.hang_up(TRY_AGAIN_LATER, f"{robot.name} has no connection free; try again later")
+
+    # -- robots --------------------------------------------------------------------------------------------
+
+    def _accept_robot(self, sink: Sink, info: PeerInfo, name: str) -> Endpoint:
+        self._check_robot(info, name)
+        instance = info.headers.get(INSTANCE, "")
+        robot = self._robots.get(name)
+        if robot is not None and robot.instance != instance:
+            self._replace(robot, info)
+            robot = None
+        if robot is None:
+            robot = self._robots[name] = Robot(name, instance, info.address)
+            logger.info("robot %s dialled in from %s", name, info.address or "?")
+        if len(robot.spares) >= MOST_SPARES:
+            raise Refused(429, f"{MOST_SPARES} connections of {name} wait already")
+        side = _RobotSide(self, robot, sink)
+        robot.spares.append(side)
+        return side
+
+    def _check_robot(self, info: PeerInfo, name: str) -> None:
+        if "origin" in info.headers:
+            raise Refused(403, "robots dial in here, not web pages; a page connects to /NAME")
+        if self._tokens and not self._knows(info.headers.get("authorization", "")):
+            logger.warning("a robot that calls itself %.80r has no right token (%s)", name, info.address)
+            raise Refused(
+                401,
+                "this hub wants `Authorization: Bearer TOKEN` with its own token",
+                {"WWW-Authenticate": 'Bearer realm="rwt hub"'},
+            )
+        if not is_robot_name(name):
+            raise Refused(400, f"a robot cannot be called {name[:80]!r}; a name is {NAME_RULE}")
+
+    def _knows(self, authorization: str) -> bool:
+        scheme, _, token = authorization.partition(" ")
+        shown = token.strip().encode()
+        # All are compared, so that the time says nothing.
+        right = [hmac.compare_digest(shown, known) for known in self._tokens]
+        return scheme.lower() == "bearer" and any(right)
+
+    def _replace(self, robot: Robot, info: PeerInfo) -> None:
+        """The newest program of a name has it: after a crash the old connections may linger for a minute."""
+        reason = f"another program dialled in as {robot.name}, from {info.address or '?'}"
+        logger.warning("%s; the one from %s is let go", reason, robot.address or "?")
+        del self._robots[robot.name]
+        for side in (*robot.spares, *robot.pairs):
+            side.hang_up(REPLACED, reason)
+        self._turn_away(robot, reason)
+
+    def left(self, side: _RobotSide, *, for_good: bool) -> None:
+        """A connection of a robot has ended; `for_good`: the robot itself says that it is going away."""
+        robot = side.robot
+        robot.pairs.discard(side)
+        if side in robot.spares:
+            robot.spares.remove(side)
+        if for_good and robot.is_alone:
+            self._forget(robot)
+
+    def _forget(self, robot: Robot) -> None:
+        if self._robots.get(robot.name) is robot:
+            del self._robots[robot.name]
+            logger.info("robot %s is gone", robot.name)
+            self._turn_away(robot, f"the robot {robot.name} is gone")
+
+    def _turn_away(self, robot: Robot, reason: str) -> None:
+        while robot.waiting:
+            robot.waiting.popleft().hang_up(SERVICE_RESTART, reason)
+
+    # -- clients -------------------------------------------------------------------------------------------
+
+    def _accept_client(self, sink: Sink, info: PeerInfo) -> Endpoint:
+        name, path = split_client_path(info.path)
+        robot = self._robots.get(name)
+        if robot is None:
+            raise Refused(404, f"no robot called {name[:80]!r} is here; GET / lists those that are")
+        if len(robot.waiting) >= MOST_WAITING:
+            raise Refused(503, f"{MOST_WAITING} clients wait for {name} already")
+        client = _ClientSide(self, robot, sink, encode_assignment(info, path))
+        robot.waiting.append(client)
+        return client
+
+    def match(self, robot: Robot) -> None:
+        """Give connections that wait to clients that wait."""
+        while robot.spares and robot.waiting:
+            client, side = robot.waiting.popleft(), robot.spares.popleft()
+            robot.pairs.add(side)
+            side.begin(client)
+
+
+class _Side(ABC):
+    """One of the two who speak through the hub."""
+
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink) -> None:
+        self.hub = hub
+        self.robot = robot
+        self.sink = sink
+        self.valve: Valve | None = None
+        self.other: _Side | None = None
+        self._early: list[Frame] = []
+        self._passed = 0
+
+    def given_valve(self, valve: Valve) -> None:
+        """Its connection is about to open."""
+        self.valve = valve
+        self.hub.match(self.robot)
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Pass one message on."""
+        frame = Frame(data, binary=binary)
+        if self.other is None:
+            self.too_early(frame)
+        else:
+            self._pass_on(frame, self.other)
+
+    def too_early(self, frame: Frame) -> None:
+        """A message came before there is anyone to pass it to."""
+        self._early.append(frame)
+
+    def join(self, other: _Side) -> None:
+        """From now on, speak with `other`."""
+        self.other = other
+        for frame in self._early:
+            self._pass_on(frame, other)
+        self._early.clear()
+
+    def _pass_on(self, frame: Frame, other: _Side) -> None:
+        other.sink.send(frame)
+        self._passed += frame.size
+        if self._passed >= PASS_BYTES and self.valve is not None and other.valve is not None:
+            self._passed = 0
+            self.valve.pause()
+            other.valve.when_empty(self.valve.resume)
+
+    def closed(self, code: int, reason: str) -> None:
+        """The connection has ended: so has the other's."""
+        other, self.other = self.other, None
+        if other is not None:
+            other.other = None
+            other.end(code, reason)
+
+    def hang_up(self, code: int, reason: str) -> None:
+        """Close, whether this side was held back or not."""
+        if self.valve is not None:
+            # The reply to the close must come through.
+            self.valve.resume()
+        self.sink.close(code, reason)
+
+    @abstractmethod
+    def end(self, code: int, reason: str) -> None:
+        """The other side has gone."""
+
+
+class _RobotSide(_Side):
+    """A connection that a robot has opened."""
+
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink) -> None:
+        super().__init__(hub, robot, sink)
+        self._let_go = False
+
+    def too_early(self, frame: Frame) -> None:
+        """A robot has nothing to say before it has a client."""
+        self.sink.close(POLICY, "a robot speaks after the assignment of a client")
+
+    def begin(self, client: _ClientSide) -> None:
+        """Serve this client."""
+        self.sink.send(Frame(client.assignment))
+        self.join(client)
+        client.join(self)
+        if client.valve is not None:
+            client.valve.resume()
+
+    def closed(self, code: int, reason: str) -> None:
+        super().closed(code, reason)
+        self.hub.left(self, for_good=code == GOING_AWAY and not self._let_go)
+
+    def end(self, code: int, reason: str) -> None:
+        self._let_go = True
+        self.hang_up(code if may_travel(code) else GOING_AWAY, reason)
+
+
+class _ClientSide(_Side):
+    """A connection of a client.
+
+    Attributes:
+        assignment: what its robot is told first.
+        since: when it was first seen waiting.
+    """
+
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink, assignment: bytes) -> None:
+        super().__init__(hub, robot, sink)
+        self.assignment = assignment
+        self.since: float | None = None
+
+    def given_valve(self, valve: Valve) -> None:
+        valve.pause()
+        super().given_valve(valve)
+
+    def closed(self, code: int, reason: str) -> None:
+        super().closed(code, reason)
+        if self in self.robot.waiting:
+            self.robot.waiting.remove(self)
+
+    def end(self, code: int, reason: str) -> None:
+        if may_travel(code):
+            self.hang_up(code, reason)
+        else:
+            self.hang_up(SERVICE_RESTART, f"the robot {self.robot.name} is gone: {reason}")
+
+
+# -- what a browser sees -----------------------------------------------------------------------------------
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>Robots</title>
+<style>body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 44rem; margin: 3rem auto; padding: 0 1rem }}
+code {{ background: #8882; padding: .1em .3em; border-radius: 3px }}
+td, th {{ padding: .1em 1em .1em 0; text-align: left }}</style>
+<h1>Robots that have dialled in</h1>
+<table><tr><th>robot<th>connect a rosbridge client to<th>clients{rows}</table>
+"""
+
+
+def hub_routes(hub: Hub) -> Routes:
+    """``GET /`` (a page), ``/robots`` (the same as JSON), ``/healthz``, and a text for everything else."""
+    routes = Routes()
+    routes.get("/", lambda request: _index(hub, request))
+    routes.get("/robots", lambda request: _robots(hub))
+    routes.get("/healthz", lambda request: _health(hub))
+    routes.get("/*", lambda request: _elsewhere(hub, request))
+    return routes
+
+
+def _index(hub: Hub, request: HttpRequest) -> HttpResponse:
+    host = html.escape(request.headers.get("host", "HOST"))
+    rows = "".join(
+        f"<tr><td>{robot.name}<td><code>ws://{host}/{robot.name}</code><td>{len(robot.pairs)}"
+        for robot in hub.robots
+    )
+    page = _PAGE.format(rows=rows or "<tr><td>none")
+    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
+
+
+def _robots(hub: Hub) -> HttpResponse:
+    listed = [
+        {"name": robot.name, "path": f"/{robot.name}", "clients": len(robot.pairs)} for robot in hub.robots
+    ]
+    return HttpResponse(json.dumps({"robots": listed}).encode(), content_type="application/json")
+
+
+def _health(hub: Hub) -> HttpResponse:
+    body = {
+        "status": "ok",
+        "robots": len(hub.robots),
+        "clients": sum(len(robot.pairs) for robot in hub.robots),
+    }
+    return HttpResponse(json.dumps(body).encode(), content_type="application/json")
+
+
+def _elsewhere(hub: Hub, request: HttpRequest) -> HttpResponse:
+    name, _ = split_client_path(request.path)
+    if any(robot.name == name for robot in hub.robots):
+        text = f"the robot {name} is here; connect to /{name} by WebSocket\n"
+        return HttpResponse(text.encode(), 426, headers={"Upgrade": "websocket"})
+    text = f"no robot called {name[:80]!r} is here; GET / lists those that are\n"
+    return HttpResponse(text.encode(), 404)

@@ -1,0 +1,96 @@
+"""The client's half of a WebSocket's opening handshake (RFC 6455 section 4.1), without I/O."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+
+from websockets.client import ClientProtocol
+from websockets.http11 import Response
+from websockets.uri import WebSocketURI
+
+from rwt_transports.errors import ConnectError
+
+_quiet = logging.getLogger("rwt_transports.websocket.client_handshake")
+
+_END_OF_HEAD = b"\r\n\r\n"
+_MOST_HEAD_BYTES = 64 * 1024
+_SWITCHING = b"101"
+
+
+class Opening:
+    """One handshake.
+
+    Args:
+        target: where to connect.
+        headers: request headers beside those of the handshake.
+
+    Attributes:
+        request: what to send first.
+    """
+
+    __slots__ = ("_head", "_protocol", "_refusal", "_silent", "_where", "request")
+
+    def __init__(self, target: WebSocketURI, headers: Mapping[str, str]) -> None:
+        self._where = f"{target.host}:{target.port}"
+        self._protocol = ClientProtocol(target, logger=_quiet)
+        request = self._protocol.connect()
+        for name, value in headers.items():
+            request.headers[name] = value
+        self._protocol.send_request(request)
+        self.request = b"".join(self._protocol.data_to_send())
+        self._head = b""
+        self._silent = True
+        self._refusal = False
+
+    def feed(self, data: bytes) -> bytes | None:
+        """Take what arrived.
+
+        Returns:
+            None while the answer is not complete; then what follows it, which belongs to the wire.
+
+        Raises:
+            ConnectError: the server does not open a WebSocket here, with the reason that it gave.
+        """
+        self._silent = False
+        if self._refusal:
+            self._protocol.receive_data(data)
+            self._refused()
+            return None
+        self._head += data
+        head, found, rest = self._head.partition(_END_OF_HEAD)
+        if not found:
+            if len(head) > _MOST_HEAD_BYTES:
+                raise ConnectError(f"{self._where} does not speak WebSocket: its answer has no end")
+            return None
+        if head.split(b" ", 2)[1:2] == [_SWITCHING]:
+            self._protocol.receive_data(head + found)
+            if self._protocol.handshake_exc is not None:
+                raise ConnectError(f"{self._where} answers the WebSocket handshake wrongly")
+            return rest
+        # A refusal: its body, where the server says why, may still be arriving.
+        self._refusal = True
+        self._protocol.receive_data(self._head)
+        self._refused()
+        return None
+
+    def eof(self) -> None:
+        """The server hung up.
+
+        Raises:
+            ConnectError: always; with the server's reason if there was one.
+        """
+        if not self._silent:
+            self._protocol.receive_eof()
+            self._refused()
+        raise ConnectError(f"{self._where} hung up during the WebSocket handshake")
+
+    def _refused(self) -> None:
+        """Raise if the whole refusal is here."""
+        for event in self._protocol.events_received():
+            if isinstance(event, Response):
+                said = (event.body or b"").decode("utf-8", "replace").strip()[:200]
+                text = f": {said}" if said else f" {event.reason_phrase}".rstrip()
+                raise ConnectError(f"{self._where} answers {event.status_code}{text}")
+        if self._protocol.handshake_exc is not None:
+            raise ConnectError(f"{self._where} does not speak WebSocket")

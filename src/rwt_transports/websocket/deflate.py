@@ -1,0 +1,206 @@
+"""The extension permessage-deflate of RFC 7692 on the WebSocket wire.
+
+Incoming messages are inflated with or without the context of those before them, as was agreed, and never to
+more than a message may have: one that would become larger ends the connection with 1009, for what follows
+could not be read without it.
+
+Outgoing messages are compressed in one of two ways. Without context the bytes of a message are the same for
+every peer, so that it is compressed once however many read it; with context each connection compresses by
+itself, which makes small messages much smaller and costs time and memory for each connection.
+"""
+
+from __future__ import annotations
+
+import zlib
+from functools import cache
+from typing import Final
+
+from rwt_protocol.transport import Buffer, Frame
+from rwt_transports.api import Framing, WireEvents
+from rwt_transports.limits import Limits
+from rwt_transports.websocket.close_codes import INVALID_DATA, TOO_BIG
+from rwt_transports.websocket.extensions import DeflateTerms
+from rwt_transports.websocket.wire import (
+    BINARY,
+    CONTINUATION,
+    TEXT,
+    Broken,
+    WebSocketWire,
+    pack,
+    server_pieces,
+    server_whole,
+)
+from rwt_transports.wires.receive_buffer import Spare
+
+_COMPRESSED: Final = 0x40
+"""The bit RSV1 in the first byte of a message's first frame (RFC 7692 section 6)."""
+_TAIL: Final = b"\x00\x00\xff\xff"
+"""What ends a flushed block, and is left out of a message (section 7.2.1)."""
+_WINDOW: Final = 32 * 1024
+_MOST_BLOCKS: Final = 16
+"""Final blocks within one message; nobody needs even two."""
+
+SMALLEST: Final = 100
+"""Bytes below which a message without context does not become smaller."""
+LARGEST: Final = 1024 * 1024
+"""Bytes above which a message goes out as it is: compressing it would hold up all other peers for long."""
+_LEVEL: Final = 3
+_MEMORY: Final = 5
+"""Of zlib, 1 to 9: with 5 and a window of 12 bits a connection's context takes 32 KiB."""
+
+
+class _Deflater:
+    """Compresses messages, each in the context of those before it."""
+
+    __slots__ = ("_packer",)
+
+    def __init__(self, bits: int) -> None:
+        self._packer = zlib.compressobj(_LEVEL, zlib.DEFLATED, -bits, _MEMORY)
+
+    def pack(self, frame: Frame) -> bytes:
+        packer = self._packer
+        packed = b"".join((*map(packer.compress, frame.parts), packer.flush(zlib.Z_SYNC_FLUSH)))
+        return packed[: -len(_TAIL)]
+
+    def whole(self, frame: Frame) -> bytes:
+        if frame.size > LARGEST:
+            return server_whole(frame)
+        return _compressed_frame(self.pack(frame), frame.binary)
+
+
+def _compressed_frame(packed: bytes, binary: bool) -> bytes:
+    return pack(_COMPRESSED | (BINARY if binary else TEXT), packed, masked=False)
+
+
+@cache
+def shared_framing(bits: int) -> Framing:
+    """Messages compressed without context, in a window of that many bits: the same object for every peer."""
+
+    def whole(frame: Frame) -> bytes:
+        if not SMALLEST <= frame.size <= LARGEST:
+            return server_whole(frame)
+        packed = _Deflater(bits).pack(frame)
+        return server_whole(frame) if len(packed) >= frame.size else _compressed_frame(packed, frame.binary)
+
+    def pieces(frame: Frame) -> tuple[Buffer, ...]:
+        return server_pieces(frame) if frame.size > LARGEST else (frame.framed(whole),)
+
+    return Framing(whole, pieces)
+
+
+def _framing_with_context(bits: int) -> Framing:
+    whole = _Deflater(bits).whole
+
+    def pieces(frame: Frame) -> tuple[Buffer, ...]:
+        return server_pieces(frame) if frame.size > LARGEST else (whole(frame),)
+
+    return Framing(whole, pieces, shared=False)
+
+
+class _Inflater:
+    """Inflates messages.
+
+    Args:
+        keep: whether each is in the context of those before it.
+        most: bytes that one may have.
+    """
+
+    __slots__ = ("_keep", "_most", "_unpacker")
+
+    def __init__(self, keep: bool, most: int) -> None:
+        self._keep = keep
+        self._most = most
+        self._unpacker = zlib.decompressobj(-15)
+
+    def unpack(self, payload: bytes) -> bytes:
+        """One message.
+
+        Raises:
+            Broken: it is damaged, or too large.
+        """
+        if not self._keep:
+            self._unpacker = zlib.decompressobj(-15)
+        rest = payload + _TAIL
+        found = b""
+        for _ in range(_MOST_BLOCKS):
+            try:
+                found += self._unpacker.decompress(rest, self._most + 1 - len(found))
+            except zlib.error:
+                raise Broken(INVALID_DATA, "a compressed message is damaged") from None
+            if len(found) > self._most or self._unpacker.unconsumed_tail:
+                raise Broken(
+                    TOO_BIG, f"a message inflates to more than {self._most} bytes, the limit (message_bytes)"
+                )
+            if not self._unpacker.eof:
+                return found
+            # A final block within the stream (section 7.2.3.4): a new one begins, with the window of the old.
+            rest = self._unpacker.unused_data
+            window = found[-_WINDOW:]
+            self._unpacker = zlib.decompressobj(-15, zdict=window) if window else zlib.decompressobj(-15)
+        raise Broken(INVALID_DATA, f"a compressed message has more than {_MOST_BLOCKS} final blocks")
+
+
+class DeflateWire(WebSocketWire):
+    """A server's WebSocket wire on which permessage-deflate was agreed.
+
+    Args:
+        events: who is told about everything but messages.
+        terms: what was agreed.
+        max_size: largest message in bytes, compressed and inflated.
+        strict_utf8: end the connection with 1007 when a text message is not UTF-8.
+        spare: shared place for large messages.
+    """
+
+    __slots__ = ("_compressed", "_deflate_framing", "_inflater")
+
+    def __init__(
+        self,
+        events: WireEvents,
+        terms: DeflateTerms,
+        *,
+        max_size: int,
+        strict_utf8: bool = False,
+        spare: Spare | None = None,
+    ) -> None:
+        super().__init__(events, max_size=max_size, strict_utf8=strict_utf8, spare=spare)
+        self._compressed = False  # the message under way is
+        self._inflater = _Inflater(terms.peer_keeps_context, max_size)
+        self._deflate_framing = (
+            _framing_with_context(terms.window_bits)
+            if terms.keeps_context
+            else shared_framing(terms.window_bits)
+        )
+
+    @property
+    def framing(self) -> Framing:
+        """How outgoing frames become bytes."""
+        return self._deflate_framing
+
+    def _check(self, first: int, size: int, *, masked: bool) -> None:
+        if first & _COMPRESSED and first & 0x0F in (TEXT, BINARY):
+            first &= ~_COMPRESSED
+        super()._check(first, size, masked=masked)
+
+    def _admit(self, first: int, size: int) -> bool:
+        total = len(self._parts) + size
+        if (first & _COMPRESSED or self._compressed) and total > self._max_size:
+            raise Broken(
+                TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
+            )
+        return super()._admit(first, size)
+
+    def _data_frame(self, first: int, payload: bytes) -> None:
+        if first & 0x0F != CONTINUATION:
+            self._compressed = bool(first & _COMPRESSED)
+        super()._data_frame(first, payload)
+
+    def _deliver(self, payload: bytes, binary: bool) -> None:
+        compressed, self._compressed = self._compressed, False
+        super()._deliver(self._inflater.unpack(payload) if compressed else payload, binary)
+
+
+def deflate_server(terms: DeflateTerms, events: WireEvents, limits: Limits, spare: Spare) -> DeflateWire:
+    """The wire of one peer that connected to this server and agreed to `terms`."""
+    return DeflateWire(
+        events, terms, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, spare=spare
+    )

@@ -1,0 +1,82 @@
+"""The opening handshake of a WebSocket (RFC 6455 section 4), decided from a request already parsed."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from websockets.datastructures import Headers
+from websockets.exceptions import InvalidHeader, InvalidUpgrade
+from websockets.http11 import Request
+from websockets.server import ServerProtocol
+from websockets.typing import Subprotocol
+
+from rwt_transports.websocket.extensions import Deflate, DeflateTerms, agreed_terms, extension_factories
+
+SUBPROTOCOL = Subprotocol("rwt")
+"""What a client offers that wants the server to confirm what is spoken; it may offer others beside it."""
+
+_quiet = logging.getLogger("rwt_transports.websocket.handshake")
+
+
+@dataclass(frozen=True, slots=True)
+class HandshakeAnswer:
+    """What to answer an upgrade request.
+
+    Attributes:
+        status: 101 when the connection may open, else a 4xx.
+        head: the whole 101 response, empty for a refusal.
+        reason: why it was refused, one line.
+        deflate: what was agreed on compression; None where it was not.
+    """
+
+    status: int
+    head: bytes = b""
+    reason: str = ""
+    deflate: DeflateTerms | None = None
+
+
+def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
+    """Whether a request asks to become a WebSocket: its ``Upgrade`` header names it (RFC 6455 section
+    4.1)."""
+    return any(
+        name.lower() == "upgrade" and "websocket" in [token.strip().lower() for token in value.split(",")]
+        for name, value in headers
+    )
+
+
+def answer_handshake(
+    path: str, headers: Iterable[tuple[str, str]], deflate: Deflate = Deflate.OFF
+) -> HandshakeAnswer:
+    """Check the upgrade request and make the answer (RFC 6455 section 4.2)."""
+    extensions = extension_factories(deflate)
+    protocol = ServerProtocol(logger=_quiet, select_subprotocol=_select, extensions=extensions)
+    try:
+        given = Headers(list(headers))
+    except InvalidHeader as error:
+        # HTTP lets control characters pass in values; the library does not.
+        return HandshakeAnswer(400, reason=_reason(error))
+    response = protocol.accept(Request(path, given))
+    if response.status_code == 101:
+        return HandshakeAnswer(101, response.serialize(), deflate=agreed_terms(protocol.extensions))
+    failure = protocol.handshake_exc
+    wrong_version = isinstance(failure, InvalidHeader) and failure.name == "Sec-WebSocket-Version"
+    # RFC 6455 section 4.4 asks for 426 with the version that is spoken.
+    return HandshakeAnswer(426 if wrong_version else response.status_code, reason=_reason(failure))
+
+
+def _select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:
+    """The subprotocol to speak (RFC 6455 section 4.2.2): ours if it is offered, else none.
+
+    Clients that offer only others get none, and go on or not as they please.
+    """
+    return SUBPROTOCOL if SUBPROTOCOL in offered else None
+
+
+def _reason(failure: Exception | None) -> str:
+    if isinstance(failure, InvalidUpgrade):
+        return "a WebSocket needs the headers `Upgrade: websocket` and `Connection: Upgrade`"
+    if isinstance(failure, InvalidHeader):
+        return f"the header {failure.name} of a WebSocket handshake is missing or wrong"
+    return "this is not a valid WebSocket handshake"

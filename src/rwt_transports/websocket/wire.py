@@ -1,0 +1,481 @@
+"""The WebSocket protocol of RFC 6455 after its handshake, as a wire.
+
+The handshake is negotiated in :mod:`rwt_transports.websocket.handshake`. Frames are read here, with as few copies as
+Python allows: a message costs one pass, the one that unmasks it; a large one is received where it is unmasked
+from. Outgoing frames of a server are the same bytes for every peer, so they are made once per frame.
+
+Text is not checked for UTF-8 unless ``strict_utf8`` asks for it: section 8.1 would end the connection with
+1007, but a robot's bridge answers the one bad message and keeps its client. Everything else follows the RFC
+to the letter.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from struct import Struct
+
+try:
+    from websockets.speedups import apply_mask
+except ImportError:  # no compiled extension for this interpreter
+    from websockets.utils import apply_mask
+
+from rwt_protocol.transport import Buffer, Frame
+from rwt_transports.api import Framing, WireEvents
+from rwt_transports.limits import Limits
+from rwt_transports.websocket.close_codes import INVALID_DATA, NO_STATUS, PROTOCOL_ERROR, TOO_BIG, may_travel
+from rwt_transports.wires.receive_buffer import Spare
+
+CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
+
+DIRECT_BYTES = 32 * 1024
+"""With less than this to come, receiving elsewhere and copying is cheaper than one more read."""
+
+SMALL_PART_BYTES = 16 * 1024
+"""Parts below this are joined with the header rather than written by themselves."""
+
+_SHORT = Struct("!BB").pack
+_MEDIUM = Struct("!BBH").pack
+_LONG = Struct("!BBQ").pack
+_UINT16 = Struct("!H")
+_SMALL_HEADERS = {op: tuple(_SHORT(0x80 | op, n) for n in range(126)) for op in (TEXT, BINARY)}
+
+
+def _server_header(frame: Frame) -> bytes:
+    size = frame.size
+    opcode = BINARY if frame.binary else TEXT
+    if size < 126:
+        return _SMALL_HEADERS[opcode][size]
+    if size < 65536:
+        return _MEDIUM(0x80 | opcode, 126, size)
+    return _LONG(0x80 | opcode, 127, size)
+
+
+def server_whole(frame: Frame) -> bytes:
+    """A message as one unmasked frame."""
+    return b"".join((_server_header(frame), *frame.parts))
+
+
+def server_pieces(frame: Frame) -> tuple[Buffer, ...]:
+    """The same in pieces, the large parts of the message uncopied."""
+    pieces: list[Buffer] = []
+    small: list[Buffer] = [_server_header(frame)]
+    for part in frame.parts:
+        if len(part) < SMALL_PART_BYTES:
+            small.append(part)
+        else:
+            pieces += (b"".join(small), part)
+            small = []
+    if small:
+        pieces.append(b"".join(small))
+    return tuple(pieces)
+
+
+def _client_whole(frame: Frame) -> bytes:
+    return pack(BINARY if frame.binary else TEXT, frame.data, masked=True)
+
+
+SERVER_FRAMING = Framing(server_whole, server_pieces)
+"""One unfragmented, unmasked WebSocket frame (RFC 6455 section 5.2)."""
+CLIENT_FRAMING = Framing(_client_whole, lambda frame: (_client_whole(frame),))
+"""One unfragmented frame masked with a key of its own, as a client must send it (RFC 6455 section 5.3)."""
+
+
+def close_payload(code: int, reason: str) -> bytes:
+    """The body of a close frame; the reason is cut to the 123 bytes that fit (RFC 6455 section 5.5.1)."""
+    if not may_travel(code):
+        return b""
+    text = reason.encode("utf-8", "replace")[:123]
+    return _UINT16.pack(code) + text.decode("utf-8", "ignore").encode()
+
+
+def pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
+    """One final frame; `opcode` may have reserved bits set."""
+    size = len(payload)
+    bit = 0x80 if masked else 0
+    if size < 126:
+        header = _SHORT(0x80 | opcode, bit | size)
+    elif size < 65536:
+        header = _MEDIUM(0x80 | opcode, bit | 126, size)
+    else:
+        header = _LONG(0x80 | opcode, bit | 127, size)
+    if not masked:
+        return b"".join((header, payload))
+    key = _masking_key()
+    return b"".join((header, key, apply_mask(payload, key)))
+
+
+_keys: list[bytes] = []
+
+
+def _masking_key() -> bytes:
+    """Four bytes that nobody can foresee (RFC 6455 section 5.3); many are drawn at once, which is cheaper."""
+    try:
+        return _keys.pop()
+    except IndexError:
+        pool = secrets.token_bytes(4 * 256)
+        _keys.extend(pool[at : at + 4] for at in range(4, len(pool), 4))
+        return pool[:4]
+
+
+class Broken(Exception):
+    """The peer broke the protocol; becomes a close frame in :meth:`WebSocketWire.feed` and nowhere else."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
+class _Staged:
+    """A frame whose payload is still arriving."""
+
+    __slots__ = ("filled", "first", "key", "place", "size")
+
+    def __init__(self, first: int, key: bytes, size: int, place: bytearray) -> None:
+        self.first = first
+        self.key = key
+        self.size = size
+        self.place = place
+        self.filled = 0
+
+    def grow(self) -> None:
+        """Make the place larger, by what has arrived rather than by what was announced."""
+        self.place += bytes(min(self.size, 4 * len(self.place)) - len(self.place))
+
+
+class WebSocketWire:
+    """One connection's frames, either side.
+
+    Args:
+        events: who is told about everything but messages.
+        max_size: largest message in bytes.
+        server: whether this side is the server (incoming frames must be masked, outgoing ones are not).
+        strict_utf8: end the connection with 1007 when a text message is not UTF-8.
+        spare: shared place for large messages.
+    """
+
+    __slots__ = (
+        "_closing", "_ended", "_events", "_max_size", "_parts", "_parts_binary", "_plain", "_server", "_skip",
+        "_skip_last", "_skipping", "_spare", "_staged", "_strict", "_tail", "_whole", "message",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        events: WireEvents,
+        *,
+        max_size: int,
+        server: bool = True,
+        strict_utf8: bool = False,
+        spare: Spare | None = None,
+    ) -> None:
+        self._events = events
+        self._max_size = max_size
+        self._server = server
+        self._strict = strict_utf8
+        self._spare = Spare() if spare is None else spare
+        self.message: Callable[[bytes, bool], None] = _ignore
+        self._tail = b""
+        self._staged: _Staged | None = None
+        self._whole = True  # no fragmented message is under way
+        self._plain = server  # the same, and frames are masked
+        self._parts = bytearray()
+        self._parts_binary = False
+        self._skipping = False  # the message under way is too large
+        self._skip = 0  # bytes of the frame under way that are still to be thrown away
+        self._skip_last = False  # that frame ends its message
+        self._closing = False
+        self._ended = False
+
+    @property
+    def framing(self) -> Framing:
+        """How outgoing frames become bytes."""
+        return SERVER_FRAMING if self._server else CLIENT_FRAMING
+
+    # -- outgoing ------------------------------------------------------------------------------------------
+
+    def close(self, code: int, reason: str) -> bytes:
+        """Start the closing handshake (RFC 6455 section 7.1.2); empty when it has begun already."""
+        if self._closing:
+            return b""
+        self._closing = True
+        self.message = _ignore
+        return pack(CLOSE, close_payload(code, reason), masked=not self._server)
+
+    def ping(self) -> bytes:
+        """A ping without content (RFC 6455 section 5.5.2)."""
+        return b"" if self._closing else pack(PING, b"", masked=not self._server)
+
+    # -- incoming ------------------------------------------------------------------------------------------
+
+    def feed(self, data: bytes) -> None:
+        """Read frames; each whole message goes to :attr:`message` within the call."""
+        if self._ended:
+            return
+        try:
+            self._read(data)
+        except Broken as broken:
+            self._fail(broken.code, str(broken))
+
+    def space(self) -> memoryview | None:
+        """The rest of a large payload's place, when receiving there saves a copy."""
+        staged = self._staged
+        if staged is None or staged.size - staged.filled < DIRECT_BYTES:
+            return None
+        if staged.filled == len(staged.place):
+            staged.grow()
+        return memoryview(staged.place)[staged.filled : staged.size]
+
+    def filled(self, count: int) -> None:
+        """`count` bytes of a large payload were received into :meth:`space`."""
+        staged = self._staged
+        if staged is None:
+            return
+        staged.filled += count
+        if staged.filled == staged.size:
+            try:
+                self._unstage(staged)
+            except Broken as broken:
+                self._fail(broken.code, str(broken))
+
+    def _fail(self, code: int, reason: str) -> None:
+        self._ended = True
+        self._staged = None
+        self._parts = bytearray()
+        answer = self.close(code, reason)
+        if answer:
+            self._events.answer(answer)
+        self._events.ended(code, reason, agreed=False)
+
+    def _read(self, data: bytes) -> None:
+        position = 0
+        if self._staged is not None:
+            position = self._stage(self._staged, data, 0)
+        elif self._tail:
+            data = self._tail + data
+            self._tail = b""
+        end = len(data)
+        while position < end and not self._ended:
+            if self._skip:
+                position = self._skip_some(position, end)
+                continue
+            following = self._read_frame(data, position, end)
+            if following == position:
+                self._tail = data[position:]
+                return
+            position = following
+
+    def _read_frame(self, data: bytes, position: int, end: int) -> int:
+        """Read the frame at `position`; returns where the next one starts, `position` when its header is
+        cut off."""
+        if end - position < 2:
+            return position
+        first = data[position]
+        second = data[position + 1]
+        size = second & 0x7F
+        start = position + 2
+        if size > 125:
+            start += 2 if size == 126 else 8
+            if start > end:
+                return position
+            size = _long_size(data[position + 2 : start])
+        if second > 127:
+            start += 4
+            stop = start + size
+            if stop <= end and (first == 0x81 or first == 0x82) and self._plain and size <= self._max_size:
+                # Nearly every frame: a whole message, masked, all here.
+                self._deliver(apply_mask(data[start:stop], data[start - 4 : start]), first == 0x82)
+                return stop
+        elif not self._server and self._whole and (first == 0x81 or first == 0x82):
+            # Nearly every frame from a server: the same, and not masked.
+            stop = start + size
+            if stop <= end and size <= self._max_size:
+                self._deliver(data[start:stop], first == 0x82)
+                return stop
+        if start > end:
+            return position
+        self._check(first, size, masked=second > 127)
+        key = data[start - 4 : start] if second > 127 else b""
+        return self._read_any(data, first, key, start, size)
+
+    def _check(self, first: int, size: int, *, masked: bool) -> None:
+        """The header rules of RFC 6455 sections 5.1, 5.2, 5.4 and 5.5."""
+        opcode = first & 0x0F
+        if first & 0x70:
+            raise Broken(PROTOCOL_ERROR, "a reserved bit is set and no extension was negotiated")
+        if opcode not in (CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG):
+            raise Broken(PROTOCOL_ERROR, f"opcode {opcode} is reserved")
+        if masked is not self._server:
+            raise Broken(PROTOCOL_ERROR, "a client must mask its frames, a server must not")
+        if opcode >= CLOSE:
+            if size > 125:
+                raise Broken(PROTOCOL_ERROR, "a control frame holds at most 125 bytes")
+            if first < 0x80:
+                raise Broken(PROTOCOL_ERROR, "a control frame cannot be fragmented")
+        elif opcode == CONTINUATION and self._whole:
+            raise Broken(PROTOCOL_ERROR, "a continuation frame without a message to continue")
+        elif opcode != CONTINUATION and not self._whole:
+            raise Broken(PROTOCOL_ERROR, "a new message before the last fragment of the one before")
+
+    def _read_any(self, data: bytes, first: int, key: bytes, start: int, size: int) -> int:
+        """Take a checked frame of any kind; returns where the next one starts, as far as it is here."""
+        if first & 0x0F < CLOSE and not self._admit(first, size):
+            self._skip = size
+            self._skip_last = first > 127
+            if size == 0:
+                self._skipped()
+            return start
+        if start + size > len(data):
+            place = self._spare.take(size) if size >= DIRECT_BYTES else bytearray(size)
+            self._staged = _Staged(first, key, size, place)
+            return self._stage(self._staged, data, start)
+        payload = data[start : start + size]
+        self._frame(first, apply_mask(payload, key) if key else payload)
+        return start + size
+
+    # -- too large a message -------------------------------------------------------------------------------
+
+    def _admit(self, first: int, size: int) -> bool:
+        """Whether a data frame fits its message's limit. The first that does not is reported, and may be
+        skipped."""
+        if self._skipping:
+            return False
+        total = len(self._parts) + size
+        if total <= self._max_size:
+            return True
+        if self._closing or not self._events.oversized(total):
+            raise Broken(
+                TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
+            )
+        self._skipping = True
+        self._begin(first)
+        self._parts = bytearray()
+        return False
+
+    def _skip_some(self, position: int, end: int) -> int:
+        count = min(self._skip, end - position)
+        self._skip -= count
+        if not self._skip:
+            self._skipped()
+        return position + count
+
+    def _skipped(self) -> None:
+        if self._skip_last:
+            self._skipping = False
+            self._end_message()
+
+    # -- a payload that arrives in pieces ------------------------------------------------------------------
+
+    def _stage(self, staged: _Staged, data: bytes, position: int) -> int:
+        """Put what is here of the payload in its place; returns the position behind it."""
+        end = min(len(data), position + staged.size - staged.filled)
+        while position < end:
+            if staged.filled == len(staged.place):
+                staged.grow()
+            count = min(end - position, len(staged.place) - staged.filled)
+            with memoryview(data) as view:
+                staged.place[staged.filled : staged.filled + count] = view[position : position + count]
+            staged.filled += count
+            position += count
+        if staged.filled == staged.size:
+            self._unstage(staged)
+        return position
+
+    def _unstage(self, staged: _Staged) -> None:
+        self._staged = None
+        with memoryview(staged.place) as whole, whole[: staged.size] as view:
+            payload = apply_mask(view, staged.key) if staged.key else bytes(view)
+        if staged.size >= DIRECT_BYTES:
+            self._spare.give(staged.place)
+        self._frame(staged.first, payload)
+
+    # -- whole frames --------------------------------------------------------------------------------------
+
+    def _frame(self, first: int, payload: bytes) -> None:
+        opcode = first & 0x0F
+        if opcode == PING:
+            if not self._closing:
+                self._events.pong(pack(PONG, payload, masked=not self._server))
+        elif opcode == CLOSE:
+            self._close_frame(payload)
+        elif opcode != PONG:
+            self._data_frame(first, payload)
+
+    def _data_frame(self, first: int, payload: bytes) -> None:
+        last = first > 127
+        if last and self._whole:
+            self._deliver(payload, first & 0x0F == BINARY)
+            return
+        self._begin(first)
+        self._parts += payload
+        if last:
+            whole = bytes(self._parts)
+            self._end_message()
+            self._deliver(whole, self._parts_binary)
+
+    def _begin(self, first: int) -> None:
+        """A data frame that is not a whole message was taken or skipped."""
+        if self._whole:
+            self._parts_binary = first & 0x0F == BINARY
+            self._whole = self._plain = False
+
+    def _end_message(self) -> None:
+        self._parts = bytearray()
+        self._whole = True
+        self._plain = self._server
+
+    def _deliver(self, payload: bytes, binary: bool) -> None:
+        if self._strict and not binary:
+            try:
+                payload.decode()
+            except UnicodeDecodeError:
+                raise Broken(INVALID_DATA, "a text message must be UTF-8") from None
+        self.message(payload, binary)
+
+    def _close_frame(self, payload: bytes) -> None:
+        """The peer closes, or agrees to (RFC 6455 sections 5.5.1 and 7.4)."""
+        code, reason = _parse_close(payload)
+        self._ended = True
+        answer = b"" if self._closing else self.close(code, reason)
+        if answer:
+            self._events.answer(answer)
+        self._events.ended(code, reason, agreed=True)
+
+
+def _ignore(_data: bytes, _binary: bool) -> None:
+    """Where messages go before an endpoint is there, and after the connection began to close."""
+
+
+def _long_size(field: bytes) -> int:
+    """A length of two or eight bytes; the shortest form must be used (RFC 6455 section 5.2)."""
+    size = int.from_bytes(field, "big")
+    if size < 126 or (len(field) == 8 and size < 65536):
+        raise Broken(PROTOCOL_ERROR, "a payload length must use the shortest form")
+    if size >> 63:
+        raise Broken(PROTOCOL_ERROR, "the first bit of a payload length must be 0")
+    return size
+
+
+def _parse_close(payload: bytes) -> tuple[int, str]:
+    if not payload:
+        return NO_STATUS, ""
+    if len(payload) == 1:
+        raise Broken(PROTOCOL_ERROR, "a close frame needs two bytes for its code")
+    (code,) = _UINT16.unpack_from(payload)
+    if not may_travel(code):
+        raise Broken(PROTOCOL_ERROR, f"close code {code} may not travel in a frame")
+    try:
+        return code, payload[2:].decode()
+    except UnicodeDecodeError:
+        raise Broken(INVALID_DATA, "the reason of a close frame must be UTF-8") from None
+
+
+def websocket_server(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
+    """The wire of one peer that connected to this server."""
+    return WebSocketWire(events, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, spare=spare)
+
+
+def websocket_client(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
+    """The wire of the server that this side connected to."""
+    return WebSocketWire(
+        events, max_size=limits.message_bytes, server=False, strict_utf8=limits.strict_utf8, spare=spare
+    )
