@@ -16,9 +16,9 @@ from rwt_transports.errors import Refused
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rwt.settings.models import Settings
     from rwt_access.credentials import Rosauth
     from rwt_access.roles import Role
+    from rwt_access.settings import AccessSettings
     from rwt_protocol.transport import PeerInfo
 
 
@@ -44,7 +44,9 @@ class Admission:
         SettingsError: the secret of rosauth cannot be had.
     """
 
-    def __init__(self, settings: Settings, now: Callable[[], float], monotonic: Callable[[], float]) -> None:
+    def __init__(
+        self, settings: AccessSettings, now: Callable[[], float], monotonic: Callable[[], float]
+    ) -> None:
         auth = settings.auth
         self._monotonic = monotonic
         self._log_rate = LogRate(per_second=10, burst=100)

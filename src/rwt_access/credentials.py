@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl
 
-from rwt.settings.models import SettingsError
+from rwt_access.settings import SettingsError
 
 if TYPE_CHECKING:
-    from rwt.settings.models import AuthSettings, TokenSettings
     from rwt_access.roles import Role
+    from rwt_access.settings import AuthSettings, TokenSettings
     from rwt_protocol import ops
     from rwt_protocol.transport import PeerInfo
 

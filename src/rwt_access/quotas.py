@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
-    from rwt.settings.models import LimitSettings
     from rwt_bridge.peer import Peer
+    from rwt_bridge.settings import BridgeLimits
     from rwt_protocol.transport import Frame
 
 
@@ -36,7 +36,7 @@ class MessageRate:
         return True
 
 
-def message_rate(limits: LimitSettings) -> MessageRate | None:
+def message_rate(limits: BridgeLimits) -> MessageRate | None:
     """What counts a new client's messages; None where any number is fine."""
     if not limits.messages_per_second:
         return None

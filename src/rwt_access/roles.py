@@ -7,11 +7,11 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
-from rwt.settings.models import BUILT_IN_ROLES
+from rwt_access.settings import BUILT_IN_ROLES
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
-    from rwt.settings.models import RoleSettings, Settings
+    from rwt_access.settings import AccessSettings, RoleSettings
 
 Act = Literal["publish", "subscribe", "call", "provide", "goals", "get_param", "set_param"]
 """Something a client may want to do with a name; each is a key of a role's settings."""
@@ -107,7 +107,7 @@ class Role:
         return f"<Role {self.name}>"
 
 
-def roles(settings: Settings) -> Mapping[str, Role]:
+def roles(settings: AccessSettings) -> Mapping[str, Role]:
     """Every role by its name, the built-in ones included."""
     return {name: Role(name, globs) for name, globs in {**BUILT_IN_ROLES, **settings.roles}.items()}
 

@@ -6,10 +6,10 @@ import ssl
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwt.settings.models import SettingsError
+from rwt_access.settings import SettingsError
 
 if TYPE_CHECKING:
-    from rwt.settings.models import TlsSettings
+    from rwt_access.settings import TlsSettings
 
 
 def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Never
 
 from rwt.observability.loop_lag import LoopLag
-from rwt.settings.models import SettingsError
 from rwt_access.admission import Admission
 from rwt_access.audit import write
+from rwt_access.settings import SettingsError
 from rwt_bridge.connected_clients import Census
 from rwt_bridge.encodings import BSON, ENCODINGS, Encoding
 from rwt_bridge.ops import actions, services, topics
@@ -30,9 +30,9 @@ from rwt_protocol.profiles import PROFILES
 from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
-    from rwt.settings.models import Settings
     from rwt_access.roles import Role
     from rwt_bridge.ops.actions import SentGoal
+    from rwt_bridge.settings import BridgeSettings
     from rwt_graph.api import Graph
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Codec
@@ -80,7 +80,7 @@ class Bridge:
         SettingsError: a file that the settings name cannot be used.
     """
 
-    def __init__(self, graph: Graph, settings: Settings) -> None:
+    def __init__(self, graph: Graph, settings: BridgeSettings) -> None:
         self.graph = graph
         self.participant = graph.participant("/rosbridge_websocket")
         self.ledger = Ledger()
@@ -221,7 +221,7 @@ class Bridge:
         self.participant.close()
 
 
-def _wire_limits(settings: Settings) -> WireLimits:
+def _wire_limits(settings: BridgeSettings) -> WireLimits:
     """The bounds that a session keeps."""
     wished = settings.limits
     fragments = FragmentLimits(
@@ -230,7 +230,7 @@ def _wire_limits(settings: Settings) -> WireLimits:
     return WireLimits(settings.max_message_size, wished.max_depth, fragments)
 
 
-def _one_codec(settings: Settings) -> Codec | None:
+def _one_codec(settings: BridgeSettings) -> Codec | None:
     """The encoding of every message, where the settings ask for one.
 
     Raises:

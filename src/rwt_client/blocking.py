@@ -149,7 +149,7 @@ class BlockingTransforms(_Face):
 
 
 class BlockingSubscription(_Face):
-    """The messages of a topic, as an iterator; see :class:`rwt_client.endpoints.subscriptions.Subscription`."""
+    """The messages of a topic, as an iterator."""
 
     _inner: Subscription
 
@@ -209,7 +209,7 @@ class BlockingPublisher(_Face):
 
 
 class BlockingGoal(_Face):
-    """A goal that was sent, and an iterator over its feedback; see :class:`rwt_client.endpoints.goals.Goal`."""
+    """A goal that was sent, and an iterator over its feedback."""
 
     _inner: Goal
 

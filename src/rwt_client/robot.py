@@ -64,7 +64,7 @@ _DEFAULT: Any = object()
 
 
 class SubscribeKeywords(TypedDict, total=False):
-    """Keyword arguments of everything that subscribes; see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`."""
+    """Keyword arguments of everything that subscribes; see `SubscribeOptions`."""
 
     arrays: ArrayKind
     compression: Compression
@@ -76,7 +76,7 @@ class SubscribeKeywords(TypedDict, total=False):
 
 
 class AdvertiseKeywords(TypedDict, total=False):
-    """Keyword arguments of :meth:`Robot.advertise`; see :class:`~rwt_client.endpoints.publisher.AdvertiseOptions`."""
+    """Keyword arguments of :meth:`Robot.advertise`; see `AdvertiseOptions`."""
 
     latch: bool
     queue_size: int | None

@@ -29,8 +29,8 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
     Attributes:
         data: the bytes. A `memoryview` is a slice of the frame that they came in, and keeps that frame alive.
         prove: None when the bytes are known to be one JSON value in UTF-8. In a large message they are not
-            looked at on arrival (see :mod:`rwt_protocol.codecs.head_tail_split`): whoever decodes them strictly as a
-            message type proves them by that, and everybody else calls :meth:`proven` first.
+            looked at on arrival (see :mod:`rwt_protocol.codecs.head_tail_split`): a strict decoder of the
+            message type proves them, and everybody else calls :meth:`proven` first.
     """
 
     data: Buffer

@@ -14,8 +14,9 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from rwt.nodes import Shown, start_nodes
 from rwt.server import serve
-from rwt.settings.models import Settings, SettingsError
+from rwt.settings.models import Settings
 from rwt.settings.sources import Given, from_text, load_settings
+from rwt_access.settings import SettingsError
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError

@@ -18,9 +18,9 @@ from websockets.exceptions import ConnectionClosed
 
 from rwt import Settings, SettingsError
 from rwt.server import serve
-from rwt.settings.models import RoleSettings
 from rwt_access.credentials import NotAuthenticated, Rosauth, mac_of, presented_token
 from rwt_access.roles import Role
+from rwt_access.settings import RoleSettings
 from rwt_bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph

@@ -9,7 +9,8 @@ from typing import Any
 import bson
 import pytest
 
-from rwt.settings.models import Settings, SettingsError
+from rwt.settings.models import Settings
+from rwt_access.settings import SettingsError
 from rwt_bridge.bridge import Bridge
 from rwt_graph.memory.graph import MemoryGraph
 from tests.bridge.recording_client import Client

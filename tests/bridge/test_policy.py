@@ -10,8 +10,8 @@ import anyio.lowlevel
 import pytest
 
 from rwt import Settings
-from rwt.settings.models import RoleSettings
 from rwt_access.roles import ACTS, Role
+from rwt_access.settings import RoleSettings
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.api import Graph

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt.settings.errors import expected, known_settings
-from rwt.settings.models import Settings, SettingsError
+from rwt.settings.models import Settings
 from rwt.settings.sources import Given, load_settings, read_settings
+from rwt_access.settings import SettingsError
 from rwt_cli import main
 from rwt_cli.commands.config import show
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rwt import Settings
-from rwt.settings.models import AuthSettings
+from rwt_access.settings import AuthSettings
 from tests.bridge.test_auth import SECRET, signed
 from tests.faults.blocking_client import Refused
 from tests.faults.conftest import BRIEF, Robot, Start

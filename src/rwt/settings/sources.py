@@ -11,7 +11,8 @@ from typing import Final
 from pydantic import ValidationError
 
 from rwt.settings.errors import Key, fault, field_at, is_list
-from rwt.settings.models import Settings, SettingsError
+from rwt.settings.models import Settings
+from rwt_access.settings import SettingsError
 
 ENVIRONMENT_PREFIX: Final = "RWT_"
 FILE_VARIABLE: Final = "RWT_CONFIG"

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel
 
 from rwt.settings.errors import is_secret
-from rwt.settings.models import SettingsError
 from rwt.settings.sources import DEFAULT, Given, LoadedSettings, from_text, load_settings
+from rwt_access.settings import SettingsError
 from rwt_cli.errors import CommandError
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import anyio
 
-from rwt.settings.models import SettingsError, TlsSettings
 from rwt_access.origins import is_loopback_listener
+from rwt_access.settings import SettingsError, TlsSettings
 from rwt_access.tls import server_tls
 from rwt_cli.console.logs import FORMATS, log_to_stderr
 from rwt_cli.errors import CommandError

@@ -15,7 +15,7 @@ import anyio
 
 from rwt.nodes import start_nodes
 from rwt.server import serve
-from rwt.settings.models import SettingsError
+from rwt_access.settings import SettingsError
 from rwt_cli.commands.config import add_settings_options, settings_of
 from rwt_cli.console.key_presses import Key, keys
 from rwt_cli.console.logs import log_to_stderr

@@ -18,8 +18,8 @@ from rwt.nodes import start_nodes
 from rwt.pages import metrics_page
 from rwt.script import stage
 from rwt.server import serve
-from rwt.settings.models import SettingsError
 from rwt.settings.sources import DEFAULT
+from rwt_access.settings import SettingsError
 from rwt_cli.commands.config import add_settings_options, settings_of
 from rwt_cli.console.logs import FORMATS, log_to_stderr
 from rwt_cli.errors import CommandError

@@ -8,9 +8,9 @@ nothing.
 are a tuple that is replaced when one joins or leaves, so a callback may join and leave as it likes.
 Every reliability and deadline is met by a function call, so no combination of QoS is refused.
 
-A topic may have endpoints in other processes too (:mod:`rwt_graph.memory.remote`). Publishers there hold its type
-as those here do. Subscribers there do not: they may have taken it from us, and two processes would hold it
-for each other for ever. They only keep a publisher of another type from being the first.
+A topic may have endpoints in other processes too (:mod:`rwt_graph.memory.remote`). Publishers there hold
+its type as those here do. Subscribers there do not: they may have taken it from us, and two processes would
+hold it for each other for ever. They only keep a publisher of another type from being the first.
 """
 
 from __future__ import annotations

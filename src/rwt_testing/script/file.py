@@ -1,4 +1,4 @@
-"""What a script in TOML may say: the models alone. `rwt_testing.script.errors` says what is wrong with one."""
+"""What a script in TOML may say: the models alone; `rwt_testing.script.errors` describes mistakes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Between a transport and the bridge: writes down what passes, and does what the faults say.
 
-It wraps the three faces of :mod:`rwt_protocol.transport` (`Accept`, `Sink` and `Endpoint`), so that the server
-above and the transport below are the real ones.
+It wraps the three faces of :mod:`rwt_protocol.transport` (`Accept`, `Sink` and `Endpoint`), so that the
+server above and the transport below are the real ones.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rwt.settings.models import SettingsError
+from rwt_access.settings import SettingsError
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.ops import Direction, Op
 from rwt_protocol.session import Refusal, Session

@@ -1,9 +1,9 @@
 """The other end of dial-out: robots behind a NAT dial in, and clients reach each under its own path.
 
-Nothing is multiplexed. A robot keeps a few connections that wait (:mod:`rwt_transports.relay.protocol`); a client
-that comes gets one of them to itself, message by message and end to end, with the robot's own refusals and
-close codes. Whoever reads slowly holds back the other side, so the robot's own lanes and rules decide what is
-dropped, as if there were no hub.
+Nothing is multiplexed. A robot keeps a few connections that wait (:mod:`rwt_transports.relay.protocol`); a
+client that comes gets one of them to itself, message by message and end to end, with the robot's own
+refusals and close codes. Whoever reads slowly holds back the other side, so the robot's own lanes and rules
+decide what is dropped, as if there were no hub.
 """
 
 from __future__ import annotations

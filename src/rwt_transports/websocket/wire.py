@@ -1,8 +1,9 @@
 """The WebSocket protocol of RFC 6455 after its handshake, as a wire.
 
-The handshake is negotiated in :mod:`rwt_transports.websocket.handshake`. Frames are read here, with as few copies as
-Python allows: a message costs one pass, the one that unmasks it; a large one is received where it is unmasked
-from. Outgoing frames of a server are the same bytes for every peer, so they are made once per frame.
+The handshake is negotiated in :mod:`rwt_transports.websocket.handshake`. Frames are read here, with as few
+copies as Python allows: a message costs one pass, the one that unmasks it; a large one is received where it
+is unmasked from. Outgoing frames of a server are the same bytes for every peer, so they are made once per
+frame.
 
 Text is not checked for UTF-8 unless ``strict_utf8`` asks for it: section 8.1 would end the connection with
 1007, but a robot's bridge answers the one bad message and keeps its client. Everything else follows the RFC

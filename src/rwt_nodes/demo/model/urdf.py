@@ -85,7 +85,7 @@ def wheel_mounts(chassis: Chassis) -> tuple[Mount, Mount]:
 
 
 def arm_mounts() -> tuple[Mount, ...]:
-    """The links of the arm, in the order of :data:`~rwt_nodes.demo.arm.kinematics.ARM`, where its joints are at 0."""
+    """The links of the arm, in the order of its joints, where these are at 0."""
     parents = (ARM_BASE, *(joint.link for joint in ARM))
     return tuple(
         Mount(joint.link, z=joint.height, parent=parent) for joint, parent in zip(ARM, parents, strict=False)

@@ -31,7 +31,7 @@ class StillEncoder:
         self._coding = coding
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded:
-        """See :meth:`rwt_nodes.video.encoders.encoded.Encoder.encode`; every picture can be shown without others."""
+        """See :meth:`.encoded.Encoder.encode`; every picture can be shown without others."""
         stamp = stamp_ns(payload)
         if payload.type.name == COMPRESSED and not self._wish.changes_pictures:
             message: Any = payload.value()

@@ -1,0 +1,199 @@
+"""What an operator can set about who may do what: the models alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Final
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, SecretStr, model_validator
+
+MIB: Final = 1024 * 1024
+
+Bytes = Annotated[int, Field(ge=1024)]
+Count = Annotated[int, Field(ge=1)]
+CountOrNone = Annotated[int, Field(ge=0)]
+Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+SecondsOrNone = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Globs = tuple[str, ...]
+
+
+class SettingsError(ValueError):
+    """A setting that cannot be used; the text says which, where it stands and what is expected."""
+
+
+class Table(BaseModel):
+    """A group of settings: one table of the TOML file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ClientLimits(Table):
+    """What one client may have open."""
+
+    connections_per_address: Annotated[
+        CountOrNone,
+        Field(description="open connections from one address that is not this machine's; 0 for any number"),
+    ] = 128
+    subscriptions: Annotated[Count, Field(description="subscriptions of one client")] = 1000
+    advertisements: Annotated[
+        Count, Field(description="topics, services and actions together that one client offers")
+    ] = 1000
+    calls: Annotated[Count, Field(description="calls and goals of one client under way at a time")] = 10_000
+
+
+_TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,256}")
+_SHA256: Final = re.compile(r"[0-9A-Fa-f]{64}")
+
+
+def _written_as(pattern: re.Pattern[str], expected: str) -> AfterValidator:
+    """Checks a secret without ever quoting it."""
+
+    def check(secret: SecretStr) -> SecretStr:
+        if pattern.fullmatch(secret.get_secret_value()) is None:
+            raise ValueError(f"expected {expected}")
+        return secret
+
+    return AfterValidator(check)
+
+
+PlainToken = Annotated[SecretStr, _written_as(_TOKEN, "16 to 256 of the characters A-Z a-z 0-9 - . _ ~")]
+HashedToken = Annotated[SecretStr, _written_as(_SHA256, "64 hex digits")]
+
+
+class TokenSettings(Table):
+    """A bearer token, in plain or as its SHA-256, and the role that it gives."""
+
+    token: Annotated[
+        PlainToken | None,
+        Field(description="the token itself: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"),
+    ] = None
+    sha256: Annotated[
+        HashedToken | None,
+        Field(description="the SHA-256 of the token, 64 hex digits, in place of it"),
+    ] = None
+    role: Annotated[str, Field(description="the role of whoever shows it")]
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> TokenSettings:
+        if (self.token is None) == (self.sha256 is None):
+            raise ValueError("expected exactly one of `token` and `sha256`")
+        return self
+
+
+class AuthSettings(Table):
+    """Who may come in, and as what. With no tokens and no secret everybody may, as `default_role`."""
+
+    default_role: Annotated[
+        str | None,
+        Field(
+            description="role of a client without credentials; not set: `admin` if there are neither tokens"
+            " nor a secret, else nobody comes in without"
+        ),
+    ] = None
+    rosauth_secret_file: Annotated[
+        Path | None,
+        Field(description="file whose first line is the 16 characters of the secret that rosauth shares"),
+    ] = None
+    rosauth_role: Annotated[
+        str | None,
+        Field(
+            description="role of a client that rosauth vouches for with a `level` that names no role; not"
+            " set: `admin` if no roles are configured, else it is refused"
+        ),
+    ] = None
+    allowed_time_delta: Annotated[
+        Seconds,
+        Field(description="seconds by which the time in an `auth` may differ from this machine's clock"),
+    ] = 5.0
+    seconds: Annotated[
+        Seconds, Field(description="time in which a client that must authenticate has to do it")
+    ] = 10.0
+    tokens: Mapping[str, TokenSettings] = Field(
+        default_factory=dict, description="bearer tokens, each under a name of its own"
+    )
+
+
+class RoleSettings(Table):
+    """What a role may do: globs of resolved names, in which `*` also matches `/`; the rest is refused."""
+
+    read_only: Annotated[
+        bool, Field(description="may subscribe to every topic and read every parameter, and nothing else")
+    ] = False
+    publish: Annotated[Globs, Field(description="topics to publish on")] = ()
+    subscribe: Annotated[Globs, Field(description="topics to subscribe to")] = ()
+    call: Annotated[Globs, Field(description="services to call; those of rosapi are always open")] = ()
+    provide: Annotated[Globs, Field(description="services and actions to offer")] = ()
+    goals: Annotated[Globs, Field(description="actions to send goals to")] = ()
+    get_param: Annotated[
+        Globs, Field(description="parameters to read: `/node:name` on ROS 2, `/name` on ROS 1")
+    ] = ()
+    set_param: Annotated[Globs, Field(description="parameters to write and delete")] = ()
+
+
+class OriginSettings(Table):
+    """Which web pages may connect. Programs that are no browsers send no origin and are not asked."""
+
+    allow: Annotated[
+        Globs,
+        Field(
+            description="origins that may connect besides the default ones, for example"
+            ' `https://ui.example.com` or `https://*.example.com`; `"*"` lets every page in'
+        ),
+    ] = ()
+
+
+class TlsSettings(Table):
+    """The certificate of `wss://` and of every other encrypted listener."""
+
+    certfile: Annotated[
+        Path | None, Field(description="PEM file with the certificate and those that vouch for it")
+    ] = None
+    keyfile: Annotated[Path | None, Field(description="PEM file with the private key")] = None
+
+    @model_validator(mode="after")
+    def _both(self) -> TlsSettings:
+        if (self.certfile is None) != (self.keyfile is None):
+            raise ValueError("expected `certfile` and `keyfile` together")
+        return self
+
+
+BUILT_IN_ROLES: Final[Mapping[str, RoleSettings]] = MappingProxyType(
+    {
+        "admin": RoleSettings(
+            publish=("*",),
+            subscribe=("*",),
+            call=("*",),
+            provide=("*",),
+            goals=("*",),
+            get_param=("*",),
+            set_param=("*",),
+        ),
+        "viewer": RoleSettings(read_only=True),
+    }
+)
+"""Roles that are there without being configured; a configured one of the same name takes their place."""
+
+
+class AccessSettings(Table):
+    """Who may come in, and what each role may do."""
+
+    limits: ClientLimits = ClientLimits()
+    auth: AuthSettings = AuthSettings()
+    roles: Mapping[str, RoleSettings] = Field(
+        default_factory=dict, description="roles besides the built-in `admin` and `viewer`"
+    )
+    origins: OriginSettings = OriginSettings()
+
+    @model_validator(mode="after")
+    def _roles_exist(self) -> AccessSettings:
+        auth = self.auth
+        named = {"auth.default_role": auth.default_role, "auth.rosauth_role": auth.rosauth_role}
+        named |= {f"auth.tokens.{name}.role": token.role for name, token in auth.tokens.items()}
+        known = (*BUILT_IN_ROLES, *self.roles)
+        for key, role in named.items():
+            if role is not None and role not in known:
+                raise ValueError(f"`{key}`: there is no role {role!r}; known are {', '.join(known)}")
+        return self
