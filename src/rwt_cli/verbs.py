@@ -268,7 +268,7 @@ def command_error(error: ClientError) -> CommandError:
     return CommandError(str(error), code)
 
 
-async def together(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
+async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
     """The answers to questions that are asked side by side, in order.
 
     Raises:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_cli.completion import candidates, words_of
+from rwt_cli.commands.completion import candidates, words_of
 from tests.cli.conftest import Rwt
 
 _Case = tuple[tuple[str, ...], list[str]]

@@ -15,7 +15,7 @@ from rwt_cli import COMMANDS, main, parser_for
 from rwt_cli.commands.topic.echo import ECHO
 from rwt_cli.console.output import Output
 from rwt_cli.console.yaml_reader import read_yaml
-from rwt_cli.live_names import rooted
+from rwt_cli.graph_lookup import absolute_name
 from rwt_client import connect
 from rwt_graph import MemoryGraph, Node
 from tests.cli.conftest import Rwt, demo_server
@@ -515,7 +515,7 @@ def test_every_command_and_verb_has_help_with_an_example(rwt: Rwt) -> None:
 
 
 def test_names_may_lack_their_slash() -> None:
-    assert (rooted("odom"), rooted("/odom")) == ("/odom", "/odom")
+    assert (absolute_name("odom"), absolute_name("/odom")) == ("/odom", "/odom")
 
 
 def test_what_a_robot_is_called_is_no_command_to_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
@@ -524,9 +524,9 @@ def test_what_a_robot_is_called_is_no_command_to_a_terminal(capsys: pytest.Captu
     people.columns([("/a\x1b[2J", "b")], ("name", None))
     people.line(people.styled("/c\x07", "name"))
     assert stream.getvalue() == "\x1b[36m/a\ufffd[2J\x1b[0m  b\n\x1b[36m/c\ufffd\x1b[0m\n"
-    assert people.harmless("1,\x1b[2J") == "1,\ufffd[2J"
+    assert people.escape_terminal("1,\x1b[2J") == "1,\ufffd[2J"
     plain = Output(stream, people=False, colour=False, json=False)
-    assert plain.harmless("1,\x1b[2J") == "1,\x1b[2J"
+    assert plain.escape_terminal("1,\x1b[2J") == "1,\x1b[2J"
     assert plain.styled("/a", "name") == "/a"
     assert main(["topic", "echo", "/a", "--url", "no\x1b[2J\nurl"]) == 2
     errors = capsys.readouterr().err

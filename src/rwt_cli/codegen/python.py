@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from pydantic import BaseModel
 
-from rwt_cli.codegen.type_selection import ClassNames, Selection, time_name
+from rwt_cli.codegen.type_selection import ClassNames, TypeSelection, time_name
 from rwt_interfaces import field_types as shapes
 from rwt_interfaces.structs import slot_default
 
@@ -75,13 +75,13 @@ _TAKEN: Final = frozenset(dir(BaseModel)) | frozenset(
 )
 
 
-def python_stubs(chosen: Selection) -> str:
+def python_stubs(chosen: TypeSelection) -> str:
     """The module."""
     return _Stubs(chosen).text()
 
 
 class _Stubs:
-    def __init__(self, chosen: Selection) -> None:
+    def __init__(self, chosen: TypeSelection) -> None:
         self._chosen = chosen
         self._names = ClassNames(chosen, keyword.kwlist)
         self._taken = _TAKEN | self._names.all()

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from rwt_interfaces.field_types import Shape
     from rwt_interfaces.registry import Registry
 
-AnyType = MessageType | ServiceType | ActionType
+InterfaceType = MessageType | ServiceType | ActionType
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class TypeSelection:
     """Types, with everything that they contain.
 
     Attributes:
@@ -60,7 +60,7 @@ def offline_registry(distro: Distro, folders: Iterable[Path]) -> Registry:
     return registry
 
 
-def typed(registry: Registry, name: str) -> AnyType:
+def find_type(registry: Registry, name: str) -> InterfaceType:
     """The type of that name, whatever kind it is; a message where two kinds share a name.
 
     Raises:
@@ -86,22 +86,22 @@ def _kinds(name: str) -> tuple[Kind, ...]:
     return KINDS if kind == "" else tuple(dict.fromkeys((*(each for each in KINDS if each == kind), "msg")))
 
 
-def _of_kind(registry: Registry, kind: Kind, name: str) -> AnyType:
+def _of_kind(registry: Registry, kind: Kind, name: str) -> InterfaceType:
     if kind == "msg":
         return registry.message(name)
     return registry.service(name) if kind == "srv" else registry.action(name)
 
 
-def named(registry: Registry, words: Iterable[str]) -> list[AnyType]:
+def find_types(registry: Registry, words: Iterable[str]) -> list[InterfaceType]:
     """The types that words name: a type each, or all of a package.
 
     Raises:
         CommandError: there is no such type or package.
     """
-    found: list[AnyType] = []
+    found: list[InterfaceType] = []
     for word in words:
         if "/" in word:
-            found.append(typed(registry, word))
+            found.append(find_type(registry, word))
             continue
         prefix = f"{word}/"
         of_package = [
@@ -123,7 +123,7 @@ def _no_package(registry: Registry, word: str) -> str:
     return f"no package {word} is known{did_you_mean(word, packages) or '; --interfaces DIR adds your own'}"
 
 
-async def live_types(robot: Robot, words: Iterable[str]) -> list[AnyType]:
+async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
     """The types that words name, asked of the robot where they are not known; without words, those of all its
     topics, services and actions.
 
@@ -133,7 +133,7 @@ async def live_types(robot: Robot, words: Iterable[str]) -> list[AnyType]:
     wanted = list(words)
     if not wanted:
         return await _of_graph(robot)
-    found: list[AnyType] = []
+    found: list[InterfaceType] = []
     for word in wanted:
         if "/" in word:
             found.append(await live_type(robot, word))
@@ -145,7 +145,7 @@ async def live_types(robot: Robot, words: Iterable[str]) -> list[AnyType]:
     return found
 
 
-async def live_type(robot: Robot, name: str) -> AnyType:
+async def live_type(robot: Robot, name: str) -> InterfaceType:
     """The type of that name, asked of the robot where it is not known."""
     from rwt_client import TypeUnavailable
 
@@ -160,8 +160,8 @@ async def live_type(robot: Robot, name: str) -> AnyType:
     raise CommandError(str(unavailable), FAILED)
 
 
-async def _of_graph(robot: Robot) -> list[AnyType]:
-    found: list[AnyType] = [
+async def _of_graph(robot: Robot) -> list[InterfaceType]:
+    found: list[InterfaceType] = [
         await robot.types.message(topic.type) for topic in await robot.api.topics() if topic.type
     ]
     services, actions = await robot.api.services(), await robot.api.action_servers()
@@ -170,7 +170,7 @@ async def _of_graph(robot: Robot) -> list[AnyType]:
     return found
 
 
-def selection(registry: Registry, types: Iterable[AnyType]) -> Selection:
+def selection(registry: Registry, types: Iterable[InterfaceType]) -> TypeSelection:
     """Types with everything that they contain, sorted by name, each after what it contains."""
     chosen = sorted(
         {(type(each).__name__, each.name): each for each in types}.values(), key=lambda each: each.name
@@ -179,7 +179,7 @@ def selection(registry: Registry, types: Iterable[AnyType]) -> Selection:
     for each in chosen:
         for part in parts_of(each):
             walk.add(part)
-    return Selection(
+    return TypeSelection(
         registry,
         tuple(walk.messages.values()),
         tuple(dict.fromkeys(walk.times)),
@@ -188,7 +188,7 @@ def selection(registry: Registry, types: Iterable[AnyType]) -> Selection:
     )
 
 
-def parts_of(interface: AnyType) -> Iterator[MessageType]:
+def parts_of(interface: InterfaceType) -> Iterator[MessageType]:
     """The messages that a type is made of."""
     if isinstance(interface, MessageType):
         yield interface
@@ -235,7 +235,7 @@ class ClassNames:
         reserved: names that the file needs for something else.
     """
 
-    def __init__(self, chosen: Selection, reserved: Iterable[str]) -> None:
+    def __init__(self, chosen: TypeSelection, reserved: Iterable[str]) -> None:
         names = [message.name for message in chosen.messages]
         names += [service.name for service in chosen.services]
         names += [action.name for action in chosen.actions]

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from rwt_cli.codegen.type_selection import ClassNames, Selection, time_name
+from rwt_cli.codegen.type_selection import ClassNames, TypeSelection, time_name
 from rwt_interfaces import field_types as shapes
 
 if TYPE_CHECKING:
@@ -27,13 +27,13 @@ _RESERVED: Final = (
 _LARGEST_EXACT: Final = 2**53
 
 
-def typescript_stubs(chosen: Selection) -> str:
+def typescript_stubs(chosen: TypeSelection) -> str:
     """The module."""
     return "".join(_Stubs(chosen).parts())
 
 
 class _Stubs:
-    def __init__(self, chosen: Selection) -> None:
+    def __init__(self, chosen: TypeSelection) -> None:
         self._chosen = chosen
         self._names = ClassNames(chosen, _RESERVED)
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_cli.console import yaml_writer
 from rwt_cli.console.message_argument import type_and_message, with_stamps
-from rwt_cli.console.message_format import Form, plain
+from rwt_cli.console.message_format import Formatting, plain
 from rwt_cli.console.output import Output, note
 from rwt_cli.console.printing import print_count, print_names, print_type
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt_cli.live_names import asked, known_action, rooted
+from rwt_cli.graph_lookup import absolute_name, ask_rosapi, known_action
 from rwt_cli.parser import Commands
-from rwt_cli.verbs import Arguments, Verb, add_family, together
+from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
 if TYPE_CHECKING:
     from rwt_client import Goal, Robot
@@ -32,11 +32,11 @@ def _list_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
-    names = sorted(await asked(robot.api.action_servers))
+    names = sorted(await ask_rosapi(robot.api.action_servers))
     if arguments.count_actions:
         print_count(len(names), output)
     elif arguments.show_types or output.json:
-        types = await together([partial(robot.api.action_type, name) for name in names])
+        types = await gather([partial(robot.api.action_type, name) for name in names])
         print_names(list(zip(names, types, strict=True)), output, types=True)
     else:
         print_names([(name, "") for name in names], output, types=False)
@@ -47,12 +47,12 @@ def _action_argument(parser: argparse.ArgumentParser) -> None:
 
 
 async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = rooted(arguments.action)
+    name = absolute_name(arguments.action)
     print_type(name, await known_action(robot, name), output)
 
 
 async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = rooted(arguments.action)
+    name = absolute_name(arguments.action)
     kind = await known_action(robot, name)
     servers = await servers_of(robot, name)
     if output.json:
@@ -67,8 +67,8 @@ async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 async def servers_of(robot: Robot, action: str) -> list[str]:
     """The nodes that offer an action. rosapi does not tell; they offer its services (2) or its topics (1)."""
-    nodes = await asked(robot.api.nodes)
-    details = await together([partial(robot.api.node, node) for node in nodes])
+    nodes = await ask_rosapi(robot.api.nodes)
+    details = await gather([partial(robot.api.node, node) for node in nodes])
     return sorted(node.name for node in details if offers(action, node.services, node.publishing))
 
 
@@ -90,7 +90,7 @@ def _goal_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = rooted(arguments.action)
+    name = absolute_name(arguments.action)
     if len(arguments.goal) > 2:
         raise CommandError("expected TYPE and GOAL; the goal goes in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.goal)
@@ -143,13 +143,13 @@ class _Telling:
 
     def feedback(self, message: Any) -> None:
         if self._output.json:
-            self._output.record({"feedback": plain(self._type.feedback, message, Form(json=True))})
+            self._output.record({"feedback": plain(self._type.feedback, message, Formatting(json=True))})
         else:
             self._tell("Feedback:", self._type.feedback, message)
 
     def result(self, status: str, message: Any) -> None:
         if self._output.json:
-            result = plain(self._type.result, message, Form(json=True))
+            result = plain(self._type.result, message, Formatting(json=True))
             self._output.record({"status": status, "result": result})
             return
         self._tell("Result:", self._type.result, message)

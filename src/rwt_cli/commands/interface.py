@@ -13,7 +13,7 @@ from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments, add_robot_options, connecting, epilog, run_async, sentence
 
 if TYPE_CHECKING:
-    from rwt_cli.codegen.type_selection import AnyType, Selection
+    from rwt_cli.codegen.type_selection import InterfaceType, TypeSelection
     from rwt_interfaces.definitions.model import MessageDefinition
     from rwt_interfaces.registry import Registry
 
@@ -108,8 +108,8 @@ def _list(arguments: Arguments, output: Output) -> None:
         names = [name for name in names if name.startswith(f"{arguments.package}/")]
         if not names:
             raise CommandError(f"no package {arguments.package} is known", FAILED)
-    asked = [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
-    by_kind = {kind: [name for name in names if name.split("/")[1] == kind] for kind in asked}
+    kinds = [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
+    by_kind = {kind: [name for name in names if name.split("/")[1] == kind] for kind in kinds}
     if output.json:
         output.record({_HEADINGS[kind].lower(): of_kind for kind, of_kind in by_kind.items()})
         return
@@ -130,12 +130,12 @@ def _live_names(arguments: Arguments) -> list[str]:
     found: list[str] = []
 
     async def ask() -> None:
-        from rwt_cli.live_names import asked
+        from rwt_cli.graph_lookup import ask_rosapi
         from rwt_interfaces.names import three_part
 
         async with connecting(arguments) as robot:
             # Robots of ROS 1 name messages in two parts, and nothing but messages.
-            found.extend(sorted(three_part(name, "msg") for name in await asked(robot.api.interfaces)))
+            found.extend(sorted(three_part(name, "msg") for name in await ask_rosapi(robot.api.interfaces)))
 
     run_async(ask)
     return found
@@ -182,14 +182,14 @@ def _show(arguments: Arguments, output: Output) -> None:
     output.line("\n---\n".join(sections).replace("\n\n---\n", "\n---\n"))
 
 
-def _parts(found: AnyType) -> dict[str, MessageDefinition]:
+def _parts(found: InterfaceType) -> dict[str, MessageDefinition]:
     from rwt_interfaces.structs import ActionType, ServiceType
 
     if isinstance(found, ServiceType):
         return {"request": found.request.definition, "response": found.response.definition}
     if isinstance(found, ActionType):
-        named = {"goal": found.goal, "result": found.result, "feedback": found.feedback}
-        return {name: part.definition for name, part in named.items()}
+        parts = {"goal": found.goal, "result": found.result, "feedback": found.feedback}
+        return {name: part.definition for name, part in parts.items()}
     return {"message": found.definition}
 
 
@@ -220,14 +220,14 @@ def _lines(
             yield from _lines(registry, nested, f"{indent}\t", comments and nested_comments, nested_comments)
 
 
-def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[AnyType]]:
+def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[InterfaceType]]:
     """The types that words name, and where they are from; live without words, those of the whole graph."""
-    from rwt_cli.codegen.type_selection import live_types, named
+    from rwt_cli.codegen.type_selection import find_types, live_types
 
     if not _is_live(arguments):
         registry = _registry(arguments)
-        return registry, named(registry, words)
-    found: list[tuple[Registry, list[AnyType]]] = []
+        return registry, find_types(registry, words)
+    found: list[tuple[Registry, list[InterfaceType]]] = []
 
     async def ask() -> None:
         async with connecting(arguments, definitions=True) as robot:
@@ -264,7 +264,7 @@ def _add_generate(verbs: Commands) -> None:
 
 
 def _generate(arguments: Arguments, output: Output) -> None:
-    from rwt_cli.codegen.type_selection import named, selection
+    from rwt_cli.codegen.type_selection import find_types, selection
 
     if not arguments.name and not _is_live(arguments) and not arguments.interfaces:
         raise CommandError("expected types or packages, --interfaces DIR or --live", CALLED_WRONGLY)
@@ -274,12 +274,12 @@ def _generate(arguments: Arguments, output: Output) -> None:
         words = _own_packages(arguments)
     registry, types = _types(arguments, words)
     if _is_live(arguments):
-        types = named(registry, [registry.type_name(each) for each in types])
+        types = find_types(registry, [registry.type_name(each) for each in types])
     chosen = selection(registry, types)
     code = _code(arguments.lang, chosen)
     if arguments.out is not None:
         _write(arguments.out, code)
-    every: list[AnyType] = [*chosen.messages, *chosen.services, *chosen.actions]
+    every: list[InterfaceType] = [*chosen.messages, *chosen.services, *chosen.actions]
     names = [registry.type_name(each) for each in every]
     if output.json:
         written = {"file": str(arguments.out)} if arguments.out is not None else {"code": code}
@@ -297,7 +297,7 @@ def _own_packages(arguments: Arguments) -> list[str]:
     return sorted({file.package for folder in arguments.interfaces for file in interface_files(folder)})
 
 
-def _code(language: str, chosen: Selection) -> str:
+def _code(language: str, chosen: TypeSelection) -> str:
     if language == "python":
         from rwt_cli.codegen.python import python_stubs
 

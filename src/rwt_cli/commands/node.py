@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from rwt_cli.commands.action import offers
 from rwt_cli.console.output import Output
 from rwt_cli.console.printing import print_count, print_names
-from rwt_cli.live_names import asked, is_hidden, known_node, rooted
+from rwt_cli.graph_lookup import absolute_name, ask_rosapi, is_hidden, known_node
 from rwt_cli.parser import Commands
-from rwt_cli.verbs import Arguments, Verb, add_family, together
+from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -28,7 +28,7 @@ def _list_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
-    names = sorted(name for name in await asked(robot.api.nodes) if arguments.all or not is_hidden(name))
+    names = sorted(name for name in await ask_rosapi(robot.api.nodes) if arguments.all or not is_hidden(name))
     if arguments.count_nodes:
         print_count(len(names), output)
     elif output.json:
@@ -45,16 +45,16 @@ def _info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = rooted(arguments.node)
+    name = absolute_name(arguments.node)
     await known_node(robot, name)
     found = await robot.api.node(name)
     topics = {topic.name: topic.type for topic in await robot.api.topics()}
     services = sorted(each for each in found.services if arguments.include_hidden or not is_hidden(each))
-    kinds = await together([partial(robot.api.service_type, service) for service in services])
+    kinds = await gather([partial(robot.api.service_type, service) for service in services])
     actions = [
         each for each in await robot.api.action_servers() if offers(each, found.services, found.publishing)
     ]
-    action_types = await together([partial(robot.api.action_type, action) for action in actions])
+    action_types = await gather([partial(robot.api.action_type, action) for action in actions])
     sections = {
         "Subscribers": [(topic, topics.get(topic, "")) for topic in sorted(found.subscribing)],
         "Publishers": [(topic, topics.get(topic, "")) for topic in sorted(found.publishing)],

@@ -13,9 +13,9 @@ from rwt_cli.console import yaml_writer
 from rwt_cli.console.message_argument import STDIN, read_value
 from rwt_cli.console.output import Output
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError, did_you_mean
-from rwt_cli.live_names import NO_ROSAPI, asked, rooted, unknown
+from rwt_cli.graph_lookup import NO_ROSAPI, absolute_name, ask_rosapi, unknown
 from rwt_cli.parser import Commands
-from rwt_cli.verbs import Arguments, Verb, add_family, together
+from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
 if TYPE_CHECKING:
     from rwt_cli.console.yaml_reader import YamlValue
@@ -61,7 +61,7 @@ async def _of_node(robot: Robot, node: str) -> list[str]:
         return found[node]
     if robot.types.ros_version == 1:
         return [name.removeprefix(f"{node}/") for name in sorted(names) if name.startswith(f"{node}/")]
-    known = await asked(robot.api.nodes)
+    known = await ask_rosapi(robot.api.nodes)
     if node in known:
         return []
     raise unknown("node", node, known)
@@ -75,8 +75,8 @@ def _full(robot: Robot, node: str, parameter: str) -> str:
 def _addressed(robot: Robot, words: list[str]) -> str:
     """The name of a parameter from `NODE PARAMETER`, `/node:parameter` or, on ROS 1, `/parameter`."""
     if len(words) == 2:
-        return _full(robot, rooted(words[0]), words[1])
-    return rooted(words[0])
+        return _full(robot, absolute_name(words[0]), words[1])
+    return absolute_name(words[0])
 
 
 async def _get_value(robot: Robot, name: str) -> ParameterValue:
@@ -102,7 +102,7 @@ async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
     if arguments.node is None:
         found = _by_node(await _names(robot))
     else:
-        found = {rooted(arguments.node): await _of_node(robot, rooted(arguments.node))}
+        found = {absolute_name(arguments.node): await _of_node(robot, absolute_name(arguments.node))}
     if output.json:
         output.record(found)
         return
@@ -143,7 +143,7 @@ def _given(*words: str | None) -> list[str]:
 def _shown(value: ParameterValue, output: Output) -> str:
     """A value as the ``ros2`` tool prints it; on a terminal without what that would obey."""
     if isinstance(value, str):
-        return "\n".join(map(output.harmless, value.split("\n")))
+        return "\n".join(map(output.escape_terminal, value.split("\n")))
     return str(value) if isinstance(value, bool) else yaml_writer.flow(value)
 
 
@@ -205,9 +205,9 @@ def _dump_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
-    node = rooted(arguments.node)
+    node = absolute_name(arguments.node)
     names = await _of_node(robot, node)
-    values = await together([partial(robot.params.get, _full(robot, node, name), "") for name in names])
+    values = await gather([partial(robot.params.get, _full(robot, node, name), "") for name in names])
     flat: dict[str, YamlValue] = dict(zip(names, values, strict=True))
     if output.json:
         output.record({"node": node, "parameters": flat})
@@ -245,7 +245,7 @@ def _load_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
-    node = rooted(arguments.node)
+    node = absolute_name(arguments.node)
     parameters = _in_file(_text(arguments.file), node, arguments.file)
     failures = []
     for parameter, value in parameters.items():

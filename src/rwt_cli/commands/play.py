@@ -17,7 +17,7 @@ from rwt.nodes import start_nodes
 from rwt.server import serve
 from rwt_access.settings import SettingsError
 from rwt_cli.commands.config import add_settings_options, settings_of
-from rwt_cli.console.key_presses import Key, keys
+from rwt_cli.console.key_presses import Key, key_presses
 from rwt_cli.console.logs import log_to_stderr
 from rwt_cli.errors import CommandError
 from rwt_cli.verbs import topic_glob
@@ -202,7 +202,7 @@ async def _until_over(player: Player, signals: AsyncIterator[signal.Signals], *,
 
 
 async def _follow_keys(player: Player) -> None:
-    async with aclosing(keys()) as pressed:
+    async with aclosing(key_presses()) as pressed:
         async for key in pressed:
             press(player, key)
             print(f"\r{_standing(player)}", end="", file=sys.stderr, flush=True)

@@ -7,13 +7,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt_cli.console.message_argument import type_and_message, with_stamps
-from rwt_cli.console.message_format import Form, constructor, plain
+from rwt_cli.console.message_format import Formatting, constructor, plain
 from rwt_cli.console.output import Output
 from rwt_cli.console.printing import print_count, print_found, print_names, print_type
 from rwt_cli.errors import CALLED_WRONGLY, CommandError
-from rwt_cli.live_names import asked, is_hidden, known_service, rooted, same_type
+from rwt_cli.graph_lookup import absolute_name, ask_rosapi, is_hidden, known_service, same_type
 from rwt_cli.parser import Commands
-from rwt_cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, hertz, together
+from rwt_cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, gather, hertz
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -33,11 +33,11 @@ def _list_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _services(robot: Robot, *, hidden: bool) -> list[str]:
-    return sorted(name for name in await asked(robot.api.services) if hidden or not is_hidden(name))
+    return sorted(name for name in await ask_rosapi(robot.api.services) if hidden or not is_hidden(name))
 
 
 async def _with_types(robot: Robot, names: list[str]) -> list[tuple[str, str]]:
-    types = await together([partial(robot.api.service_type, name) for name in names])
+    types = await gather([partial(robot.api.service_type, name) for name in names])
     return list(zip(names, types, strict=True))
 
 
@@ -56,7 +56,7 @@ def _service_argument(parser: argparse.ArgumentParser) -> None:
 
 
 async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = rooted(arguments.service)
+    name = absolute_name(arguments.service)
     kind = await known_service(robot, name)
     print_type(name, kind, output)
 
@@ -98,7 +98,7 @@ async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
 
     from rwt_client.endpoints.publisher import payload_of
 
-    name = rooted(arguments.service)
+    name = absolute_name(arguments.service)
     if len(arguments.request) > 2:
         raise CommandError("expected TYPE and REQUEST; the request goes in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.request)
@@ -112,7 +112,7 @@ async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
             name, request, service_type.name, timeout=arguments.timeout or USUAL_TIMEOUT
         )
         if output.json:
-            output.record(plain(service_type.response, response, Form(json=True)))
+            output.record(plain(service_type.response, response, Formatting(json=True)))
         else:
             output.line(f"response:\n{constructor(service_type.response, response)}\n")
         if arguments.rate is None:

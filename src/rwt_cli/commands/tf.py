@@ -113,7 +113,7 @@ async def _tree(robot: Robot, arguments: Arguments, output: Output) -> None:
         output.text(frames.all_frames_as_dot())
     else:
         for line in frames.tree().splitlines():
-            output.line(output.harmless(line))
+            output.line(output.escape_terminal(line))
 
 
 def _frame(frames: Buffer, frame: str) -> dict[str, object]:

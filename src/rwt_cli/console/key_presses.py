@@ -19,7 +19,7 @@ _KEYS: Final[dict[bytes, Key]] = {
 }  # fmt: skip
 
 
-async def keys() -> AsyncGenerator[Key, None]:
+async def key_presses() -> AsyncGenerator[Key, None]:
     """Keys as they are pressed. Without a terminal, or in the background, none ever are."""
     if not sys.stdin.isatty() or not hasattr(os, "tcgetpgrp"):
         return
@@ -51,4 +51,4 @@ def _without_lines(descriptor: int) -> Iterator[None]:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-__all__ = ["Key", "keys"]
+__all__ = ["Key", "key_presses"]

@@ -24,7 +24,7 @@ _STEP: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)((?:\[[0-9]{1,9}\])*)", re.AS
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class Formatting:
     """How much of a message is told, and for whom.
 
     Attributes:
@@ -40,31 +40,33 @@ class Form:
     json: bool = False
 
 
-def plain(message_type: MessageType, message: Any, form: Form = Form()) -> dict[str, YamlValue]:
+def plain(
+    message_type: MessageType, message: Any, formatting: Formatting = Formatting()
+) -> dict[str, YamlValue]:
     """A message as plain values, fields in the definition's order."""
     return {
-        slot.name: plain_value(slot.shape, getattr(message, slot.attribute), form)
+        slot.name: plain_value(slot.shape, getattr(message, slot.attribute), formatting)
         for slot in message_type.slots
     }
 
 
-def plain_value(shape: Shape, value: Any, form: Form) -> YamlValue:
+def plain_value(shape: Shape, value: Any, formatting: Formatting) -> YamlValue:
     """What a field holds as plain values."""
     match shape:
         case shapes.Message(type=nested) if nested.time is None:
-            return plain(nested, value, form)
+            return plain(nested, value, formatting)
         case shapes.Message(type=nested):
             return _time(nested.time, value)
         case shapes.Time():
             return _time(shape, value)
         case shapes.Array(element=element):
-            return _items(shape, [*value], element, form)
+            return _items(shape, [*value], element, formatting)
         case shapes.Octets():
-            return _octets(shape, value, form)
+            return _octets(shape, value, formatting)
         case shapes.String():
-            return _string(value, form)
+            return _string(value, formatting)
         case shapes.Float():
-            return None if form.json and not math.isfinite(value) else float(value)
+            return None if formatting.json and not math.isfinite(value) else float(value)
         case _:
             plain_one: YamlValue = value
             return plain_one
@@ -75,22 +77,24 @@ def _time(shape: shapes.Time | None, value: Any) -> YamlValue:
     return {key: int(getattr(value, key)) for key in shape.keys}
 
 
-def _items(shape: shapes.Array, items: list[Any], element: shapes.Scalar, form: Form) -> YamlValue:
-    if not form.arrays:
+def _items(
+    shape: shapes.Array, items: list[Any], element: shapes.Scalar, formatting: Formatting
+) -> YamlValue:
+    if not formatting.arrays:
         return _only_length(shape.length is not None, str(element), len(items))
-    cut = form.longest is not None and len(items) > form.longest
+    cut = formatting.longest is not None and len(items) > formatting.longest
     told: list[YamlValue] = [
-        plain_value(element, item, form) for item in (items[: form.longest] if cut else items)
+        plain_value(element, item, formatting) for item in (items[: formatting.longest] if cut else items)
     ]
     return [*told, "..."] if cut else told
 
 
-def _octets(shape: shapes.Octets, octets: Any, form: Form) -> YamlValue:
-    if not form.arrays:
+def _octets(shape: shapes.Octets, octets: Any, formatting: Formatting) -> YamlValue:
+    if not formatting.arrays:
         return _only_length(shape.length is not None, "uint8", len(octets))
-    cut = form.longest is not None and len(octets) > form.longest
-    told = bytes(octets[: form.longest] if cut else octets)
-    if form.json:
+    cut = formatting.longest is not None and len(octets) > formatting.longest
+    told = bytes(octets[: formatting.longest] if cut else octets)
+    if formatting.json:
         return pybase64.b64encode(told).decode() + ("..." if cut else "")
     return [*told, "..."] if cut else [*told]
 
@@ -101,11 +105,11 @@ def _only_length(fixed: bool, element: str, length: int) -> str:
     return f"<sequence type: {element}, length: {length}>"
 
 
-def _string(text: str, form: Form) -> str:
-    if not form.strings:
+def _string(text: str, formatting: Formatting) -> str:
+    if not formatting.strings:
         return f"<string length: <{len(text)}>>"
-    if form.longest is not None and len(text) > form.longest:
-        return f"{text[: form.longest]}..."
+    if formatting.longest is not None and len(text) > formatting.longest:
+        return f"{text[: formatting.longest]}..."
     return text
 
 

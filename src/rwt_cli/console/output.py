@@ -73,10 +73,10 @@ class Output:
 
     def styled(self, text: str, style: Style) -> str:
         """`text` in a colour where there are colours. What a terminal would obey is taken out of it."""
-        plain = self.harmless(text)
+        plain = self.escape_terminal(text)
         return f"\x1b[{_CODES[style]}m{plain}\x1b[0m" if self._colour and plain else plain
 
-    def harmless(self, text: str) -> str:
+    def escape_terminal(self, text: str) -> str:
         """What a robot has said, as it is for programs, and for people without what a terminal would obey."""
         return printable(text) if self.people else text
 

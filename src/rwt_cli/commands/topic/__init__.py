@@ -11,9 +11,9 @@ from rwt_cli.commands.topic import pub as topic_pub
 from rwt_cli.commands.topic import rates as topic_rates
 from rwt_cli.console.output import Output
 from rwt_cli.console.printing import print_count, print_found, print_names, print_type
-from rwt_cli.live_names import rooted, same_type, topic_type, topics_of
+from rwt_cli.graph_lookup import absolute_name, same_type, topic_type, topics_of
 from rwt_cli.parser import Commands
-from rwt_cli.verbs import Arguments, Verb, add_family, together
+from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
 if TYPE_CHECKING:
     from rwt_client import Robot, TopicInfo
@@ -47,8 +47,8 @@ async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _list_verbosely(robot: Robot, topics: list[TopicInfo], output: Output) -> None:
-    publishers = await together([partial(robot.api.publishers, topic.name) for topic in topics])
-    subscribers = await together([partial(robot.api.subscribers, topic.name) for topic in topics])
+    publishers = await gather([partial(robot.api.publishers, topic.name) for topic in topics])
+    subscribers = await gather([partial(robot.api.subscribers, topic.name) for topic in topics])
     if output.json:
         rows = zip(topics, publishers, subscribers, strict=True)
         output.record(
@@ -85,9 +85,9 @@ def _info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = rooted(arguments.topic)
+    name = absolute_name(arguments.topic)
     kind = await topic_type(robot, name)
-    publishers, subscribers = await together(
+    publishers, subscribers = await gather(
         [partial(robot.api.publishers, name), partial(robot.api.subscribers, name)]
     )
     if output.json:
@@ -100,14 +100,14 @@ async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
     ):
         output.line(f"{heading}: {len(nodes)}")
         for node in nodes if arguments.verbose else ():
-            namespace, _, short = output.harmless(node).rpartition("/")
+            namespace, _, short = output.escape_terminal(node).rpartition("/")
             output.line(f"\nNode name: {output.styled(short, 'name')}")
             output.line(f"Node namespace: {namespace or '/'}")
-            output.line(f"Topic type: {output.harmless(kind)}\nEndpoint type: {side}\n")
+            output.line(f"Topic type: {output.escape_terminal(kind)}\nEndpoint type: {side}\n")
 
 
 async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = rooted(arguments.topic)
+    name = absolute_name(arguments.topic)
     kind = await topic_type(robot, name)
     print_type(name, kind, output)
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt_cli.commands.topic.qos import add_qos_options, qos_from
 from rwt_cli.console import yaml_writer
-from rwt_cli.console.message_format import Form, csv_line, field_path, plain, plain_value
+from rwt_cli.console.message_format import Formatting, csv_line, field_path, plain, plain_value
 from rwt_cli.console.output import Output
-from rwt_cli.live_names import rooted, topic_type
+from rwt_cli.graph_lookup import absolute_name, topic_type
 from rwt_cli.verbs import Arguments, Verb, count, count_or_none, hertz
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = rooted(arguments.topic)
+    name = absolute_name(arguments.topic)
     kind = arguments.type or await topic_type(robot, name)
     options: SubscribeKeywords = {"qos": qos_from(arguments)}
     if arguments.max_rate:
@@ -65,20 +65,20 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
     """What prints one message."""
-    form = _form(arguments, output)
+    formatting = _formatting(arguments, output)
     path = field_path(message_type, arguments.field) if arguments.field else None
 
     def value_of(message: Any) -> YamlValue:
         if path is None:
-            return plain(message_type, message, form)
-        return plain_value(path.shape, path.of(message), form)
+            return plain(message_type, message, formatting)
+        return plain_value(path.shape, path.of(message), formatting)
 
     def tell(message: Any) -> None:
         value = value_of(message)
         if output.json:
             output.record(value)
         elif arguments.csv:
-            output.line(output.harmless(csv_line(value)))
+            output.line(output.escape_terminal(csv_line(value)))
         elif arguments.flow_style:
             output.text(f"{yaml_writer.flow(value)}\n---\n")
         else:
@@ -88,9 +88,9 @@ def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> 
     return tell
 
 
-def _form(arguments: Arguments, output: Output) -> Form:
+def _formatting(arguments: Arguments, output: Output) -> Formatting:
     whole = arguments.full_length or arguments.csv or output.json
-    return Form(
+    return Formatting(
         arrays=not arguments.no_arr,
         strings=not arguments.no_str,
         longest=None if whole else arguments.truncate_length,

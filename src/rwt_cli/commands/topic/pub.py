@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 from rwt_cli.commands.topic.qos import add_qos_options, qos_from
 from rwt_cli.console.message_argument import type_and_message, with_stamps
-from rwt_cli.console.message_format import Form, constructor, plain
+from rwt_cli.console.message_format import Formatting, constructor, plain
 from rwt_cli.console.output import Output, note
 from rwt_cli.errors import CALLED_WRONGLY, TIMED_OUT, CommandError
-from rwt_cli.live_names import asked, rooted, topic_type
+from rwt_cli.graph_lookup import absolute_name, ask_rosapi, topic_type
 from rwt_cli.verbs import Arguments, Verb, count, count_or_none, hertz
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
 
     from rwt_client.endpoints.publisher import payload_of
 
-    name = rooted(arguments.topic)
+    name = absolute_name(arguments.topic)
     if len(arguments.message) > 2:
         raise CommandError("expected TYPE and MESSAGE; the message goes in quotes", CALLED_WRONGLY)
     kind, message = type_and_message(arguments.message)
@@ -93,7 +93,7 @@ def _publish(publisher: Publisher, given: object, number: int, arguments: Argume
     if number % arguments.print:
         return
     if output.json:
-        told = plain(publisher.type, message, Form(json=True))
+        told = plain(publisher.type, message, Formatting(json=True))
         output.record({"topic": publisher.name, "number": number, "message": told})
     else:
         output.line(f"publishing #{number}: {constructor(publisher.type, message)}\n")
@@ -125,7 +125,7 @@ async def _wait_for_subscribers(robot: Robot, name: str, arguments: Arguments) -
     wanted = arguments.wait if arguments.wait is not None else int(arguments.times is not None)
     told = False
     with anyio.move_on_after(arguments.timeout):
-        while wanted and len(await asked(lambda: robot.api.subscribers(name))) < wanted:
+        while wanted and len(await ask_rosapi(lambda: robot.api.subscribers(name))) < wanted:
             if not told:
                 note(f"Waiting for at least {wanted} matching subscription(s)... (-w 0 does not wait)")
                 told = True

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from rwt_cli.commands.topic.sliding_window import Spread, Window, in_bytes
 from rwt_cli.console.output import Output, note
 from rwt_cli.errors import CommandError
-from rwt_cli.live_names import rooted, topic_type
+from rwt_cli.graph_lookup import absolute_name, topic_type
 from rwt_cli.verbs import Arguments, Verb, count, seconds
 from rwt_interfaces import field_types as shapes
 
@@ -86,7 +86,7 @@ async def _delay(robot: Robot, arguments: Arguments, output: Output) -> None:
     def age(subscription: Subscription, message: Any) -> float:
         return clock.now() - _stamp(message.header.stamp)
 
-    names = [rooted(name) for name in arguments.topic]
+    names = [absolute_name(name) for name in arguments.topic]
     for name in names:
         await _check_header(robot, name)
     await _measure(robot, arguments, output, _lateness, age, clock.set)
@@ -112,7 +112,8 @@ async def _measure(
     import anyio
 
     heard = [
-        await _listen(robot, rooted(name), arguments.window, value) for name in dict.fromkeys(arguments.topic)
+        await _listen(robot, absolute_name(name), arguments.window, value)
+        for name in dict.fromkeys(arguments.topic)
     ]
     reported = 0
     due = anyio.current_time()

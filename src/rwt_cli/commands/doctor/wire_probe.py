@@ -18,7 +18,7 @@ from rwt_protocol.transport import Frame, PeerInfo, Sink
 
 
 @dataclass(frozen=True, slots=True)
-class HeardFrame:
+class ReceivedFrame:
     """One message of the server.
 
     Attributes:
@@ -50,7 +50,7 @@ class WireProbe:
         self.complaints: list[str] = []
         self.closed_with: tuple[int, str] | None = None
         self._sink: Sink | None = None
-        self._heard: deque[HeardFrame] = deque(maxlen=10_000)
+        self._heard: deque[ReceivedFrame] = deque(maxlen=10_000)
         self._awake = anyio.Event()
 
     def accept(self, sink: Sink, peer: PeerInfo) -> WireProbe:
@@ -60,7 +60,7 @@ class WireProbe:
 
     def receive(self, data: bytes, binary: bool) -> None:
         """A message has come; satisfies :class:`rwt_protocol.transport.Endpoint`."""
-        frame = HeardFrame(binary, len(data), _opened(data, binary), anyio.current_time())
+        frame = ReceivedFrame(binary, len(data), _opened(data, binary), anyio.current_time())
         if frame.is_op("status"):
             self.complaints.append(str(frame.op.get("msg", "")))
         self._heard.append(frame)
@@ -71,12 +71,12 @@ class WireProbe:
         self.closed_with = (code, reason)
         self._awake.set()
 
-    def say(self, op: str, **members: object) -> None:
+    def send(self, op: str, **members: object) -> None:
         """Send an op."""
         assert self._sink is not None  # Nothing is said before it has opened.
         self._sink.send(Frame(json.dumps({"op": op, **members}).encode()))
 
-    async def hear(self, wanted: Callable[[HeardFrame], bool], patience: float) -> HeardFrame | None:
+    async def expect(self, wanted: Callable[[ReceivedFrame], bool], patience: float) -> ReceivedFrame | None:
         """The first message from now on, or not yet taken, that is wanted; None if none comes in time.
 
         Others before it are dropped.
@@ -93,10 +93,10 @@ class WireProbe:
                 await self._awake.wait()
         return None
 
-    async def call(self, service: str, patience: float) -> HeardFrame | None:
+    async def call(self, service: str, patience: float) -> ReceivedFrame | None:
         """The answer of a service without arguments; None if none comes in time."""
-        self.say("call_service", service=service, id=f"doctor:{service}", args={})
-        return await self.hear(
+        self.send("call_service", service=service, id=f"doctor:{service}", args={})
+        return await self.expect(
             lambda frame: frame.is_op("service_response", id=f"doctor:{service}") or frame.is_op("status"),
             patience,
         )

@@ -26,7 +26,7 @@ from rwt_cli.verbs import (
 )
 
 if TYPE_CHECKING:
-    from rwt_cli.wire_probe import HeardFrame, WireProbe
+    from rwt_cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
 
 Verdict = Literal["ok", "note", "warning", "problem"]
 
@@ -117,7 +117,7 @@ def _print(finding: Finding, output: Output) -> None:
 
 
 async def _examine(arguments: Arguments, tell: Callable[[Finding], None]) -> None:
-    from rwt_cli.wire_probe import WireProbe
+    from rwt_cli.commands.doctor.wire_probe import WireProbe
     from rwt_transports.connect import carries_binary, connect
     from rwt_transports.errors import BadUrl, TransportError
 
@@ -222,7 +222,7 @@ class _Examination:
 
     async def findings(self) -> AsyncIterator[Finding]:
         """One look after the other."""
-        self._probe.say("set_level", level="error")
+        self._probe.send("set_level", level="error")
         yield await self._look_for_rosapi()
         if self._rosapi:
             yield await self._look_at_version()
@@ -287,12 +287,12 @@ class _Examination:
         how = {"fragment_size": 100} if encoding == "fragments" else {"compression": encoding}
         options = {} if encoding == "json" else how
         complaints = len(probe.complaints)
-        probe.say("advertise", topic=topic, type=kind, id=topic)
-        probe.say("subscribe", topic=topic, type=kind, id=topic, **options)
-        probe.say("publish", topic=topic, msg={"data": _TEXT})
-        frame = await probe.hear(lambda heard: not heard.is_op("service_response"), self._patience)
-        probe.say("unsubscribe", topic=topic, id=topic)
-        probe.say("unadvertise", topic=topic, id=topic)
+        probe.send("advertise", topic=topic, type=kind, id=topic)
+        probe.send("subscribe", topic=topic, type=kind, id=topic, **options)
+        probe.send("publish", topic=topic, msg={"data": _TEXT})
+        frame = await probe.expect(lambda heard: not heard.is_op("service_response"), self._patience)
+        probe.send("unsubscribe", topic=topic, id=topic)
+        probe.send("unadvertise", topic=topic, id=topic)
         await self._settle()
         said = "; ".join(probe.complaints[complaints:])
         found = Finding(name, *_judge(encoding, frame, said))
@@ -305,7 +305,7 @@ class _Examination:
             await self._probe.call("/rosapi/get_time", self._patience)
 
 
-def _judge(encoding: str, frame: HeardFrame | None, said: str) -> tuple[Verdict, str, str]:
+def _judge(encoding: str, frame: ReceivedFrame | None, said: str) -> tuple[Verdict, str, str]:
     """Verdict, text and advice on what came for a message that was published by ourselves."""
     if frame is None or frame.is_op("status"):
         refused = f"refused: {said}" if said else "nothing came back"
@@ -320,7 +320,7 @@ def _judge(encoding: str, frame: HeardFrame | None, said: str) -> tuple[Verdict,
     return "note", f"not offered: it came as {came}", ""
 
 
-def _encoding_of(frame: HeardFrame) -> str:
+def _encoding_of(frame: ReceivedFrame) -> str:
     if frame.is_op("png"):
         return "png"
     if frame.is_op("fragment"):
@@ -331,12 +331,12 @@ def _encoding_of(frame: HeardFrame) -> str:
     return "cbor-raw" if isinstance(message, dict) and "bytes" in message else "cbor"
 
 
-def _reason(answer: HeardFrame) -> str:
+def _reason(answer: ReceivedFrame) -> str:
     values = answer.op.get("values", answer.op.get("msg", ""))
     return values if isinstance(values, str) and values else "it gave no reason"
 
 
-def _seconds_in(answer: HeardFrame) -> float | None:
+def _seconds_in(answer: ReceivedFrame) -> float | None:
     values = answer.op.get("values")
     time = values.get("time") if isinstance(values, dict) else None
     if not isinstance(time, dict):

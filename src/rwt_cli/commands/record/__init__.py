@@ -40,7 +40,7 @@ from rwt_nodes.recording import (
 )
 
 if TYPE_CHECKING:
-    from rwt_cli.remote_recorder import RemoteRecorder
+    from rwt_cli.commands.record.remote_recorder import RemoteRecorder
     from rwt_client import Robot
 
 logger = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ _SPLIT = re.compile(r"(\d+(?:\.\d+)?) ?(kb|mb|gb|s|m|h)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class _Order:
+class _RecordArguments:
     """What is to be recorded."""
 
     url: str
@@ -174,7 +174,7 @@ def _run(arguments: argparse.Namespace) -> int:
         logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
     _refuse_file(arguments.url)
     path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
-    order = _Order(
+    order = _RecordArguments(
         url_of(arguments),
         request_headers(arguments),
         path,
@@ -207,7 +207,7 @@ def _refuse_file(url: str | None) -> None:
         )
 
 
-async def _record(order: _Order) -> None:
+async def _record(order: _RecordArguments) -> None:
     from rwt_client import Backoff, connect
 
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
@@ -216,9 +216,11 @@ async def _record(order: _Order) -> None:
             await _record_robot(robot, order, signals)
 
 
-async def _record_robot(robot: Robot, order: _Order, signals: AsyncIterator[signal.Signals]) -> None:
+async def _record_robot(
+    robot: Robot, order: _RecordArguments, signals: AsyncIterator[signal.Signals]
+) -> None:
     """Record until there is a signal, the connection is over, or the time is."""
-    from rwt_cli.remote_recorder import RemoteRecorder
+    from rwt_cli.commands.record.remote_recorder import RemoteRecorder
 
     if not robot.types.ros_version:
         raise CommandError(

@@ -17,7 +17,7 @@ T = TypeVar("T")
 NO_ROSAPI = "the robot does not answer questions: its node rosapi is missing or refuses"
 
 
-def rooted(name: str) -> str:
+def absolute_name(name: str) -> str:
     """A name as the graph has it: `odom` is `/odom`."""
     return name if name.startswith("/") else f"/{name}"
 
@@ -42,11 +42,11 @@ def unknown(what: str, name: str, known: Iterable[str]) -> CommandError:
 
 async def topics_of(robot: Robot, *, hidden: bool = False) -> list[TopicInfo]:
     """The robot's topics, sorted by name."""
-    found = sorted(await asked(robot.api.topics), key=lambda topic: topic.name)
+    found = sorted(await ask_rosapi(robot.api.topics), key=lambda topic: topic.name)
     return [topic for topic in found if hidden or not is_hidden(topic.name)]
 
 
-async def asked(question: Callable[[], Awaitable[T]]) -> T:
+async def ask_rosapi(question: Callable[[], Awaitable[T]]) -> T:
     """An answer of rosapi.
 
     Raises:
@@ -66,7 +66,7 @@ async def topic_type(robot: Robot, name: str) -> str:
     Raises:
         CommandError: there is no such topic; names the nearest one.
     """
-    known = {topic.name: topic.type for topic in await asked(robot.api.topics)}
+    known = {topic.name: topic.type for topic in await ask_rosapi(robot.api.topics)}
     if name not in known:
         raise unknown("topic", name, known)
     if not known[name]:
@@ -80,7 +80,7 @@ async def known_service(robot: Robot, name: str) -> str:
     Raises:
         CommandError: there is no such service; names the nearest one.
     """
-    found = await asked(lambda: robot.api.service_type(name))
+    found = await ask_rosapi(lambda: robot.api.service_type(name))
     if not found:
         raise unknown("service", name, await robot.api.services())
     return found
@@ -99,7 +99,7 @@ async def known_action(robot: Robot, name: str) -> str:
     except CallFailed:
         found = ""
     if not found:
-        raise unknown("action", name, await asked(robot.api.action_servers))
+        raise unknown("action", name, await ask_rosapi(robot.api.action_servers))
     return found
 
 
@@ -109,6 +109,6 @@ async def known_node(robot: Robot, name: str) -> None:
     Raises:
         CommandError: there is none; names the nearest one.
     """
-    nodes = await asked(robot.api.nodes)
+    nodes = await ask_rosapi(robot.api.nodes)
     if name not in nodes:
         raise unknown("node", name, nodes)
