@@ -1,9 +1,13 @@
-"""A program on `asyncio.run`: callbacks of the loop then have nothing that tells which loop it is."""
+"""A program on `asyncio.run` or `uvloop.run`: in callbacks of the loop nothing tells which loop it is."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Coroutine
 from typing import Any
+
+import pytest
+import uvloop
 
 from rwt.server import serve
 from rwt_client import connect
@@ -47,5 +51,6 @@ async def _all() -> list[object]:
     return [own.message, offered.message, list(sequence.sequence), answer.rpartition(b"\n")[2]]
 
 
-def test_coroutine_handlers_and_pages_run() -> None:
-    assert asyncio.run(_all()) == ["beep", "beep", [0, 1, 2], b"a page"]
+@pytest.mark.parametrize("run", [asyncio.run, uvloop.run])
+def test_coroutine_handlers_and_pages_run(run: Callable[[Coroutine[Any, Any, list[object]]], object]) -> None:
+    assert run(_all()) == ["beep", "beep", [0, 1, 2], b"a page"]

@@ -7,6 +7,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
+from typing import cast
 
 from rwt_transports.api import Attach, Driven, Place
 from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
@@ -76,7 +77,8 @@ class _Link(asyncio.BufferedProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A peer has connected."""
-        assert isinstance(transport, asyncio.Transport)
+        # A cast, since the transports of other event loops (uvloop) are no subclass of asyncio's.
+        transport = cast("asyncio.Transport", transport)
         # Paused as soon as the network takes less than all; TLS would pause for good at 0.
         transport.set_write_buffer_limits(high=1, low=0)
         self._transport = transport

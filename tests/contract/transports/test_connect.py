@@ -28,9 +28,9 @@ SCHEMES = ["ws", "wss", "tcp", "tcps", "unix"]
 WITH_TLS = ("wss", "tcps")
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
+@pytest.fixture(params=["asyncio", test_listen.UVLOOP, "trio"], ids=["asyncio", "uvloop", "trio"])
+def anyio_backend(request: pytest.FixtureRequest) -> object:
+    return request.param
 
 
 class End:

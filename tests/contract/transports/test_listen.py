@@ -39,8 +39,11 @@ from rwt_transports.listener import OpenListener
 
 pytestmark = pytest.mark.anyio
 
+UVLOOP = ("asyncio", {"use_uvloop": True})
+
 STACKS = [
     pytest.param("asyncio", AsyncioDriver, id="asyncio-sockets"),
+    pytest.param(UVLOOP, AsyncioDriver, id="uvloop-sockets"),
     pytest.param("asyncio", AnyioDriver, id="asyncio-streams"),
     pytest.param("trio", AnyioDriver, id="trio-streams"),
 ]
@@ -351,7 +354,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def anyio_backend(backend: str) -> str:
+def anyio_backend(backend: object) -> object:
     return backend
 
 
