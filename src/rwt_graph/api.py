@@ -46,7 +46,7 @@ class Sample(Struct, frozen=True, eq=False, gc=False):
     """A payload in the graph. One is made per publish: a msgspec Struct, which costs a fifth of a dataclass.
 
     The payload may have come from another process unread; who reads it may be told then that it does not fit
-    (:exc:`PayloadError`).
+    (:exc:`InvalidMessage`).
 
     Attributes:
         topic: absolute name.

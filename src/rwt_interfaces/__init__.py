@@ -1,7 +1,7 @@
 """Message definitions of ROS, the classes compiled from them, and their serialisations. No I/O."""
 
 from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
-from rwt_interfaces.errors import DefinitionError, InterfaceError, InvalidName, PayloadError, UnknownType
+from rwt_interfaces.errors import DefinitionError, InterfaceError, InvalidMessage, InvalidName, UnknownType
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 
@@ -16,5 +16,5 @@ __all__ = [
     "InvalidName",
     "DefinitionError",
     "UnknownType",
-    "PayloadError",
+    "InvalidMessage",
 ]

@@ -5,7 +5,7 @@
   * :exc:`InvalidName`: not a name that ROS allows.
   * :exc:`DefinitionError`: a ``.msg``, ``.srv`` or ``.action`` text that cannot be read.
   * :exc:`UnknownType`: no such message, service or action is known.
-  * :exc:`PayloadError`: a message that does not fit its type.
+  * :exc:`InvalidMessage`: a message that does not fit its type.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class UnknownType(InterfaceError, LookupError):
     """No message, service or action of that name is known."""
 
 
-class PayloadError(InterfaceError, ValueError):
+class InvalidMessage(InterfaceError, ValueError):
     """A message that does not fit its type.
 
     Attributes:

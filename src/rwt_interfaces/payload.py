@@ -52,7 +52,7 @@ class Payload:
             now: ROS time in nanoseconds for headers without a stamp and for "now"; the wall clock by default.
 
         Raises:
-            PayloadError: it does not fit, and where and why; no other exception, whatever the bytes.
+            InvalidMessage: it does not fit, and where and why; no other exception, whatever the bytes.
         """
         try:
             message_type.json.check(raw)
@@ -68,7 +68,7 @@ class Payload:
         (SRV-02).
 
         Raises:
-            PayloadError: as :meth:`from_json`.
+            InvalidMessage: as :meth:`from_json`.
         """
         if raw is None:
             return cls.from_value(message_type, {}, now)
@@ -87,7 +87,7 @@ class Payload:
         it has, zero or not.
 
         Raises:
-            PayloadError: it does not fit, and where and why.
+            InvalidMessage: it does not fit, and where and why.
         """
         if isinstance(value, (list, tuple)):
             names = (slot.name for slot in message_type.slots)
@@ -108,7 +108,7 @@ class Payload:
         """Take a message as it came in CBOR, completed by the same rules as one in JSON.
 
         Raises:
-            PayloadError: it is not CBOR or does not fit; no other exception, whatever the bytes.
+            InvalidMessage: it is not CBOR or does not fit; no other exception, whatever the bytes.
         """
         return cls._from_object(message_type, read_cbor(data), now)
 
@@ -117,7 +117,7 @@ class Payload:
         """Take a message as it came in CDR, with its encapsulation header.
 
         Raises:
-            PayloadError: it does not fit; no other exception, whatever the bytes.
+            InvalidMessage: it does not fit; no other exception, whatever the bytes.
         """
         return cls(message_type, None, message_type.from_cdr(data))
 
@@ -126,7 +126,7 @@ class Payload:
         """Take a message as it came in CDR, and do not look at it: one that nobody reads costs nothing.
 
         Whoever asks for another form than :meth:`cdr` is told then that it does not fit, by a
-        :exc:`PayloadError`.
+        :exc:`InvalidMessage`.
         """
         payload = cls(message_type, None, None)
         payload._binary = {"cdr": data}
@@ -137,7 +137,7 @@ class Payload:
         """Take a message as it came in ROS 1's own form, without a length prefix.
 
         Raises:
-            PayloadError: it does not fit; no other exception, whatever the bytes.
+            InvalidMessage: it does not fit; no other exception, whatever the bytes.
         """
         return cls(message_type, None, message_type.from_ros1(data))
 
@@ -171,7 +171,7 @@ class Payload:
         """The message as its type's Struct. It is shared: treat it as read-only.
 
         Raises:
-            PayloadError: the message was relayed as CDR, and does not fit.
+            InvalidMessage: the message was relayed as CDR, and does not fit.
         """
         message = self._message
         if message is None:

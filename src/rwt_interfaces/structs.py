@@ -119,7 +119,7 @@ class MessageType:
 
     @cached_property
     def from_cdr(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
-        """Decodes a message of this type from CDR; raises PayloadError."""
+        """Decodes a message of this type from CDR; raises InvalidMessage."""
         from rwt_interfaces.serialise import cdr
 
         return cdr.compile_decoder(self)
@@ -133,7 +133,7 @@ class MessageType:
 
     @cached_property
     def from_ros1(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
-        """Decodes a message of this type from ROS 1's own form; raises PayloadError."""
+        """Decodes a message of this type from ROS 1's own form; raises InvalidMessage."""
         from rwt_interfaces.serialise import ros1
 
         return ros1.compile_decoder(self)

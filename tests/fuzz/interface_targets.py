@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rwt_graph.errors import GraphError
 from rwt_graph.names import parameter_name, resolve, split_parameter, validate
 from rwt_interfaces.distro import JAZZY, NOETIC
-from rwt_interfaces.errors import InterfaceError, PayloadError
+from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.names import Kind, parse_type_name, three_part
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
@@ -49,7 +49,7 @@ def _decode(data: bytes, read: Callable[[MessageType, bytes], Payload]) -> None:
     message_type = TYPES[data[0] % len(TYPES)]
     try:
         payload = read(message_type, data[1:])
-    except PayloadError as error:
+    except InvalidMessage as error:
         assert 0 < len(str(error)) < 2_000
         return
     _round_trip(payload)

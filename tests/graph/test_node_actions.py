@@ -19,7 +19,7 @@ from rwt_graph import (
     ProviderGone,
 )
 from rwt_graph.memory.actions import ENDINGS, TRANSITIONS, GoalEvent
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance
@@ -96,7 +96,7 @@ async def test_rejections(graph: MemoryGraph) -> None:
         assert (await (await node.send_goal("/fib")).result())[0] is GoalStatus.SUCCEEDED
         with pytest.raises(NotFound, match="Action /nope does not exist"):
             await node.send_goal("/nope")
-        with pytest.raises(PayloadError, match="order: "):
+        with pytest.raises(InvalidMessage, match="order: "):
             await node.send_goal("/fib", {"order": "many"})
 
 

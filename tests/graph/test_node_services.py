@@ -19,7 +19,7 @@ from rwt_graph import (
     ServiceFailed,
     WallClock,
 )
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance
@@ -138,7 +138,7 @@ async def test_failures_of_a_call(graph: MemoryGraph, advance: Advance) -> None:
             await anyio.sleep_forever()
 
         service = node.advertise_service("/s", ADD, never)
-        with pytest.raises(PayloadError, match="a: "):
+        with pytest.raises(InvalidMessage, match="a: "):
             await node.call_service("/s", {"a": "one"})
         outcomes: list[str] = []
 

@@ -7,7 +7,7 @@ import pytest
 
 from rwt_graph import LATCHED, MemoryGraph, Message, Node, QoS, SimulatedClock
 from rwt_graph.program.endpoints import is_coroutine_function
-from rwt_interfaces.errors import PayloadError, UnknownType
+from rwt_interfaces.errors import InvalidMessage, UnknownType
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -34,11 +34,11 @@ async def test_messages_may_be_mappings_structs_or_payloads(graph: MemoryGraph) 
     publisher.publish(received[0])
     publisher.publish(Payload.from_json(publisher.type, b'{"data":"payload"}'))
     assert [message.data for message in received] == ["mapping", "mapping", "payload"]
-    with pytest.raises(PayloadError, match="data: "):
+    with pytest.raises(InvalidMessage, match="data: "):
         publisher.publish({"data": 5})
-    with pytest.raises(PayloadError):
+    with pytest.raises(InvalidMessage):
         publisher.publish({"dat": "x"})
-    with pytest.raises(PayloadError, match="expected a std_msgs/String, got a std_msgs/Int32"):
+    with pytest.raises(InvalidMessage, match="expected a std_msgs/String, got a std_msgs/Int32"):
         publisher.publish(Payload.from_value(graph.registry.message("std_msgs/Int32"), {"data": 1}))
     assert publisher.subscriber_count == 1
 

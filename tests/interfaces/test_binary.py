@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rwt_interfaces import field_types as shapes
 from rwt_interfaces.distro import JAZZY, NOETIC
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.serialise.cbor_reader import read_cbor
@@ -285,10 +285,10 @@ def check_whole_cut_and_followed(form: str, kind: MessageType, whole: bytes) -> 
     again = decode(kind, whole)
     assert encode(Payload.from_value(kind, again.value())) == whole
     for length in range(len(whole)):
-        with pytest.raises(PayloadError):
+        with pytest.raises(InvalidMessage):
             decode(kind, whole[:length])
     for rest in (b"\x01", b"\xff" * 9, b"\0" * 8):
-        with pytest.raises(PayloadError):
+        with pytest.raises(InvalidMessage):
             decode(kind, whole + rest)
 
 
@@ -310,7 +310,7 @@ def test_messages_the_reference_never_delivers(form: str, name: str) -> None:
 def test_padding_after_cdr_is_let_pass() -> None:
     kind = REGISTRIES[2].message("std_msgs/String")
     assert Payload.from_cdr(kind, bytes.fromhex("00010000 03000000686900 00")).json() == b'{"data":"hi"}'
-    with pytest.raises(PayloadError):
+    with pytest.raises(InvalidMessage):
         Payload.from_cdr(kind, bytes.fromhex("00010000 03000000686900 01"))
 
 
@@ -360,7 +360,7 @@ def test_an_empty_string_may_come_without_its_zero() -> None:
 )
 def test_malformed_data_is_refused(form: str, name: str, data: str, text: str) -> None:
     kind = REGISTRIES[1 if form == "ros1" else 2].message(name)
-    with pytest.raises(PayloadError) as refused:
+    with pytest.raises(InvalidMessage) as refused:
         FORMS[form][1](kind, bytes.fromhex(data))
     assert text in str(refused.value)
 
@@ -413,7 +413,7 @@ def test_each_form_is_made_once() -> None:
 )
 def test_any_bytes_give_a_message_or_a_payload_error(form: str, name: str, data: bytes) -> None:
     kind = REGISTRIES[1 if form == "ros1" else 2].message(name)
-    with contextlib.suppress(PayloadError):
+    with contextlib.suppress(InvalidMessage):
         FORMS[form][1](kind, b"\0\1\0\0" * (form == "cdr") + data).value()
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_interfaces.distro import JAZZY, NOETIC
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.serialise import json as json_form
@@ -170,7 +170,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("name", "raw", "path", "reason"), REFUSED)
 def test_a_misfit_is_refused_and_named(name: str, raw: bytes, path: str, reason: str | None) -> None:
-    with pytest.raises(PayloadError) as refused:
+    with pytest.raises(InvalidMessage) as refused:
         take(name, raw)
     assert refused.value.path == path
     if reason is not None:
@@ -178,12 +178,12 @@ def test_a_misfit_is_refused_and_named(name: str, raw: bytes, path: str, reason:
 
 
 def test_ros_1_refuses_negative_times_but_not_durations() -> None:
-    with pytest.raises(PayloadError, match=r"^stamp\.secs: expected uint32, got -3"):
+    with pytest.raises(InvalidMessage, match=r"^stamp\.secs: expected uint32, got -3"):
         take("std_msgs/Header", b'{"stamp":{"secs":-3}}', 1)
 
 
 def test_a_misfit_is_told_in_few_words_and_encodable() -> None:
-    with pytest.raises(PayloadError) as refused:
+    with pytest.raises(InvalidMessage) as refused:
         take("std_msgs/Int8", json.dumps({"data": "\ud800" + "x" * 1000}).encode())
     assert len(str(refused.value).encode()) < 100
 
@@ -237,7 +237,7 @@ _TOKENS = st.sampled_from(
 def test_any_bytes_give_a_payload_or_a_payload_error(name: str, raw: bytes) -> None:
     try:
         payload = take(name, raw)
-    except PayloadError:
+    except InvalidMessage:
         return
     payload.value()
     assert isinstance(json.loads(bytes(payload.json())), dict)
@@ -264,7 +264,7 @@ def test_any_json_gives_a_payload_or_a_payload_error(name: str, value: Any) -> N
     raw = json.dumps(value).encode()
     try:
         payload = take(name, raw)
-    except PayloadError:
+    except InvalidMessage:
         return
     again = take(name, payload.json())
     assert again.json() is payload.json(), "what goes out is fit to be passed on"
@@ -295,7 +295,7 @@ def test_a_message_with_one_byte_changed(
     changed = raw[:place] + (bytes([change]) if length >= 0 else b"") + raw[place + (length != 1) :]
     try:
         payload = take(name, changed)
-    except PayloadError:
+    except InvalidMessage:
         return
     if payload.json() is changed:
         kind = REGISTRIES[2].message(name)
@@ -357,7 +357,7 @@ def test_a_large_message_keeps_its_bytes_and_its_value() -> None:
     ],
 )
 def test_a_large_misfit_is_refused(name: str, raw: bytes) -> None:
-    with pytest.raises(PayloadError):
+    with pytest.raises(InvalidMessage):
         take(name, raw)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 
@@ -90,7 +90,7 @@ def test_arguments_of_a_service(raw: bytes | None, expected: object) -> None:
 def test_arguments_that_do_not_fit_are_refused() -> None:
     request = REGISTRY.message("example_interfaces/AddTwoInts_Request")
     for raw in (b"[1.5]", b'{"c":1}', b"[", b"\xff"):
-        with pytest.raises(PayloadError):
+        with pytest.raises(InvalidMessage):
             Payload.from_args(request, raw)
 
 
@@ -171,7 +171,7 @@ def test_numpy_arrays_are_kept_as_such_and_sent_as_lists() -> None:
     ],
 )
 def test_a_misfit_is_refused_and_named(name: str, value: object, text: str) -> None:
-    with pytest.raises(PayloadError) as refused:
+    with pytest.raises(InvalidMessage) as refused:
         make(name, value)
     assert str(refused.value) == text
 
@@ -179,15 +179,15 @@ def test_a_misfit_is_refused_and_named(name: str, value: object, text: str) -> N
 def test_a_spoilt_struct_is_refused_too() -> None:
     spoilt: Any = TWIST.struct()
     spoilt.linear.x = "fast"
-    with pytest.raises(PayloadError, match=r"^linear\.x: "):
+    with pytest.raises(InvalidMessage, match=r"^linear\.x: "):
         Payload.from_value(TWIST, spoilt)
-    with pytest.raises(PayloadError, match=r"^angular: "):
+    with pytest.raises(InvalidMessage, match=r"^angular: "):
         Payload.from_value(TWIST, TWIST.struct(angular=None))
-    with pytest.raises(PayloadError, match="lone surrogate"):
+    with pytest.raises(InvalidMessage, match="lone surrogate"):
         Payload.from_value(STRING, STRING.struct("\udc80"))
     labels = [{"label": "ok"}, {"label": "\udc80"}]
     layout = REGISTRY.message("std_msgs/MultiArrayLayout")
-    with pytest.raises(PayloadError, match=r"^dim\[1\]\.label: "):
+    with pytest.raises(InvalidMessage, match=r"^dim\[1\]\.label: "):
         Payload.from_value(
             layout, {"dim": [{"size": 1, "stride": 1, **one} for one in labels], "data_offset": 0}
         )
@@ -234,7 +234,7 @@ def test_relayed_cdr_that_does_not_fit_is_refused_when_it_is_read(data: bytes) -
     relayed = Payload.relayed_cdr(STRING, data)
     assert relayed.cdr() is data
     for form in (relayed.value, relayed.json, relayed.cbor):
-        with pytest.raises(PayloadError):
+        with pytest.raises(InvalidMessage):
             form()
 
 
@@ -281,5 +281,5 @@ def test_messages_are_made_while_another_thread_imports_numpy(monkeypatch: pytes
     monkeypatch.setitem(sys.modules, "numpy", ModuleType("numpy"))
     numbers = make("std_msgs/Float64MultiArray", {"data": [1.0, 2.0]}).cdr()
     assert numbers.endswith(struct_module.pack("<2d", 1.0, 2.0))
-    with pytest.raises(PayloadError, match="expected bool, got 1"):
+    with pytest.raises(InvalidMessage, match="expected bool, got 1"):
         make("std_msgs/Bool", {"data": 1})

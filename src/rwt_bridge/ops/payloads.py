@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.error_text import describe_shape
@@ -34,7 +34,7 @@ def payload_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[],
         if isinstance(raw, Decoded):
             return _of_object(type, raw, where, now)
         return Payload.from_json(type, raw.data, now)
-    except PayloadError as error:
+    except InvalidMessage as error:
         if not isinstance(raw, Decoded) and not raw.verified:
             # A large payload was cut out of its frame unseen; only a full parse says what is wrong with it.
             return payload_of(type, raw.proven(), where, now)
@@ -59,11 +59,11 @@ def arguments_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[
         if isinstance(raw, Decoded):
             return Payload.from_value(type, raw.value if raw.shape == "array" else {}, now)
         return Payload.from_args(type, raw.proven().data, now)
-    except PayloadError as error:
+    except InvalidMessage as error:
         raise _refused(where, error) from None
 
 
-def _refused(where: str, error: PayloadError) -> Refused:
+def _refused(where: str, error: InvalidMessage) -> Refused:
     path = f"{where}.{error.path}" if error.path else where
     return Refused(f"{path}: {error.reason}")
 

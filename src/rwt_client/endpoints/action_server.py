@@ -19,7 +19,7 @@ from rwt_client.errors import (
     ServiceFailed,
 )
 from rwt_client.wire.decoding import Message, request_of
-from rwt_interfaces import PayloadError
+from rwt_interfaces import InvalidMessage
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,
@@ -140,7 +140,7 @@ class OfferedAction:
         """Somebody sends a goal (ACT-12)."""
         try:
             request = request_of(self.type.goal, op.args)
-        except PayloadError as error:
+        except InvalidMessage as error:
             raise ServiceFailed(f"not {self.type.goal.name}: {error}") from None
         goal = self._goals[op.id] = ReceivedGoal(self, op.id, request)
         self._tasks.start_soon(self._run, goal)

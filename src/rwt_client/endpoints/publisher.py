@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rwt_client.errors import ConnectionClosed, ConnectionLost, MisfitMessage, ServerRefused
-from rwt_interfaces import Payload, PayloadError
+from rwt_interfaces import InvalidMessage, Payload
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.ops import Advertise, Qos, Unadvertise
 from rwt_protocol.transport import DropReason, Flow
@@ -28,7 +28,7 @@ def payload_of(message_type: MessageType, message: MessageLike) -> Payload:
     """
     try:
         return Payload.from_value(message_type, message)
-    except PayloadError as error:
+    except InvalidMessage as error:
         raise MisfitMessage(f"not {message_type.name}: {error}") from None
 
 

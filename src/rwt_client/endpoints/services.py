@@ -13,7 +13,7 @@ from rwt_client.endpoints.publisher import payload_of
 from rwt_client.errors import CallFailed, ClientError, ConnectionLost, MisfitMessage, ServiceFailed
 from rwt_client.wire.decoding import request_of
 from rwt_client.wire.future import Outcome
-from rwt_interfaces import PayloadError
+from rwt_interfaces import InvalidMessage
 from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
 from rwt_protocol.rawjson import RawJson
@@ -206,7 +206,7 @@ class OfferedService:
 
     def _fail(self, op: CallService, error: Exception) -> None:
         """Tell the caller why, in the handler's words where it chose them (SVP-04)."""
-        if isinstance(error, ServiceFailed | PayloadError):
+        if isinstance(error, ServiceFailed | InvalidMessage):
             reason = str(error)
         else:
             logger.error("the handler of %s failed", self.name, exc_info=error)

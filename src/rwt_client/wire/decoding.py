@@ -11,7 +11,7 @@ import msgspec
 from rwt_client.errors import MisfitMessage
 from rwt_client.wire.arrays import ArrayKind, octets_of, to_numpy
 from rwt_client.wire.cbor import TypedArray
-from rwt_interfaces import Payload, PayloadError
+from rwt_interfaces import InvalidMessage, Payload
 from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.rawjson import RawJson
@@ -29,7 +29,7 @@ it is, and otherwise reads the other. A tuple, because nearly every message come
 Arrived = Cut | RawPayload | dict[str, object]
 """A message as it came: JSON text, or what a CBOR map held."""
 
-_REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, PayloadError)
+_REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InvalidMessage)
 
 
 class MessageReader:
@@ -76,7 +76,7 @@ class MessageReader:
     def _from_values(self, value: object) -> msgspec.Struct:
         try:
             return Payload.from_value(self.type, value).value()
-        except PayloadError as error:
+        except InvalidMessage as error:
             raise self._misfit(error) from None
 
     def _from_text(self, arrived: RawJson) -> msgspec.Struct:
@@ -90,7 +90,7 @@ class MessageReader:
     def _leniently(self, arrived: RawJson) -> msgspec.Struct:
         try:
             return Payload.from_json(self.type, arrived.proven().data).value()
-        except PayloadError as error:
+        except InvalidMessage as error:
             raise self._misfit(error) from None
         except MalformedPayload as error:
             raise MisfitMessage(f"not {self.type.name}: {error}") from None
@@ -104,13 +104,13 @@ class MessageReader:
         }
         try:
             found: msgspec.Struct = self.type.completer(_with_arrays(plain, self._numpy), time.time_ns)
-        except PayloadError as error:
+        except InvalidMessage as error:
             raise self._misfit(error) from None
         for attribute, view in views.items():
             setattr(found, attribute, view)
         return found
 
-    def _misfit(self, error: PayloadError) -> MisfitMessage:
+    def _misfit(self, error: InvalidMessage) -> MisfitMessage:
         return MisfitMessage(f"not {self.type.name}: {error}")
 
 
@@ -118,7 +118,7 @@ def request_of(message_type: MessageType, args: RawPayload) -> Message:
     """The arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
 
     Raises:
-        PayloadError: they do not fit.
+        InvalidMessage: they do not fit.
         MalformedPayload: they are not JSON.
     """
     if isinstance(args, Decoded):

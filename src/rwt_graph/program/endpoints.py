@@ -14,7 +14,7 @@ import msgspec
 
 from rwt_graph.api import Graph, Participant, Publisher, Sample, Subscription
 from rwt_graph.qos import QoS
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -37,11 +37,11 @@ def to_payload(interface: MessageType, message: MessageLike, now: Callable[[], i
     """A payload of that type.
 
     Raises:
-        PayloadError: the message does not fit the type, or is a payload of another one.
+        InvalidMessage: the message does not fit the type, or is a payload of another one.
     """
     if isinstance(message, Payload):
         if message.type is not interface and message.type.name != interface.name:
-            raise PayloadError("", f"expected a {interface.name}, got a {message.type.name}")
+            raise InvalidMessage("", f"expected a {interface.name}, got a {message.type.name}")
         return message
     return Payload.from_value(interface, message, now)
 
@@ -63,7 +63,7 @@ class TopicPublisher:
         handed over, and messages of one thread stay in order.
 
         Raises:
-            PayloadError: the message does not fit the topic's type.
+            InvalidMessage: the message does not fit the topic's type.
         """
         payload = to_payload(self.type, message, self.now_ns)
         if self._graph.on_graph_thread():

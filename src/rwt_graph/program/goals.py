@@ -61,7 +61,7 @@ class ActionGoal:
         """Send feedback to the client.
 
         Raises:
-            PayloadError: it does not fit the action's type.
+            InvalidMessage: it does not fit the action's type.
         """
         self._goal.feedback(to_payload(self._interface.feedback, feedback, self._now))
 

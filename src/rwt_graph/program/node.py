@@ -251,7 +251,7 @@ class Node:
         Raises:
             ProviderNotFound: nobody offers it (a :exc:`CallFailed` and a :exc:`NotFound`).
             ServiceFailed: its provider says so; also CallTimeout and ProviderGone.
-            PayloadError: the request does not fit the service's type.
+            InvalidMessage: the request does not fit the service's type.
         """
         name = self.resolve(service)
         payload = self._request(name, request)
@@ -350,7 +350,7 @@ class Node:
             ProviderNotFound: nobody offers the action (a :exc:`CallFailed` and a :exc:`NotFound`).
             GoalRejected: its server refuses.
             ProviderGone: its server went away meanwhile.
-            PayloadError: the goal does not fit the action's type.
+            InvalidMessage: the goal does not fit the action's type.
         """
         name = self.resolve(action)
         info = self.graph.action(name)

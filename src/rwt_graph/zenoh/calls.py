@@ -13,7 +13,7 @@ from rwt_graph.errors import ProviderGone
 from rwt_graph.memory.services import MemoryCall
 from rwt_graph.zenoh.rmw.attachment import Attachment
 from rwt_graph.zenoh.rmw.keys import data_key
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class RemoteCall(MemoryCall):
         self.abandon = None
         try:
             self.reply(Payload.from_cdr(self._response, body))
-        except PayloadError:
+        except InvalidMessage:
             self.fail(f"the answer of {self.service} is not a {self._response.name}")
 
     def refused(self, text: str, kind: str) -> None:

@@ -20,7 +20,7 @@ from rwt_graph.zenoh.rmw.attachment import Attachment
 from rwt_graph.zenoh.rmw.errors import WireError
 from rwt_graph.zenoh.rmw.keys import data_key, dds_type, type_name
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token
-from rwt_interfaces.errors import InterfaceError, PayloadError
+from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ class ZenohServices:
         try:
             sent = attachment.decode(b"" if raw is None else raw.to_bytes())
             request = Payload.from_cdr(provider.type.request, b"" if body is None else body.to_bytes())
-        except (WireError, PayloadError) as error:
+        except (WireError, InvalidMessage) as error:
             logger.info("a request to %s from another process is refused: %s", provider.name, error)
             name = self._registry.type_name(provider.type.request)
             _refuse(query, f"the request to {provider.name} is not a {name}", FAILED)

@@ -1,5 +1,5 @@
 """CBOR as clients send it, to plain objects: bounded in depth and in memory, and raising nothing but
-PayloadError.
+InvalidMessage.
 
 Typed arrays (RFC 8746) of either byte order become lists or bytes. Items of indefinite length are read; tags
 other than those of typed arrays are refused, for nothing in a message needs them.
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 
 _DEEPEST = 64
 _INDEFINITE = 31
@@ -32,14 +32,14 @@ def read_cbor(data: bytes | memoryview) -> object:
     """The one data item that `data` is.
 
     Raises:
-        PayloadError: it is cut short, malformed, nested too deeply, or something follows it.
+        InvalidMessage: it is cut short, malformed, nested too deeply, or something follows it.
     """
     reader = _Reader(memoryview(data))
     value = reader.item(0)
     if value is _BREAK:
-        raise PayloadError("", "not valid CBOR: a break without anything to end")
+        raise InvalidMessage("", "not valid CBOR: a break without anything to end")
     if reader.position != len(data):
-        raise PayloadError("", f"not valid CBOR: {len(data) - reader.position} bytes too many")
+        raise InvalidMessage("", f"not valid CBOR: {len(data) - reader.position} bytes too many")
     return value
 
 
@@ -56,7 +56,7 @@ class _Reader:
         """The next bytes; what is not there is never allocated for."""
         end = self.position + count
         if end > len(self.data):
-            raise PayloadError("", "CBOR cut short")
+            raise InvalidMessage("", "CBOR cut short")
         taken = self.data[self.position : end]
         self.position = end
         return taken
@@ -64,7 +64,7 @@ class _Reader:
     def item(self, depth: int) -> object:
         """The next data item, or the break that ends one of indefinite length."""
         if depth > _DEEPEST:
-            raise PayloadError("", "nested too deeply")
+            raise InvalidMessage("", "nested too deeply")
         initial = self.take(1)[0]
         # What messages are mostly made of goes first: small numbers, floats, names.
         if initial < 24:
@@ -100,19 +100,19 @@ class _Reader:
         if minor < 24:
             return minor
         if minor > 27:
-            raise PayloadError("", "not valid CBOR: a reserved length")
+            raise InvalidMessage("", "not valid CBOR: a reserved length")
         return int.from_bytes(self.take(1 << minor - 24))
 
     def _count(self, argument: int) -> int:
         """How many items follow: each takes a byte at least, so more than there are bytes is a lie."""
         if argument > len(self.data) - self.position:
-            raise PayloadError("", "CBOR cut short")
+            raise InvalidMessage("", "CBOR cut short")
         return argument
 
     def _value(self, depth: int) -> object:
         value = self.item(depth)
         if value is _BREAK:
-            raise PayloadError("", "not valid CBOR: a break without anything to end")
+            raise InvalidMessage("", "not valid CBOR: a break without anything to end")
         return value
 
     def _map(self, count: int, depth: int) -> dict[str, object]:
@@ -124,14 +124,14 @@ class _Reader:
 
     def _key(self, key: object) -> str:
         if not isinstance(key, str):
-            raise PayloadError("", "a key of a CBOR map is not text")
+            raise InvalidMessage("", "a key of a CBOR map is not text")
         return key
 
     def _text(self, octets: memoryview | bytes) -> str:
         try:
             return str(octets, "utf-8")
         except UnicodeDecodeError:
-            raise PayloadError("", "not valid UTF-8") from None
+            raise InvalidMessage("", "not valid UTF-8") from None
 
     def _simple(self, minor: int) -> object:
         if minor in _SIMPLE:
@@ -141,7 +141,7 @@ class _Reader:
             return number
         if minor == _INDEFINITE:
             return _BREAK
-        raise PayloadError("", "not valid CBOR: an unknown simple value")
+        raise InvalidMessage("", "not valid CBOR: an unknown simple value")
 
     def _indefinite(self, major: int, depth: int) -> object:
         if major == 5:
@@ -159,7 +159,7 @@ class _Reader:
         texts = [chunk for chunk in chunks if isinstance(chunk, str)]
         wanted = octets if major == 2 else texts
         if len(wanted) != len(chunks):
-            raise PayloadError("", "not valid CBOR: chunks of different kinds")
+            raise InvalidMessage("", "not valid CBOR: chunks of different kinds")
         return b"".join(octets) if major == 2 else "".join(texts)
 
     def _tagged(self, tag: int, depth: int) -> object:
@@ -167,9 +167,9 @@ class _Reader:
         if tag in _OCTETS and isinstance(content, bytes):
             return content
         if tag not in _TYPED or not isinstance(content, bytes):
-            raise PayloadError("", f"CBOR tag {tag} is not understood here")
+            raise InvalidMessage("", f"CBOR tag {tag} is not understood here")
         letter = _TYPED[tag]
         count, rest = divmod(len(content), struct.calcsize(letter))
         if rest:
-            raise PayloadError("", f"CBOR tag {tag}: {len(content)} bytes are no whole number of elements")
+            raise InvalidMessage("", f"CBOR tag {tag}: {len(content)} bytes are no whole number of elements")
         return list(struct.unpack(f"{letter[0]}{count}{letter[1]}", content))

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.pack import compile_writer
 from rwt_interfaces.serialise.unpack import compile_reader, read_all
 from rwt_interfaces.serialise.wire_rules import Rules
@@ -34,22 +34,22 @@ def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
 
 
 def compile_decoder(message: MessageType) -> Callable[[bytes | memoryview], msgspec.Struct]:
-    """A function that decodes a message of that type, or raises PayloadError."""
+    """A function that decodes a message of that type, or raises InvalidMessage."""
     read = compile_reader(message, _RULES)
 
     def decode(data: bytes | memoryview) -> msgspec.Struct:
         view = memoryview(data)
         if len(view) < 4:
-            raise PayloadError("", "data cut short")
+            raise InvalidMessage("", "data cut short")
         if bytes(view[:2]) != _HEADER[:2]:
             got = view[:2].hex(" ")
-            raise PayloadError("", f"expected little-endian CDR (00 01), got encapsulation {got}")
+            raise InvalidMessage("", f"expected little-endian CDR (00 01), got encapsulation {got}")
         body = view[4:]
         value, used = read_all(read, body)
         rest = bytes(body[used:])
         # Some middleware pads the whole to a multiple of four.
         if rest and (len(rest) > 3 or len(body) % 4 or any(rest)):
-            raise PayloadError("", f"{len(rest)} bytes too many")
+            raise InvalidMessage("", f"{len(rest)} bytes too many")
         return value
 
     return decode

@@ -15,7 +15,7 @@ import msgspec
 import pybase64
 
 from rwt_interfaces import field_types as shapes
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Shape
 from rwt_interfaces.serialise.long_strings import (
     LARGE,
@@ -76,7 +76,7 @@ class JsonCodec:
             self._check_large(raw)
 
     def parse(self, raw: RawText) -> object:
-        """A text that the check refused, as plain objects; raises PayloadError as :func:`parse` does."""
+        """A text that the check refused, as plain objects; raises InvalidMessage as :func:`parse` does."""
         if len(raw) >= LARGE and self._has_long_strings:
             with suppress(msgspec.DecodeError):
                 return parse_long_strings(raw)
@@ -150,12 +150,12 @@ def parse(raw: RawText) -> object:
     """Any JSON text as plain objects, with the tokens NaN and Infinity that Python's programs send (JSN-33).
 
     Raises:
-        PayloadError: not JSON, not UTF-8, or nested too deeply.
+        InvalidMessage: not JSON, not UTF-8, or nested too deeply.
     """
     try:
         return _parse(raw)
     except RecursionError:
-        raise PayloadError("", "nested too deeply") from None
+        raise InvalidMessage("", "nested too deeply") from None
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return _parse_leniently(raw)
 
@@ -164,11 +164,11 @@ def _parse_leniently(raw: RawText) -> object:
     try:
         return json.loads(str(raw, "utf-8"))
     except RecursionError:
-        raise PayloadError("", "nested too deeply") from None
+        raise InvalidMessage("", "nested too deeply") from None
     except UnicodeDecodeError:
-        raise PayloadError("", "not valid UTF-8") from None
+        raise InvalidMessage("", "not valid UTF-8") from None
     except ValueError:
-        raise PayloadError("", "not valid JSON") from None
+        raise InvalidMessage("", "not valid JSON") from None
 
 
 def _kinds(message: MessageType) -> Iterable[str]:
@@ -193,7 +193,7 @@ def _plain(value: object) -> object:
     """What msgspec does not know itself: a numpy array becomes a list."""
     tolist = getattr(value, "tolist", None)
     if tolist is None:
-        raise PayloadError("", f"{type(value).__name__} has no form in JSON")
+        raise InvalidMessage("", f"{type(value).__name__} has no form in JSON")
     return tolist()
 
 

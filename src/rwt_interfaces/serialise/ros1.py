@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.pack import compile_writer
 from rwt_interfaces.serialise.unpack import compile_reader, read_all
 from rwt_interfaces.serialise.wire_rules import Rules
@@ -33,13 +33,13 @@ def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
 
 
 def compile_decoder(message: MessageType) -> Callable[[bytes | memoryview], msgspec.Struct]:
-    """A function that decodes a message of that type, or raises PayloadError."""
+    """A function that decodes a message of that type, or raises InvalidMessage."""
     read = compile_reader(message, _RULES)
 
     def decode(data: bytes | memoryview) -> msgspec.Struct:
         value, used = read_all(read, memoryview(data))
         if used != len(data):
-            raise PayloadError("", f"{len(data) - used} bytes too many")
+            raise InvalidMessage("", f"{len(data) - used} bytes too many")
         return value
 
     return decode

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types as shapes
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Shape
 from rwt_interfaces.serialise.wire_rules import LENGTH, Rules, gap, letters
 from rwt_interfaces.structs import time_struct
@@ -32,17 +32,17 @@ def read_all(read: _Read, data: memoryview) -> tuple[msgspec.Struct, int]:
     """Read one message from the start of `data`; returns it with how many bytes it took.
 
     Raises:
-        PayloadError: the data ends before the message does, or holds what does not fit the type.
+        InvalidMessage: the data ends before the message does, or holds what does not fit the type.
     """
     try:
         value, position = read(data, 0)
     except struct.error:
-        raise PayloadError("", CUT_SHORT) from None
+        raise InvalidMessage("", CUT_SHORT) from None
     return value, position
 
 
 def compile_reader(message: MessageType, rules: Rules) -> _Read:
-    """A function that reads a message of that type as its own Struct; raises PayloadError and
+    """A function that reads a message of that type as its own Struct; raises InvalidMessage and
     struct.error."""
     fields = [(slot.name, _reader(slot.shape, rules)) for slot in message.slots]
     make = message.struct
@@ -53,10 +53,10 @@ def compile_reader(message: MessageType, rules: Rules) -> _Read:
         for name, read_field in fields:
             try:
                 value, position = read_field(data, position)
-            except PayloadError as error:
+            except InvalidMessage as error:
                 raise under(name, error) from None
             except struct.error:
-                raise PayloadError(name, CUT_SHORT) from None
+                raise InvalidMessage(name, CUT_SHORT) from None
             values.append(value)
         if not fields:
             _need(data, position, filler)
@@ -112,7 +112,7 @@ def _read_length(data: memoryview, position: int, aligned: bool) -> tuple[int, i
 def _need(data: memoryview, position: int, count: int) -> None:
     """Refuse before anything is allocated for what is not there."""
     if position + count > len(data):
-        raise PayloadError("", CUT_SHORT)
+        raise InvalidMessage("", CUT_SHORT)
 
 
 def _string_reader(shape: shapes.String, rules: Rules) -> _Read:
@@ -126,13 +126,13 @@ def _string_reader(shape: shapes.String, rules: Rules) -> _Read:
             # Some writers send an empty string as nothing at all.
             return "", position
         if end and data[after - 1] != 0:
-            raise PayloadError("", "a string without its closing zero")
+            raise InvalidMessage("", "a string without its closing zero")
         try:
             text = str(data[position : after - end], encoding)
         except UnicodeDecodeError:
-            raise PayloadError("", f"text that is not valid {encoding[:6].upper()}") from None
+            raise InvalidMessage("", f"text that is not valid {encoding[:6].upper()}") from None
         if shape.bound is not None and len(text) > shape.bound:
-            raise PayloadError("", f"expected at most {shape.bound} characters, got {len(text)}")
+            raise InvalidMessage("", f"expected at most {shape.bound} characters, got {len(text)}")
         return text, after
 
     return read
@@ -190,17 +190,17 @@ def _takes_no_bytes(shape: Shape, rules: Rules) -> bool:
 def _items_reader(read_item: _Read, empty: bool) -> Callable[[memoryview, int, int], tuple[Any, int]]:
     def read(data: memoryview, position: int, count: int) -> tuple[Any, int]:
         if count > (_MOST_EMPTY_ELEMENTS if empty else len(data) - position):
-            raise PayloadError(
+            raise InvalidMessage(
                 "", f"expected at most {_MOST_EMPTY_ELEMENTS} elements" if empty else CUT_SHORT
             )
         items = []
         for index in range(count):
             try:
                 item, position = read_item(data, position)
-            except PayloadError as error:
+            except InvalidMessage as error:
                 raise under(f"[{index}]", error) from None
             except struct.error:
-                raise PayloadError(f"[{index}]", CUT_SHORT) from None
+                raise InvalidMessage(f"[{index}]", CUT_SHORT) from None
             items.append(item)
         return items, position
 

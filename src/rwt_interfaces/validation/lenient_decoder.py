@@ -1,7 +1,7 @@
 """Builds a complete message from whatever a client or a program gave: the lenient half of JSN-20 to JSN-33.
 
 Missing fields get their defaults, headers are stamped (PUB-05, PUB-06), both spellings of time, base64 and
-lists of octets, null and NaN in floats are taken. Whatever does not fit raises PayloadError with its path.
+lists of octets, null and NaN in floats are taken. Whatever does not fit raises InvalidMessage with its path.
 The result is a new message that shares nothing mutable with what came in.
 """
 
@@ -16,7 +16,7 @@ import msgspec
 import pybase64
 
 from rwt_interfaces import field_types as shapes
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Shape, Slot
 from rwt_interfaces.structs import slot_default, time_struct
 from rwt_interfaces.validation.mismatch import (
@@ -46,7 +46,7 @@ _NANOSECONDS_KEYS = ("nanosec", "nsecs", "nsec")
 
 
 class Completer(Protocol):
-    """Takes a value as it came and returns the field's own; raises PayloadError."""
+    """Takes a value as it came and returns the field's own; raises InvalidMessage."""
 
     def __call__(self, value: object, now: Now, /) -> Any:
         """Complete one value; `now` is asked only where a time is missing."""
@@ -66,7 +66,7 @@ def compile_message(message: MessageType) -> Completer:
     def complete(value: object, now: Now, /) -> msgspec.Struct:
         given = fields_of(value)
         if given is None:
-            raise PayloadError("", f"expected {with_article(message.name)} object, got {describe(value)}")
+            raise InvalidMessage("", f"expected {with_article(message.name)} object, got {describe(value)}")
         values = []
         found = 0
         for name, take, absent in fields:
@@ -76,10 +76,10 @@ def compile_message(message: MessageType) -> Completer:
             found += 1
             try:
                 values.append(take(given[name], now))
-            except PayloadError as error:
+            except InvalidMessage as error:
                 raise under(name, error) from None
         if found != len(given) and not given.keys() <= ignored.union(names):
-            raise PayloadError("", unknown_field(message.name, names, given.keys() - ignored))
+            raise InvalidMessage("", unknown_field(message.name, names, given.keys() - ignored))
         return struct(*values)
 
     return complete
@@ -131,17 +131,17 @@ def _bool(value: object, now: Now, /) -> bool:
     numpy_bool = getattr(sys.modules.get("numpy"), "bool_", None)
     if numpy_bool is not None and isinstance(value, numpy_bool):
         return bool(value)
-    raise PayloadError("", f"expected bool, got {describe(value)}")
+    raise InvalidMessage("", f"expected bool, got {describe(value)}")
 
 
 def _string(shape: shapes.String) -> Completer:
     def complete(value: object, now: Now, /) -> str:
         if not isinstance(value, str):
-            raise PayloadError("", f"expected {shape}, got {describe(value)}")
+            raise InvalidMessage("", f"expected {shape}, got {describe(value)}")
         if not value.isascii() and has_lone_surrogate(value):
-            raise PayloadError("", f"expected {shape}, got text with a lone surrogate")
+            raise InvalidMessage("", f"expected {shape}, got text with a lone surrogate")
         if shape.bound is not None and len(value) > shape.bound:
-            raise PayloadError("", f"expected at most {shape.bound} characters, got {len(value)}")
+            raise InvalidMessage("", f"expected at most {shape.bound} characters, got {len(value)}")
         return value
 
     return complete
@@ -157,7 +157,7 @@ def _time(shape: shapes.Time, stamped: bool) -> Completer:
             return struct(*divmod(now(), _NANOSECONDS))
         given = fields_of(value)
         if given is None:
-            raise PayloadError("", f"expected a {shape} {{{', '.join(shape.keys)}}}, got {describe(value)}")
+            raise InvalidMessage("", f"expected a {shape} {{{', '.join(shape.keys)}}}, got {describe(value)}")
         defaults = divmod(now(), _NANOSECONDS) if stamped else (0, 0)
         return struct(
             _half(given, _SECONDS_KEYS, shape.seconds, defaults[0]),
@@ -172,7 +172,7 @@ def _half(given: Mapping[str, object], keys: Sequence[str], shape: shapes.Int, d
         if key in given:
             try:
                 return as_int(given[key], shape)
-            except PayloadError as error:
+            except InvalidMessage as error:
                 raise under(key, error) from None
     return default
 
@@ -190,7 +190,7 @@ def _octets(shape: shapes.Octets) -> Completer:
         elif isinstance(value, _LISTS):
             octets = bytes(number_list(value, element))
         else:
-            raise PayloadError("", f"expected {shape} as base64 or a list, got {describe(value)}")
+            raise InvalidMessage("", f"expected {shape} as base64 or a list, got {describe(value)}")
         check_length(len(octets), shape.length, None)
         return octets
 
@@ -198,11 +198,11 @@ def _octets(shape: shapes.Octets) -> Completer:
 
 
 def from_base64(text: str | bytes | memoryview, expected: str) -> bytes:
-    """Decode standard, padded base64 without white space (JSN-20); raises PayloadError."""
+    """Decode standard, padded base64 without white space (JSN-20); raises InvalidMessage."""
     try:
         return pybase64.b64decode(text, validate=True)
     except ValueError:
-        raise PayloadError("", f"expected {expected}, got text that is not padded base64") from None
+        raise InvalidMessage("", f"expected {expected}, got text that is not padded base64") from None
 
 
 def _array(shape: shapes.Array) -> Completer:
@@ -219,7 +219,7 @@ def _array(shape: shapes.Array) -> Completer:
         elif packed and isinstance(value, (str, bytes, bytearray, memoryview)):
             items = list(from_base64(value, str(shape)) if isinstance(value, str) else bytes(value))
         elif not isinstance(value, _LISTS):
-            raise PayloadError("", f"expected {shape}, got {describe(value)}")
+            raise InvalidMessage("", f"expected {shape}, got {describe(value)}")
         elif numeric:
             assert isinstance(element, (shapes.Int, shapes.Float))
             items = number_list(value, element)
@@ -228,7 +228,7 @@ def _array(shape: shapes.Array) -> Completer:
             for index, item in enumerate(value):
                 try:
                     items.append(each(item, now))
-                except PayloadError as error:
+                except InvalidMessage as error:
                     raise under(f"[{index}]", error) from None
         check_length(len(items), shape.length, shape.bound)
         return items

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 
 import msgspec
 
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 
 _LONGEST_QUOTE = 40
 
@@ -42,10 +42,10 @@ def quote(text: str) -> str:
     return json.dumps(short.encode("utf-8", "replace").decode(), ensure_ascii=False)
 
 
-def under(segment: str, error: PayloadError) -> PayloadError:
+def under(segment: str, error: InvalidMessage) -> InvalidMessage:
     """The same misfit seen from one level further out: ``x`` under ``linear`` is ``linear.x``."""
     joined = segment + error.path if error.path[:1] in ("", "[") else f"{segment}.{error.path}"
-    return PayloadError(joined, error.reason)
+    return InvalidMessage(joined, error.reason)
 
 
 def with_article(name: str) -> str:
@@ -85,6 +85,6 @@ def has_lone_surrogate(text: str) -> bool:
 def check_length(count: int, length: int | None, bound: int | None) -> None:
     """Refuse a list of the wrong size (JSN-30)."""
     if length is not None and count != length:
-        raise PayloadError("", f"expected {length} elements, got {count}")
+        raise InvalidMessage("", f"expected {length} elements, got {count}")
     if bound is not None and count > bound:
-        raise PayloadError("", f"expected at most {bound} elements, got {count}")
+        raise InvalidMessage("", f"expected at most {bound} elements, got {count}")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 
 from rwt_interfaces import field_types as shapes
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.validation.mismatch import describe, under
 
 if TYPE_CHECKING:
@@ -29,10 +29,10 @@ _FLOAT32 = struct.Struct("f")
 def as_int(value: object, shape: shapes.Int) -> int:
     """The value as an integer of that type; no float is one, not even 1.0, and no bool (JSN-22)."""
     if isinstance(value, bool) or not isinstance(value, Integral):
-        raise PayloadError("", f"expected {shape}, got {describe(value)}")
+        raise InvalidMessage("", f"expected {shape}, got {describe(value)}")
     number = int(value)
     if not shape.low <= number <= shape.high:
-        raise PayloadError("", f"expected {shape}, got {describe(number)}, which is out of range")
+        raise InvalidMessage("", f"expected {shape}, got {describe(number)}, which is out of range")
     return number
 
 
@@ -42,7 +42,7 @@ def as_float(value: object, shape: shapes.Float) -> float:
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise PayloadError("", f"expected {shape}, got {describe(value)}")
+        raise InvalidMessage("", f"expected {shape}, got {describe(value)}")
     try:
         number = float(value)
     except OverflowError:
@@ -53,7 +53,7 @@ def as_float(value: object, shape: shapes.Float) -> float:
             return number
         if not abs(number) > shapes.FLOAT32_LIMIT or math.isinf(number):
             return float32(number)
-    raise PayloadError("", f"expected {shape}, got {describe(value)}, which is out of range")
+    raise InvalidMessage("", f"expected {shape}, got {describe(value)}, which is out of range")
 
 
 def float32(number: float) -> float:
@@ -118,7 +118,7 @@ def _one_by_one(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
     for index, item in enumerate(value):
         try:
             numbers.append(as_int(item, shape) if isinstance(shape, shapes.Int) else as_float(item, shape))
-        except PayloadError as error:
+        except InvalidMessage as error:
             raise under(f"[{index}]", error) from None
     return numbers
 
@@ -131,7 +131,7 @@ def is_numpy_array(value: object) -> bool:
 
 
 def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool) -> np.ndarray:
-    """A flat, read-only copy in exactly the element's type; raises PayloadError if a value does not fit.
+    """A flat, read-only copy in exactly the element's type; raises InvalidMessage if a value does not fit.
 
     Integers may become floats, floats never integers, and bool stays by itself, as for single values.
     """
@@ -141,7 +141,7 @@ def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool)
     code = "?" if isinstance(shape, shapes.Bool) else shape.code
     accepted = {"?": "b", "f": "iuf", "d": "iuf"}.get(code, "iu")
     if kind not in accepted:
-        raise PayloadError("", f"expected {shape} elements, got a numpy array of {value.dtype}")
+        raise InvalidMessage("", f"expected {shape} elements, got a numpy array of {value.dtype}")
     target = np.dtype(code)
     if isinstance(shape, shapes.Int) and value.size and not np.can_cast(value.dtype, target):
         _refuse_outside(value, int(value.min()) < shape.low or int(value.max()) > shape.high, shape)
@@ -155,7 +155,7 @@ def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool)
 
 def _refuse_outside(value: Any, outside: object, shape: shapes.Int | shapes.Float | shapes.Bool) -> None:
     if outside:
-        raise PayloadError("", f"expected {shape} elements, got a numpy array with values out of range")
+        raise InvalidMessage("", f"expected {shape} elements, got a numpy array with values out of range")
 
 
 def little_endian(items: Any, code: str) -> bytes:

@@ -99,7 +99,7 @@ class InteractiveMarkerServer:
             menu: shown in place of the message's own `menu_entries`.
 
         Raises:
-            PayloadError: `marker` does not fit its type, or has no name.
+            InvalidMessage: `marker` does not fit its type, or has no name.
         """
         made: Message = Payload.from_value(self._type, marker, now=_no_time).value()
         if not made.name:
@@ -116,7 +116,7 @@ class InteractiveMarkerServer:
 
         Raises:
             NoSuchMarker: there is none of that name.
-            PayloadError: `pose` does not fit its type.
+            InvalidMessage: `pose` does not fit its type.
         """
         place = Payload.from_value(self._pose, pose, now=_no_time).value()
         with self._lock:

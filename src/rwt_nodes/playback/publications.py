@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rwt_graph.names import resolve
-from rwt_interfaces import InterfaceError, Payload, PayloadError
+from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_nodes.recording.recorded_qos import combined
 from rwt_nodes.recording.selection import TopicSelection
 
@@ -109,7 +109,7 @@ class Publications:
             return False
         try:
             payload = publication.read(publication.type, message.data)
-        except PayloadError as error:
+        except InvalidMessage as error:
             self.misfits += 1
             logger.warning("a message on %s is left out: %s", message.topic, error)
             return False
@@ -118,7 +118,7 @@ class Publications:
 
 
 def read_payload(encoding: MessageEncoding, message: MessageType, data: bytes) -> Payload:
-    """A recorded message; raises PayloadError if it does not fit."""
+    """A recorded message; raises InvalidMessage if it does not fit."""
     return _READERS[encoding](message, data)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Final
 
-from rwt_interfaces import InterfaceError, Payload, PayloadError
+from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_nodes.playback.publications import read_payload
 from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
 
@@ -88,14 +88,14 @@ class _Answers:
                 if request is not None:
                     payload = Payload.from_value(self._service.response, response)
                     self._responses.setdefault(request, []).append(payload)
-        except PayloadError as error:
+        except InvalidMessage as error:
             logger.warning("a recorded call of %s is left out: %s", self._name, error)
 
     def answer(self, call: ServiceCall) -> None:
         """Answer a call."""
         try:
             request = call.request.cdr()
-        except PayloadError as error:
+        except InvalidMessage as error:
             call.fail(str(error))
             return
         responses = self._responses.get(request)

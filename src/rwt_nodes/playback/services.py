@@ -8,7 +8,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from rwt_graph.clock import NANOSECONDS
-from rwt_interfaces import Payload, PayloadError
+from rwt_interfaces import InvalidMessage, Payload
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph, ServiceCall
@@ -89,7 +89,7 @@ class PlayerServices:
         def on_call(call: ServiceCall) -> None:
             try:
                 request = call.request.value()
-            except PayloadError as error:
+            except InvalidMessage as error:
                 call.fail(str(error))
                 return
             answer(request, lambda said: call.reply(Payload.from_value(interface.response, said)))

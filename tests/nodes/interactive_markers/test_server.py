@@ -10,7 +10,7 @@ import anyio.to_thread
 import pytest
 
 from rwt_graph import Message, Node
-from rwt_interfaces.errors import PayloadError
+from rwt_interfaces.errors import InvalidMessage
 from rwt_nodes.interactive_markers import (
     Event,
     Feedback,
@@ -265,7 +265,7 @@ async def test_asking_for_a_marker_that_is_not_there_names_those_that_are(lab: L
 
 
 async def test_a_marker_that_does_not_fit_its_type_is_refused_with_the_field(lab: Lab) -> None:
-    with pytest.raises(PayloadError, match=r"scale: expected float32, got \"big\""):
+    with pytest.raises(InvalidMessage, match=r"scale: expected float32, got \"big\""):
         lab.server.insert({"name": "goal", "scale": "big"})
     with pytest.raises(ValueError, match="needs a name"):
         lab.server.insert({"scale": 1.0})

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from rwt_client import CallFailed, ClientError, ConnectionLost, NoAnswer, TypeUnavailable
 from rwt_client.endpoints.raw_subscription import RawMessage
-from rwt_interfaces import InterfaceError, Payload, PayloadError
+from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
 from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
 
@@ -202,7 +202,7 @@ class _RemoteTopic:
         is_ros1 = message.registry.distro.ros_version == 1
         try:
             payload = (Payload.from_ros1 if is_ros1 else Payload.from_cdr)(message, data)
-        except PayloadError as error:
+        except InvalidMessage as error:
             logger.warning("a message on %s is left out: %s", self._name, error)
             return None
         return bytes(payload.json())
