@@ -68,9 +68,7 @@ async def run(url: str, lens: Lens, camera_rate: float) -> None:
             async with serve(
                 graph,
                 url,
-                pages={**video.pages, **packages.pages},
-                sections=[video.section],
-                figures=[video.figures],
+                http=[video.http, packages.http],
             ) as server:
                 announce(server)
                 async for _ in signals:

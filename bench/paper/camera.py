@@ -24,7 +24,7 @@ from rwt_nodes.demo.world.map import house
 from rwt_nodes.demo.world.pose import Pose
 from rwt_nodes.demo.world.view import View
 from rwt_nodes.video import WebVideoServer
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 Picture = NDArray[np.uint8]
 
@@ -106,11 +106,14 @@ def _message(sequence: NDArray[np.uint8], number: int) -> dict[str, Any]:
     }
 
 
-def latency_page(request: HttpRequest, may_subscribe: object) -> HttpResponse:
+def _latency_page(request: HttpRequest, reader: Reader) -> HttpResponse:
     """What a browser reads the pictures' age with, for :mod:`bench.latency`."""
     return HttpResponse(
         Path(__file__).with_name("latency.html").read_bytes(), content_type="text/html; charset=utf-8"
     )
+
+
+LATENCY_PAGE: Final = HttpExtension((Route("/latency.html", _latency_page, Access.ADMITTED),))
 
 
 async def main() -> None:
@@ -119,8 +122,7 @@ async def main() -> None:
         async with graph, anyio.create_task_group() as tasks:
             video, node = WebVideoServer(graph), Node(graph, "camera")
             tasks.start_soon(play, node)
-            pages = {**video.pages, "/latency.html": latency_page}
-            async with serve(graph, "ws://127.0.0.1:0", pages=pages) as server:
+            async with serve(graph, "ws://127.0.0.1:0", http=[video.http, LATENCY_PAGE]) as server:
                 print(f"listening on {server.urls[0]}", flush=True)
                 async for _ in signals:
                     break

@@ -41,7 +41,7 @@ async def _serve(pipe: Connection[str | float, str], robots: int, camera: Camera
             with Node(graph, "organiser") as organiser:
                 for number in range(1, robots + 1):
                     await organiser.set_param(f"/{name_of(number)}/demo_robot:camera_rate", camera.rate)
-            async with serve(graph, "ws://127.0.0.1:0", pages=video.pages) as server:
+            async with serve(graph, "ws://127.0.0.1:0", http=[video.http]) as server:
                 pipe.send(server.urls[0])
                 await _answer(pipe)
 

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from rwt.observability.metrics import Family, metrics
+from rwt.observability.metrics import metrics
 from rwt.observability.prometheus import CONTENT_TYPE
+from rwt_access.roles import Role
+from rwt_access.settings import RoleSettings
 from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http import Handler, HttpRequest, HttpResponse, Routes
+from rwt_transports.http import Access, Handler, HttpExtension, HttpRequest, HttpResponse, Routes
 
 if TYPE_CHECKING:
-    from rwt_access.roles import Role
     from rwt_bridge.bridge import Bridge
 
 _PAGE = """<!doctype html>
@@ -42,67 +42,54 @@ roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
 {sections}"""
 
 
-MaySubscribe = Callable[[str], bool]
-"""Whether whoever asks for a page may subscribe to a topic, by its absolute name."""
-
-Page = Callable[[HttpRequest, MaySubscribe], HttpResponse | Awaitable[HttpResponse]]
-"""What a node serves over HTTP: it is asked only for those who may come in."""
-
-
-Section = Callable[[HttpRequest, MaySubscribe], str]
-"""What a node adds to the index page: HTML, by what the reader may see."""
-
-Figures = Callable[[], Iterable[Family]]
-"""What a node counts, for `/metrics`."""
-
 Gather = Callable[[bytes], Awaitable[bytes]]
 """Makes of the metrics of this process those of all that serve its port."""
 
 
+_RolePage = Callable[[HttpRequest, "Role"], HttpResponse | Awaitable[HttpResponse]]
+"""A page that asks more of a role than nodes do; each :data:`rwt_transports.http.Page` is one too."""
+
+
 def routes(
     bridge: Bridge,
-    pages: Mapping[str, Page],
-    sections: Sequence[Section] = (),
-    figures: Sequence[Figures] = (),
+    extensions: Iterable[HttpExtension] = (),
     *,
     loopback: bool = True,
     gather: Gather | None = None,
 ) -> Routes:
-    """The routes that every bridge has, and those of nodes.
+    """The routes of every server, and those of its nodes; those of the server win.
 
     Args:
-        bridge: what they tell of.
-        pages: of nodes, by path (see :class:`Routes`).
-        sections: of the index page.
-        figures: further metrics.
+        bridge: whose graph and clients the pages show.
+        extensions: what nodes bring.
         loopback: whether the listener is only reached from this machine.
         gather: joins the metrics with those of other processes on the same port.
     """
+    extensions = tuple(extensions)
     routes = Routes()
 
-    def add(path: str, page: _RolePage) -> None:
-        routes.get(path, readable(bridge, page, loopback=loopback))
+    def add(path: str, page: _RolePage, access: Access) -> None:
+        routes.get(path, guarded(bridge, page, access, loopback=loopback))
 
-    for path, page in pages.items():
-        add(path, partial(_of_node, page))
-    add("/", lambda request, role: _index(bridge, sections, request, role))
-    routes.get("/healthz", lambda request: _health(bridge))
-    add("/metrics", lambda request, role: _metrics(bridge, figures, role, gather))
+    for route in (route for extension in extensions for route in extension.routes):
+        add(route.path, route.page, route.access)
+    add("/", lambda request, role: _index(bridge, extensions, request, role), Access.ADMITTED)
+    add("/healthz", lambda request, role: _health(bridge), Access.ANYBODY)
+    add("/metrics", lambda request, role: _metrics(bridge, extensions, gather), Access.EVERY_TOPIC)
     return routes
 
 
-_RolePage = Callable[[HttpRequest, "Role"], HttpResponse | Awaitable[HttpResponse]]
+def guarded(bridge: Bridge, page: _RolePage, access: Access, *, loopback: bool = True) -> Handler:
+    """A page behind its access rule.
 
-
-def readable(bridge: Bridge, page: _RolePage, *, loopback: bool = True) -> Handler:
-    """A page that tells something of the robot: only for those who may come in, and by what they may see.
-
-    Scripts of other origins may read the answer where their page may connect by WebSocket (the setting
-    `origins`; the Fetch standard's CORS protocol, without credentials).
+    Unless the page is for anybody, scripts of other origins may read the answer where their page may connect
+    by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials).
     """
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
-        answer = guarded(request)
+        if access is Access.ANYBODY:
+            return page(request, _NOBODY)
+        answer = answer_admitted(request)
         origin = request.headers.get("origin")
         # An origin is ASCII (RFC 6454 section 6.2); what is not cannot be sent back, whatever globs allow.
         if (
@@ -114,7 +101,7 @@ def readable(bridge: Bridge, page: _RolePage, *, loopback: bool = True) -> Handl
         headers = {"Access-Control-Allow-Origin": origin, "Vary": "Origin"}
         return _with_headers(answer, headers) if isinstance(answer, HttpResponse) else _later(answer, headers)
 
-    def guarded(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+    def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         target = f"{request.path}?{request.query}"
         try:
             role = bridge.admission.role_of(PeerInfo("http", request.address, 0, target, request.headers))
@@ -122,9 +109,15 @@ def readable(bridge: Bridge, page: _RolePage, *, loopback: bool = True) -> Handl
             return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
         if role is None:
             return HttpResponse(b"this page is for clients that authenticate by a token (auth.tokens)\n", 401)
+        if access is Access.EVERY_TOPIC and not role.sees_every_topic:
+            why = f"role {role.name!r} may not see every topic (roles.{role.name}.subscribe)\n"
+            return HttpResponse(why.encode(), 403)
         return page(request, role)
 
     return handler
+
+
+_NOBODY: Final = Role("nobody", RoleSettings())
 
 
 def _with_headers(answer: HttpResponse, headers: Mapping[str, str]) -> HttpResponse:
@@ -135,11 +128,9 @@ async def _later(answer: Awaitable[HttpResponse], headers: Mapping[str, str]) ->
     return _with_headers(await answer, headers)
 
 
-def _of_node(page: Page, request: HttpRequest, role: Role) -> HttpResponse | Awaitable[HttpResponse]:
-    return page(request, role.may_subscribe)
-
-
-def _index(bridge: Bridge, sections: Iterable[Section], request: HttpRequest, role: Role) -> HttpResponse:
+def _index(
+    bridge: Bridge, extensions: Iterable[HttpExtension], request: HttpRequest, role: Role
+) -> HttpResponse:
     """What is running, and what to connect."""
     graph = bridge.graph
     address = request.headers.get("host", "localhost:9090")
@@ -169,7 +160,7 @@ def _index(bridge: Bridge, sections: Iterable[Section], request: HttpRequest, ro
             for action in graph.actions()
             if role.sees_action(action.name)
         ),
-        sections="\n".join(section(request, role.may_subscribe) for section in sections),
+        sections="\n".join(its.section(request, role) for its in extensions if its.section is not None),
     )
     return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
 
@@ -181,19 +172,16 @@ def _host_and_port(address: str) -> tuple[str, str]:
 
 
 def _metrics(
-    bridge: Bridge, figures: Iterable[Figures], role: Role, gather: Gather | None
+    bridge: Bridge, extensions: Iterable[HttpExtension], gather: Gather | None
 ) -> HttpResponse | Awaitable[HttpResponse]:
-    """The counters, which name every topic: only for a role that may subscribe to them all."""
-    if not role.sees_every_topic:
-        why = f"role {role.name!r} may not see every topic (roles.{role.name}.subscribe)\n"
-        return HttpResponse(why.encode(), 403)
-    own = HttpResponse(metrics_page(bridge, figures), content_type=CONTENT_TYPE)
+    own = HttpResponse(metrics_page(bridge, extensions), content_type=CONTENT_TYPE)
     return own if gather is None else _with_others(own, gather)
 
 
-def metrics_page(bridge: Bridge, figures: Iterable[Figures]) -> bytes:
+def metrics_page(bridge: Bridge, extensions: Iterable[HttpExtension]) -> bytes:
     """What this process counts, as Prometheus reads it."""
-    return metrics(bridge, (family for count in figures for family in count()))
+    counting = [its.metrics for its in extensions if its.metrics is not None]
+    return metrics(bridge, (family for count in counting for family in count()))
 
 
 async def _with_others(own: HttpResponse, gather: Gather) -> HttpResponse:

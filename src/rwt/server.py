@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import anyio
@@ -22,10 +21,11 @@ from rwt_transports.relay.dial import dial
 from rwt_transports.websocket.extensions import Deflate
 
 if TYPE_CHECKING:
-    from rwt.pages import Figures, Gather, Page, Section
+    from rwt.pages import Gather
     from rwt_graph.api import Graph
     from rwt_protocol.transport import Accept
     from rwt_transports.api import Listener
+    from rwt_transports.http import HttpExtension
     from rwt_transports.relay.dial import Dialed
 
 
@@ -63,9 +63,7 @@ async def serve(
     graph: Graph,
     *urls: str,
     settings: Settings | None = None,
-    pages: Mapping[str, Page] = MappingProxyType({}),
-    sections: Sequence[Section] = (),
-    figures: Sequence[Figures] = (),
+    http: Iterable[HttpExtension] = (),
     around: Callable[[Accept], Accept] | None = None,
     together: Gather | None = None,
 ) -> AsyncIterator[Server]:
@@ -77,10 +75,7 @@ async def serve(
             schemes are those of :data:`rwt_transports.urls.SCHEMES`; ``wss`` and ``tcps`` need `tls.certfile`
             and `tls.keyfile` in the settings.
         settings: everything else.
-        pages: further pages on the WebSocket's port, by path; nodes that serve HTTP have an attribute of this
-            name.
-        sections: further sections of the index page.
-        figures: further metrics.
+        http: what nodes bring to HTTP on the WebSocket's port: their attributes of this name.
         around: puts something between the transports and the bridge, for example to inject faults: it is
             given the accept function of each listener and returns the one to use.
         together: where other processes serve the same TCP ports (see
@@ -92,6 +87,7 @@ async def serve(
     """
     settings = settings or Settings()
     bridge = Bridge(graph, settings)
+    extensions = tuple(http)
     limits = _transport_limits(settings)
     dial_token = settings.dial.token.get_secret_value() if settings.dial.token else None
     dial_tls = client_tls(settings.dial.cafile)
@@ -105,9 +101,7 @@ async def serve(
                     _accept_at(url, bridge, around),
                     routes=routes(
                         bridge,
-                        pages,
-                        sections,
-                        figures,
+                        extensions,
                         loopback=is_loopback_listener(url),
                         gather=together,
                     ),

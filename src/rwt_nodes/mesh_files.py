@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
 from os.path import isfile
 from pathlib import Path
 from types import MappingProxyType
@@ -17,7 +17,7 @@ import anyio
 import anyio.to_thread
 
 from rwt_interfaces.definitions.package_directories import package_name
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 PATH: Final = "/packages/"
 
@@ -60,7 +60,7 @@ class Packages:
             Of two packages of one name the first counts.
 
     Attributes:
-        pages: what `serve` takes as its argument of that name.
+        http: what :func:`rwt.serve` takes.
 
     Raises:
         PackagesError: one of them is no folder, or has nothing in it.
@@ -71,17 +71,16 @@ class Packages:
         for folder in folders:
             for root in _packages(folder):
                 self._roots.setdefault(package_name(root), root)
-        self.pages: Mapping[str, Callable[[HttpRequest, object], Awaitable[HttpResponse]]] = {
-            f"{PATH}*": self._page
-        }
+        # A robot's looks are no secret of one topic.
+        self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Access.ADMITTED),))
 
     @property
     def names(self) -> tuple[str, ...]:
         """The packages, sorted."""
         return tuple(sorted(self._roots))
 
-    async def _page(self, request: HttpRequest, may_subscribe: object) -> HttpResponse:
-        """One file. Whoever may come in may have it: a robot's looks are no secret of one topic."""
+    async def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        """One file."""
         return await anyio.to_thread.run_sync(self._answer, request)
 
     def _answer(self, request: HttpRequest) -> HttpResponse:

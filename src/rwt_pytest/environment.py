@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ import anyio
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
-from rwt.nodes import Shown, start_nodes
+from rwt.nodes import http_of, start_nodes
 from rwt.server import serve
 from rwt.settings.models import Settings
 from rwt.settings.sources import Given, from_text, load_settings
@@ -28,6 +28,7 @@ from rwt_testing.virtual_time import VirtualTime
 
 if TYPE_CHECKING:
     from rwt_nodes.demo import DemoRobot
+    from rwt_transports.http import HttpExtension
 
 
 #: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
@@ -119,7 +120,7 @@ class RobotWorld:
         graph: ObservedGraph,
         portal: BlockingPortal,
         stack: ExitStack,
-        shown: Shown,
+        http: Sequence[HttpExtension],
     ) -> None:
         self.wishes = wishes
         self.graph = graph
@@ -127,7 +128,7 @@ class RobotWorld:
         self._settings = settings
         self._portal = portal
         self._stack = stack
-        self._shown = shown
+        self._http = http
 
     @property
     def virtual_time(self) -> VirtualTime:
@@ -154,9 +155,7 @@ class RobotWorld:
             self.graph,
             _ANY_PORT,
             settings=self._settings,
-            pages=self._shown.pages,
-            sections=self._shown.sections,
-            figures=self._shown.figures,
+            http=self._http,
             around=self.wire.around,
         )
         server = self._stack.enter_context(self._portal.wrap_async_context_manager(running))
@@ -181,10 +180,10 @@ def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
         stack.enter_context(portal.wrap_async_context_manager(graph))
         nodes = ExitStack()
         stack.callback(portal.call, nodes.close)
-        shown = portal.call(start_nodes, graph, settings, nodes)
+        http = portal.call(start_nodes, graph, settings, nodes)
         if wishes.demo:
-            shown.add(portal.call(_start_demo, graph, nodes))
-        world = RobotWorld(wishes, settings, graph, portal, stack, shown)
+            http += http_of(portal.call(_start_demo, graph, nodes))
+        world = RobotWorld(wishes, settings, graph, portal, stack, http)
         _OPEN.append(world)
         try:
             yield world

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine, Mapping
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Mapping
 from dataclasses import dataclass, field
 from email.utils import formatdate
+from enum import Enum, auto
 from http import HTTPStatus
-from typing import Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import h11
 
@@ -60,6 +61,74 @@ class HttpResponse:
 
 Handler = Callable[[HttpRequest], HttpResponse | Awaitable[HttpResponse]]
 """A route: a plain function, or a coroutine function, which then runs in a task of its own."""
+
+
+class Reader(Protocol):
+    """Who asks for a page, as far as pages need to know: what of the robot they may see."""
+
+    def may_subscribe(self, topic: str) -> bool:
+        """Whether the reader may subscribe to `topic`, an absolute name without remappings to follow."""
+
+
+Page = Callable[[HttpRequest, Reader], HttpResponse | Awaitable[HttpResponse]]
+"""What answers the requests of a route; it shows what its reader may see."""
+
+
+class Access(Enum):
+    """Who may ask for a route. Each route declares it; there is no default."""
+
+    ANYBODY = auto()
+    """Everybody, without credentials: the page reveals nothing of the robot (a health check)."""
+    ADMITTED = auto()
+    """Clients that may connect; the page shows what its :class:`Reader` may see."""
+    EVERY_TOPIC = auto()
+    """Clients that may subscribe to every topic: the page names them all (metrics)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """One path that a node serves.
+
+    Attributes:
+        path: as :class:`Routes` takes it, ``/stream`` or ``/packages/*``.
+        page: what answers ``GET`` and ``HEAD``.
+        access: who may ask.
+    """
+
+    path: str
+    page: Page
+    access: Access
+
+
+class MetricFamily(NamedTuple):
+    """One metric with its samples, for ``/metrics``.
+
+    Attributes:
+        name: as Prometheus writes it; that of a counter ends in ``_total``.
+        kind: its type.
+        help: one sentence.
+        samples: labels and value of each.
+    """
+
+    name: str
+    kind: Literal["counter", "gauge"]
+    help: str
+    samples: Iterable[tuple[Mapping[str, str], float]]
+
+
+@dataclass(frozen=True, slots=True)
+class HttpExtension:
+    """What a node brings to the server's HTTP port. A node that brings something has it as its `http`.
+
+    Attributes:
+        routes: its pages.
+        section: what it adds to the index page: HTML, of what the reader may see.
+        metrics: what it adds to ``/metrics``.
+    """
+
+    routes: tuple[Route, ...] = ()
+    section: Callable[[HttpRequest, Reader], str] | None = None
+    metrics: Callable[[], Iterable[MetricFamily]] | None = None
 
 
 class Routes:

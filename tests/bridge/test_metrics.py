@@ -218,7 +218,7 @@ def anyio_backend() -> str:
 async def test_health_follows_the_graph(anyio_backend: str) -> None:
     graph = MemoryGraph()
     bridge = Bridge(graph, Settings())
-    handler = routes(bridge, {}).find("GET", "/healthz")
+    handler = routes(bridge).find("GET", "/healthz")
     assert callable(handler)
 
     def ask() -> tuple[int, object]:

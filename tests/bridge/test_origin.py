@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 
 import anyio
@@ -15,13 +15,12 @@ from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin, Subprotocol
 
 from rwt import Settings
-from rwt.pages import Page
 from rwt.server import serve
 from rwt_access.origins import Origins, is_loopback_listener
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import Refused
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.bridge.recording_client import Client
 
 TOKEN = "a-token-of-some-length"
@@ -287,13 +286,13 @@ async def test_a_nodes_page_is_for_those_who_may_come_in_and_knows_what_they_may
         }
     )
 
-    async def page(request: HttpRequest, may_subscribe: Callable[[str], bool]) -> HttpResponse:
-        heard = [topic for topic in ("/open", "/shut") if may_subscribe(topic)]
+    async def page(request: HttpRequest, reader: Reader) -> HttpResponse:
+        heard = [topic for topic in ("/open", "/shut") if reader.may_subscribe(topic)]
         return HttpResponse(" ".join(heard).encode())
 
     graph = MemoryGraph()
-    pages = {"/stream": page}
-    async with graph, serve(graph, "ws://127.0.0.1:0", settings=settings, pages=pages) as server:
+    http = [HttpExtension((Route("/stream", page, Access.ADMITTED),))]
+    async with graph, serve(graph, "ws://127.0.0.1:0", settings=settings, http=http) as server:
         host = server.urls[0].removeprefix("ws://")
         assert (await _get(host, "/stream")).startswith("HTTP/1.1 401 ")
         assert (await _get(host, f"/stream?token={TOKEN}")).endswith("\r\n\r\n/open")
@@ -309,15 +308,17 @@ async def _get(host: str, target: str) -> str:
     return answer.decode()
 
 
-def _plain_page(request: HttpRequest, may_subscribe: Callable[[str], bool]) -> HttpResponse:
+def _plain_page(request: HttpRequest, reader: Reader) -> HttpResponse:
     return HttpResponse(b"a mesh", headers={"ETag": '"1"'})
 
 
-async def _page(request: HttpRequest, may_subscribe: Callable[[str], bool]) -> HttpResponse:
-    return _plain_page(request, may_subscribe)
+async def _page(request: HttpRequest, reader: Reader) -> HttpResponse:
+    return _plain_page(request, reader)
 
 
-_PAGES: dict[str, Page] = {"/mesh": _page, "/plain": _plain_page}
+_PAGES = HttpExtension(
+    (Route("/mesh", _page, Access.ADMITTED), Route("/plain", _plain_page, Access.ADMITTED))
+)
 
 
 @pytest.mark.anyio
@@ -335,13 +336,13 @@ async def test_pages_of_nodes_may_be_read_by_pages_that_may_connect(
     origin: str | None, allow: tuple[str, ...], named: bool
 ) -> None:
     settings = Settings.model_validate({"origins": {"allow": allow}})
-    for path in _PAGES:
+    for route in _PAGES.routes:
         async with (
             MemoryGraph() as graph,
-            serve(graph, "ws://127.0.0.1:0", settings=settings, pages=_PAGES) as server,
+            serve(graph, "ws://127.0.0.1:0", settings=settings, http=[_PAGES]) as server,
         ):
             host, port = server.urls[0].removeprefix("ws://").split(":")
-            head = f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: close\r\n"
+            head = f"GET {route.path} HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: close\r\n"
             if origin is not None:
                 head += f"Origin: {origin}\r\n"
             async with await anyio.connect_tcp(host, int(port)) as stream:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import mimetypes
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rwt.server import serve
 from rwt_graph import MemoryGraph, Node
@@ -16,11 +15,8 @@ from rwt_interfaces.registry import Registry
 from rwt_nodes import Rosapi, Tf2WebRepublisher
 from rwt_nodes.demo import DemoRobot
 from rwt_nodes.video import WebVideoServer
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.browser.driver import HERE, NODE
-
-if TYPE_CHECKING:
-    from rwt.pages import MaySubscribe, Page
 
 REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}
 
@@ -40,33 +36,29 @@ class Stand:
     node: Node
 
 
-def files(folder: Path, prefix: str) -> Page:
+def files(folder: Path, prefix: str) -> Route:
     """Serves everything in a folder of the tests."""
 
-    def page(request: HttpRequest, may_subscribe: MaySubscribe) -> HttpResponse:
+    def page(request: HttpRequest, reader: Reader) -> HttpResponse:
         path = folder / request.path.removeprefix(prefix)
         kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
         return HttpResponse(path.read_bytes(), content_type=kind)
 
-    return page
+    return Route(f"{prefix}*", page, Access.ADMITTED)
 
 
 @asynccontextmanager
 async def stand(
-    distro: str, built: Path, *, robot: bool = True, pages: Mapping[str, Page] | None = None
+    distro: str, built: Path, *, robot: bool = True, http: Iterable[HttpExtension] = ()
 ) -> AsyncIterator[Stand]:
     """Serve a graph, with the demo robot on request, and beside it pages for the browser."""
-    served: dict[str, Page] = {
-        "/lib/*": files(NODE / "node_modules", "/lib/"),
-        "/built/*": files(built, "/built/"),
-        "/test/*": files(HERE / "pages", "/test/"),
-        **(pages or {}),
-    }
+    folders = {"/lib/": NODE / "node_modules", "/built/": built, "/test/": HERE / "pages"}
+    served = [HttpExtension(tuple(files(folder, path) for path, folder in folders.items())), *http]
     async with MemoryGraph(registry=REGISTRIES[distro]) as graph, AsyncExitStack() as stack:
-        served.update(stack.enter_context(closing(WebVideoServer(graph))).pages)
+        served.append(stack.enter_context(closing(WebVideoServer(graph))).http)
         if robot:
-            served.update(stack.enter_context(closing(DemoRobot(graph))).pages)
-        server = await stack.enter_async_context(serve(graph, "ws://127.0.0.1:0", pages=served))
+            served.append(stack.enter_context(closing(DemoRobot(graph))).http)
+        server = await stack.enter_async_context(serve(graph, "ws://127.0.0.1:0", http=served))
         Rosapi(graph)
         Tf2WebRepublisher(graph)
         yield Stand(server.urls[0].replace("ws", "http", 1) + "/", graph, Node(graph, "test"))

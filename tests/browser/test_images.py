@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bench.latency import watch
-from bench.paper.camera import latency_page, mark
+from bench.paper.camera import LATENCY_PAGE, mark
 from rwt_graph import Node
 from rwt_graph.qos import SENSOR_DATA
 from tests.browser.driver import Browser, Picture, near
@@ -112,8 +112,7 @@ class DatedCamera:
 
 async def test_a_picture_is_young_when_it_is_seen(browser: Browser) -> None:
     """From the camera's callback to the decoded pixel. The limit is for a busy machine."""
-    pages = {"/latency.html": latency_page}
-    async with stand("jazzy", browser.built, robot=False, pages=pages) as robot:
+    async with stand("jazzy", browser.built, robot=False, http=[LATENCY_PAGE]) as robot:
         DatedCamera(robot.node)
         seen = await watch(browser, robot.url, "type=mjpeg&quality=80", seconds=3.0, warm_up=0.5)
     assert 0 <= seen.ages[0] <= seen.median < 300

@@ -172,7 +172,7 @@ async def test_a_robot_with_meshes_is_drawn_where_its_frames_are(browser: Browse
     meshes.mkdir(parents=True)
     (meshes / "body.stl").write_bytes(stl_box(2.0, 1.0, 0.2))
     (meshes / "flag.dae").write_text(DAE)
-    async with stand("noetic", browser.built, robot=False, pages=Packages([tmp_path]).pages) as robot:
+    async with stand("noetic", browser.built, robot=False, http=[Packages([tmp_path]).http]) as robot:
         robot.graph.parameters.set("/robot_description", URDF)
         frames = Frames(robot.node)
         async with browser.page(scene(robot, "robot")) as page:

@@ -42,8 +42,8 @@ def hand(seen: Picture) -> float:
 
 
 async def test_the_husky_stands_there_in_its_colours_and_lifts_its_arm(browser: Browser) -> None:
-    pages = Packages(PACKAGE_FOLDERS).pages
-    async with stand("jazzy", browser.built, robot=False, pages=pages) as robot:
+    http = [Packages(PACKAGE_FOLDERS).http]
+    async with stand("jazzy", browser.built, robot=False, http=http) as robot:
         husky = HuskyXArm(robot.graph, Lens(160, 120), camera_rate=1.0)
         async with browser.page(f"{robot.url}test/scene.html?{CLOSE}", 500, 400) as page:
             before = await page.picture_when("husky", is_all_there)

@@ -13,12 +13,15 @@ from rwt.server import serve
 from rwt_client import connect
 from rwt_graph import MemoryGraph
 from rwt_nodes import Rosapi
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 
-async def _page(request: HttpRequest, may_subscribe: object) -> HttpResponse:
+async def _page(request: HttpRequest, reader: Reader) -> HttpResponse:
     await asyncio.sleep(0)
     return HttpResponse(b"a page")
+
+
+_PAGES = HttpExtension((Route("/page", _page, Access.ADMITTED),))
 
 
 async def _beep(request: Any) -> dict[str, object]:
@@ -32,7 +35,7 @@ async def _count(goal: Any) -> dict[str, object]:
 
 
 async def _all() -> list[object]:
-    async with MemoryGraph() as graph, serve(graph, "ws://127.0.0.1:0", pages={"/page": _page}) as server:
+    async with MemoryGraph() as graph, serve(graph, "ws://127.0.0.1:0", http=[_PAGES]) as server:
         robot = graph.node("robot")
         with Rosapi(graph):
             robot.advertise_service("/beep", "std_srvs/Trigger", _beep)

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_nodes.mesh_files import Packages, PackagesError
-from rwt_transports.http import HttpRequest
+from rwt_transports.http import HttpRequest, HttpResponse
+from tests.nodes.readers import SeesNothing
 
 pytestmark = pytest.mark.anyio
 
@@ -31,10 +32,11 @@ class Answer:
 
 
 async def get(packages: Packages, path: str, tag: str = "") -> Answer:
-    [(route, page)] = packages.pages.items()
-    assert route == "/packages/*"
+    [route] = packages.http.routes
+    assert route.path == "/packages/*"
     headers = {"if-none-match": tag} if tag else {}
-    response = await page(HttpRequest("GET", path, headers=headers), lambda topic: False)
+    answer = route.page(HttpRequest("GET", path, headers=headers), SeesNothing())
+    response = answer if isinstance(answer, HttpResponse) else await answer
     body = response.body
     if isinstance(body, AsyncIterator):
         body = b"".join([chunk async for chunk in body])

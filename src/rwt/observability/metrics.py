@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rwt.observability.loop_lag import BUCKETS
 from rwt.observability.process_metrics import write_process
-from rwt.observability.prometheus import Exposition, Kind, Labels
+from rwt.observability.prometheus import Exposition, Labels
 from rwt_access.audit import LostLines
 
 if TYPE_CHECKING:
@@ -19,13 +19,10 @@ if TYPE_CHECKING:
     from rwt_bridge.peer import Peer
     from rwt_delivery.counters import EncodingCounts, Ledger, TopicCounts
     from rwt_protocol.transport import Traffic
+    from rwt_transports.http import MetricFamily
 
 
-Family = tuple[str, Kind, str, Iterable[tuple[Labels, float]]]
-"""One metric of a node: its name, kind and help, and the labels and value of each sample."""
-
-
-def metrics(bridge: Bridge, of_nodes: Iterable[Family] = ()) -> bytes:
+def metrics(bridge: Bridge, of_nodes: Iterable[MetricFamily] = ()) -> bytes:
     """The page, with the metrics of nodes after those of the bridge."""
     page = Exposition()
     for fanout in bridge.fanouts.values():

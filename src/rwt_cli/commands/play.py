@@ -170,14 +170,12 @@ async def _play(recording: Recording, order: _Order) -> None:
                 player = nodes.enter_context(closing(Player(graph, recording, order.options)))
             except ValueError as error:
                 raise CommandError(str(error), exit_code=2) from error
-            shown = start_nodes(graph, order.settings, nodes)
+            http = start_nodes(graph, order.settings, nodes)
             async with serve(
                 graph,
                 *order.settings.listen,
                 settings=order.settings,
-                pages=shown.pages,
-                sections=shown.sections,
-                figures=shown.figures,
+                http=http,
             ) as server:
                 _announce(server.urls, recording)
                 if not order.paused:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import anyio
 
 from rwt.graphs import add_backend_options, backend_options
-from rwt.nodes import start_nodes
+from rwt.nodes import http_of, start_nodes
 from rwt.pages import metrics_page
 from rwt.script import stage
 from rwt.server import serve
@@ -31,14 +31,14 @@ from rwt_transports.errors import TransportError
 from rwt_transports.relay.dial import check_dial_url
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Mapping
+    from collections.abc import AsyncIterator
 
-    from rwt.pages import Page
     from rwt.server import Server
     from rwt.settings.models import Settings
     from rwt.workers.worker import Seat
     from rwt_graph.api import Graph
     from rwt_nodes.demo import DemoRobot
+    from rwt_nodes.mesh_files import Packages
 
 _EXAMPLES = """\
 examples:
@@ -194,14 +194,12 @@ def _registry(settings: Settings) -> Registry:
     return registry
 
 
-def _package_pages(settings: Settings) -> Mapping[str, Page]:
-    """The files of packages, where there are some to serve."""
-    if not settings.packages:
-        return {}
+def _mesh_files(settings: Settings) -> Packages:
+    """The files of the packages that are to be served."""
     from rwt_nodes.mesh_files import Packages, PackagesError  # Its code is read only where it runs.
 
     try:
-        return Packages(settings.packages).pages
+        return Packages(settings.packages)
     except PackagesError as error:
         raise CommandError(f"--packages {error}", exit_code=2) from error
 
@@ -210,10 +208,11 @@ async def _serve(settings: Settings, arguments: argparse.Namespace, seat: Seat |
     graph, start_script = stage(arguments.script, _registry(settings), settings, seat)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with graph:
-            shown = start_nodes(graph, settings, nodes)
-            shown.pages.update(_package_pages(settings))
+            http = start_nodes(graph, settings, nodes)
+            if settings.packages:
+                http.append(_mesh_files(settings).http)
             if settings.demo:
-                shown.add(nodes.enter_context(_demo_robot(graph)))
+                http += http_of(nodes.enter_context(_demo_robot(graph)))
             if arguments.record is not None or arguments.introspection:
                 from rwt.recording import record_graph  # Read only where something is recorded.
 
@@ -223,9 +222,7 @@ async def _serve(settings: Settings, arguments: argparse.Namespace, seat: Seat |
                 graph,
                 *settings.listen,
                 settings=settings,
-                pages=shown.pages,
-                sections=shown.sections,
-                figures=shown.figures,
+                http=http,
                 around=start_script(nodes),
                 together=None if seat is None else seat.figures.together,
             )
@@ -237,7 +234,7 @@ async def _serve(settings: Settings, arguments: argparse.Namespace, seat: Seat |
                     print(said, flush=True, file=sys.stderr if over_stdio else sys.stdout)
                     await _signal_or_end(signals, server.ended)
                 else:
-                    async with seat.figures.offered(partial(metrics_page, server.bridge, shown.figures)):
+                    async with seat.figures.offered(partial(metrics_page, server.bridge, http)):
                         seat.say(said)
                         await _signal_or_end(signals, _parent_ended)
 

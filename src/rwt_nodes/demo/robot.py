@@ -65,7 +65,7 @@ class DemoRobot:
         lens: of the cameras.
 
     Attributes:
-        pages: the meshes that its description names, which `serve` takes as its argument of that name.
+        http: the meshes that its description names, for :func:`rwt.serve`.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class DemoRobot:
         self._declare_parameters()
         self._publish_map()
         self._describe(urdf(chassis))
-        self.pages = Meshes(looks(chassis)).pages
+        self.http = Meshes(looks(chassis)).http
         self._chatter = self._node.advertise("chatter", "std_msgs/String")
         self._said = 0
         self._stepped = self._node.clock.monotonic()

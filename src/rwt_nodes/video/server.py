@@ -19,19 +19,26 @@ from rwt_nodes.video.encoders.webm import TYPE as WEBM
 from rwt_nodes.video.errors import RequestRefused
 from rwt_nodes.video.html import topic_list, viewer_page
 from rwt_nodes.video.http_streams import MULTIPART, film, multipart, timestamp
-from rwt_nodes.video.stream_metrics import Family, Tally
+from rwt_nodes.video.stream_metrics import Tally
 from rwt_nodes.video.stream_request import Film, Wish, read_wish
 from rwt_nodes.video.topics import (
     COMPRESSED,
     INFO,
     RAW,
-    MaySubscribe,
     meant_topic,
     not_found,
     on_topic,
     topics_of,
 )
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http import (
+    Access,
+    HttpExtension,
+    HttpRequest,
+    HttpResponse,
+    MetricFamily,
+    Reader,
+    Route,
+)
 
 NAME: Final = "web_video_server"
 #: Seconds to wait for a topic that is not there yet, and for a snapshot's picture.
@@ -46,8 +53,6 @@ _NO_CACHE: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 
-Page = Callable[[HttpRequest, MaySubscribe], HttpResponse | Awaitable[HttpResponse]]
-
 
 class WebVideoServer:
     """Serves the pictures of image topics over HTTP, with the paths and parameters of web_video_server.
@@ -58,7 +63,7 @@ class WebVideoServer:
         most_encoders: different streams at a time, likewise.
 
     Attributes:
-        pages: what it serves, by path.
+        http: its pages, its list of image topics and its metrics, for :func:`rwt.serve`.
     """
 
     def __init__(self, graph: Graph, most_viewers: int = 100, most_encoders: int = 16) -> None:
@@ -69,11 +74,12 @@ class WebVideoServer:
         self._tally = Tally()
         # A thread for each core: more would only take turns.
         self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
-        self.pages: Mapping[str, Page] = {
-            "/stream": partial(self._answer, self._stream),
-            "/stream_viewer": partial(self._answer, self._stream_viewer),
-            "/snapshot": partial(self._answer, self._snapshot),
-        }
+        pages = (("/stream", self._stream), ("/stream_viewer", self._viewer), ("/snapshot", self._snapshot))
+        self.http: Final = HttpExtension(
+            tuple(Route(path, partial(self._answer, page), Access.ADMITTED) for path, page in pages),
+            self._section,
+            self._metrics,
+        )
 
     def close(self) -> None:
         """Let every viewer go and leave the graph."""
@@ -81,13 +87,13 @@ class WebVideoServer:
             broadcast.end()
         self._node.close()
 
-    def section(self, request: HttpRequest, may_subscribe: MaySubscribe) -> str:
+    def _section(self, request: HttpRequest, reader: Reader) -> str:
         """The list of image topics, for the index page of the server, as HTML."""
         graph = self._node.graph
-        topics = sorted(topics_of(graph, RAW, may_subscribe) + topics_of(graph, COMPRESSED, may_subscribe))
-        return topic_list(topics, topics_of(graph, INFO, may_subscribe), request.query)
+        topics = sorted(topics_of(graph, RAW, reader) + topics_of(graph, COMPRESSED, reader))
+        return topic_list(topics, topics_of(graph, INFO, reader), request.query)
 
-    def figures(self) -> Iterator[Family]:
+    def _metrics(self) -> Iterator[MetricFamily]:
         """What is counted, for `/metrics`."""
         return self._tally.families(self._broadcasts.values())
 
@@ -95,17 +101,17 @@ class WebVideoServer:
 
     async def _answer(
         self,
-        page: Callable[[HttpRequest, MaySubscribe], Awaitable[HttpResponse]],
+        page: Callable[[HttpRequest, Reader], Awaitable[HttpResponse]],
         request: HttpRequest,
-        may_subscribe: MaySubscribe,
+        reader: Reader,
     ) -> HttpResponse:
         try:
-            return await page(request, may_subscribe)
+            return await page(request, reader)
         except RequestRefused as refused:
             return HttpResponse(f"{refused}\n".encode(), refused.status, headers=_NO_CACHE)
 
-    async def _stream(self, request: HttpRequest, may_subscribe: MaySubscribe) -> HttpResponse:
-        wish = await self._settled(read_wish(request.query), may_subscribe)
+    async def _stream(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        wish = await self._settled(read_wish(request.query), reader)
         self._check_room(wish)
         counts = self._tally.of(wish.topic, wish.type)
         join = partial(self._join, wish)
@@ -114,19 +120,19 @@ class WebVideoServer:
         media_type = MP4 if wish.type == "h264" else WEBM
         return HttpResponse(film(join, counts), content_type=media_type, headers=_NO_CACHE)
 
-    async def _stream_viewer(self, request: HttpRequest, may_subscribe: MaySubscribe) -> HttpResponse:
+    async def _viewer(self, request: HttpRequest, reader: Reader) -> HttpResponse:
         wish = read_wish(request.query)
         _check_codec(wish)
-        if not may_subscribe(wish.topic):
+        if not reader.may_subscribe(wish.topic):
             raise RequestRefused(403, f"you may not subscribe to {wish.topic}")
         page = viewer_page(wish.topic, request.query, film=isinstance(wish.coding, Film))
         return HttpResponse(page, content_type="text/html; charset=utf-8", headers=_NO_CACHE)
 
-    async def _snapshot(self, request: HttpRequest, may_subscribe: MaySubscribe) -> HttpResponse:
+    async def _snapshot(self, request: HttpRequest, reader: Reader) -> HttpResponse:
         wish = read_wish(request.query)
         if isinstance(wish.coding, Film):
             raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {wish.type}")
-        wish = await self._settled(wish, may_subscribe)
+        wish = await self._settled(wish, reader)
         self._check_room(wish)
         picture = await self._one_picture(wish)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
@@ -150,7 +156,7 @@ class WebVideoServer:
 
     # -- sharing -------------------------------------------------------------------------------------------
 
-    async def _settled(self, wish: Wish, may_subscribe: MaySubscribe) -> Wish:
+    async def _settled(self, wish: Wish, reader: Reader) -> Wish:
         """The wish with the topic that it means, waiting a little for one that is not there yet.
 
         Raises:
@@ -159,9 +165,9 @@ class WebVideoServer:
         _check_codec(wish)
         graph = self._node.graph
         until = anyio.current_time() + PATIENCE
-        while (topic := meant_topic(graph, wish, may_subscribe)) is None:
+        while (topic := meant_topic(graph, wish, reader)) is None:
             if anyio.current_time() >= until:
-                raise not_found(graph, wish.topic, may_subscribe)
+                raise not_found(graph, wish.topic, reader)
             await anyio.sleep(_LOOK_EVERY)
         return on_topic(graph, wish, topic)
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
+
+from rwt_transports.http import MetricFamily
 
 if TYPE_CHECKING:
     from rwt_nodes.video.broadcast import Broadcast
-
-Family = tuple[str, Literal["counter", "gauge"], str, list[tuple[dict[str, str], float]]]
-"""Name, kind, help, and the labels and value of each sample."""
 
 #: Topics and types that are counted apart; names come from robots, so there is an end to it.
 MOST_STREAMS = 1000
@@ -53,7 +52,7 @@ class Tally:
             key = _OTHERS
         return self._counts.setdefault(key, Counts())
 
-    def families(self, broadcasts: Iterable[Broadcast]) -> Iterator[Family]:
+    def families(self, broadcasts: Iterable[Broadcast]) -> Iterator[MetricFamily]:
         """The metrics, with what runs now."""
         viewers: dict[tuple[str, str], int] = {}
         encoders: dict[tuple[str, str], int] = {}
@@ -61,8 +60,11 @@ class Tally:
             key = (broadcast.wish.topic, broadcast.wish.type)
             viewers[key] = viewers.get(key, 0) + len(broadcast.viewers)
             encoders[key] = encoders.get(key, 0) + 1
-        yield "rwt_video_viewers", "gauge", "Viewers of a topic's pictures now.", _samples(viewers)
-        yield "rwt_video_encoders", "gauge", "Encoders of a topic's pictures now.", _samples(encoders)
+        for name, help_, now in (
+            ("viewers", "Viewers of a topic's pictures now.", viewers),
+            ("encoders", "Encoders of a topic's pictures now.", encoders),
+        ):
+            yield MetricFamily(f"rwt_video_{name}", "gauge", help_, _samples(now))
         for name, help_, attribute in (
             ("encoded_pictures", "Pictures encoded: once for all viewers who want the same.", "encoded"),
             ("skipped_messages", "Messages not encoded, for no viewer had room.", "skipped"),
@@ -72,8 +74,8 @@ class Tally:
             ("sent_bytes", "Bytes handed to viewers' connections.", "sent_bytes"),
         ):
             counts = {key: getattr(count, attribute) for key, count in self._counts.items()}
-            yield f"rwt_video_{name}_total", "counter", help_, _samples(counts)
+            yield MetricFamily(f"rwt_video_{name}_total", "counter", help_, _samples(counts))
 
 
-def _samples(values: dict[tuple[str, str], int]) -> list[tuple[dict[str, str], float]]:
+def _samples(values: dict[tuple[str, str], int]) -> list[tuple[Mapping[str, str], float]]:
     return [({"topic": topic, "type": type_}, value) for (topic, type_), value in sorted(values.items())]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -11,12 +10,11 @@ from rwt_nodes.video.stream_request import Wish
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
+    from rwt_transports.http import Reader
 
 RAW: Final = "sensor_msgs/Image"
 COMPRESSED: Final = "sensor_msgs/CompressedImage"
 INFO: Final = "sensor_msgs/CameraInfo"
-
-MaySubscribe = Callable[[str], bool]
 
 
 def type_of(graph: Graph, topic: str) -> str | None:
@@ -25,16 +23,16 @@ def type_of(graph: Graph, topic: str) -> str | None:
     return info.type.name if info is not None and info.type is not None else None
 
 
-def topics_of(graph: Graph, type: str, may_subscribe: MaySubscribe) -> list[str]:
+def topics_of(graph: Graph, type: str, reader: Reader) -> list[str]:
     """The topics of a type that somebody may see, sorted."""
     return sorted(
         topic.name
         for topic in graph.topics()
-        if topic.type is not None and topic.type.name == type and may_subscribe(topic.name)
+        if topic.type is not None and topic.type.name == type and reader.may_subscribe(topic.name)
     )
 
 
-def meant_topic(graph: Graph, wish: Wish, may_subscribe: MaySubscribe) -> str | None:
+def meant_topic(graph: Graph, wish: Wish, reader: Reader) -> str | None:
     """The topic to listen to; None while there is none.
 
     As image_transport names them, a camera's compressed pictures are below its raw ones. They are taken when
@@ -43,12 +41,12 @@ def meant_topic(graph: Graph, wish: Wish, may_subscribe: MaySubscribe) -> str | 
     Raises:
         RequestRefused: 403 for a topic that may not be seen, 400 for one that holds no pictures.
     """
-    if not may_subscribe(wish.topic):
+    if not reader.may_subscribe(wish.topic):
         raise RequestRefused(403, f"you may not subscribe to {wish.topic}")
     own = type_of(graph, wish.topic)
     below = "compressedDepth" if wish.transport == "compressedDepth" else "compressed"
     compressed = f"{wish.topic}/{below}"
-    has_compressed = type_of(graph, compressed) == COMPRESSED and may_subscribe(compressed)
+    has_compressed = type_of(graph, compressed) == COMPRESSED and reader.may_subscribe(compressed)
     wants_compressed = wish.prefers_compressed or wish.transport != "raw"
     if has_compressed and (wants_compressed or own is None):
         return compressed
@@ -57,9 +55,9 @@ def meant_topic(graph: Graph, wish: Wish, may_subscribe: MaySubscribe) -> str | 
     return wish.topic if own is not None else None
 
 
-def not_found(graph: Graph, topic: str, may_subscribe: MaySubscribe) -> RequestRefused:
+def not_found(graph: Graph, topic: str, reader: Reader) -> RequestRefused:
     """That a topic is not there, and which are."""
-    known = [*topics_of(graph, RAW, may_subscribe), *topics_of(graph, COMPRESSED, may_subscribe)]
+    known = [*topics_of(graph, RAW, reader), *topics_of(graph, COMPRESSED, reader)]
     return RequestRefused(404, f"there is no topic {topic}; image topics are: {', '.join(known) or 'none'}")
 
 

@@ -15,6 +15,7 @@ from rwt_nodes.demo.model.meshes import Look, Meshes
 from rwt_nodes.demo.model.shapes import Cuboid, Cylinder, Shape, Sphere
 from rwt_nodes.demo.model.urdf import looks
 from rwt_transports.http import HttpRequest, HttpResponse
+from tests.nodes.readers import SeesNothing
 
 NAMESPACE = {"c": "http://www.collada.org/2005/11/COLLADASchema"}
 lengths = st.floats(0.01, 10.0)
@@ -60,9 +61,11 @@ def test_a_surface_is_closed_and_faces_outwards(shape: Shape) -> None:
 
 
 def get(name: str) -> HttpResponse:
-    [(route, page)] = Meshes(looks(Chassis())).pages.items()
-    assert route == "/packages/rwt_demo/meshes/*"
-    return page(HttpRequest("GET", f"/packages/rwt_demo/meshes/{name}"), lambda topic: False)
+    [route] = Meshes(looks(Chassis())).http.routes
+    assert route.path == "/packages/rwt_demo/meshes/*"
+    response = route.page(HttpRequest("GET", f"/packages/rwt_demo/meshes/{name}"), SeesNothing())
+    assert isinstance(response, HttpResponse)
+    return response
 
 
 @pytest.mark.parametrize("link", looks(Chassis()))

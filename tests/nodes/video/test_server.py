@@ -130,8 +130,9 @@ class Theatre:
                 await anyio.sleep(0.002)
 
     def value(self, name: str, type_: str = "mjpeg") -> float:
-        family = next(family for family in self.video.figures() if family[0] == name)
-        return sum(value for labels, value in family[3] if labels["type"] == type_)
+        assert self.video.http.metrics is not None
+        family = next(family for family in self.video.http.metrics() if family.name == name)
+        return sum(value for labels, value in family.samples if labels["type"] == type_)
 
 
 @asynccontextmanager
@@ -146,9 +147,7 @@ async def _theatre(
             graph,
             "ws://127.0.0.1:0",
             settings=settings,
-            pages=video.pages,
-            sections=[video.section],
-            figures=[video.figures],
+            http=[video.http],
         ) as server:
             camera = Node(graph, "camera")
             pictures = camera.advertise("/cam/image", "sensor_msgs/Image")

@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from rwt_nodes.demo.model.shapes import Shape, Surface, text
-from rwt_transports.http import HttpRequest, HttpResponse
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 #: The package that they are in.
 PACKAGE: Final = "rwt_demo"
@@ -80,15 +77,16 @@ class Meshes:
         looks: by the name of the link.
 
     Attributes:
-        pages: what `serve` takes as its argument of that name.
+        http: what :func:`rwt.serve` takes.
     """
 
     def __init__(self, looks: Mapping[str, Look]) -> None:
         self._looks = looks
-        self.pages: Mapping[str, Callable[[HttpRequest, object], HttpResponse]] = {f"{PATH}*": self._page}
+        # As with the files of rwt_nodes.mesh_files: a robot's looks are no secret of one topic.
+        self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Access.ADMITTED),))
 
-    def _page(self, request: HttpRequest, may_subscribe: object) -> HttpResponse:
-        """One file. Whoever may come in may have it, as with those of :mod:`rwt_nodes.mesh_files`."""
+    def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        """One file."""
         name = request.path.removeprefix(PATH)
         look = self._looks.get(name.removesuffix(".dae"))
         if look is None or not name.endswith(".dae"):
