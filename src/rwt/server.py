@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rwt_protocol.transport import Accept
     from rwt_transports.api import Listener
     from rwt_transports.http import HttpExtension
-    from rwt_transports.relay.dial import Dialed
+    from rwt_transports.relay.dial import RelayStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Server:
 
     urls: tuple[str, ...]
     bridge: Bridge
-    dials: tuple[Dialed, ...]
+    dials: tuple[RelayStatus, ...]
     _listeners: tuple[Listener, ...]
 
     async def ended(self) -> None:

@@ -75,10 +75,10 @@ def require_call(peer: Peer, op: str) -> None:
 
 def too_large(peer: Peer, frame: Frame, *, in_pieces: bool = False) -> str | None:
     """Why a message may not be sent to a client, or not `in_pieces`; None when it may."""
-    carries = peer.info.carries
-    if carries and frame.size > carries and not in_pieces:
+    carried = peer.info.max_message_size
+    if carried and frame.size > carried and not in_pieces:
         return (
-            f"a message of {frame.size} bytes, and {peer.info.transport} carries {carries}: ask for "
+            f"a message of {frame.size} bytes, and {peer.info.transport} carries {carried}: ask for "
             "`fragment_size`, or connect by tcp"
         )
     most = peer.bridge.limits.outgoing_message_bytes

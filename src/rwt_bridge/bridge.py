@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Codec
     from rwt_protocol.transport import Endpoint, PeerInfo, Sink
-    from rwt_transports.relay.dial import Dialed
+    from rwt_transports.relay.dial import RelayStatus
 
 #: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
 _MOST_ORPHANS = 1000
@@ -96,7 +96,7 @@ class Bridge:
         self._codec = _one_codec(settings)
         self._fanouts: dict[str, Fanout] = {}
         self._peers: set[Peer] = set()
-        self.dials: list[Dialed] = []
+        self.dials: list[RelayStatus] = []
         self._count = 0
         self._orphans: dict[SentGoal, str] = {}
         self.dispatcher: Dispatcher[Peer] = Dispatcher(

@@ -24,7 +24,7 @@ from rwt_protocol.transport import Accept
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.connect import ConnectOptions, carries_binary
 from rwt_transports.connect import connect as connect_transport
-from rwt_transports.drivers.in_process import connect_pair
+from rwt_transports.drivers.in_process import connect_in_process
 from rwt_transports.errors import BadUrl, TransportError
 from rwt_transports.limits import Limits
 
@@ -141,13 +141,13 @@ def _dial(
 
 @asynccontextmanager
 async def _dial_url(url: str, accept: Accept, **options: Unpack[ConnectOptions]) -> AsyncIterator[Drained]:
-    async with connect_transport(url, accept, **options) as dialed:
-        yield dialed.drained
+    async with connect_transport(url, accept, **options) as outgoing:
+        yield outgoing.drained
 
 
 @asynccontextmanager
 async def _dial_memory(server: Accept, accept: Accept) -> AsyncIterator[Drained]:
-    async with connect_pair(accept, server):
+    async with connect_in_process(accept, server):
         yield anyio.lowlevel.checkpoint
 
 

@@ -137,7 +137,7 @@ class PeerInfo:
         port: the peer's port, 0 where there is none.
         path: path and query of the request, for transports that have one.
         headers: request headers, names in lower case, for transports that have them.
-        carries: bytes of the largest message that the transport can carry to this peer; 0 for any.
+        max_message_size: bytes of the largest message that the transport can carry to this peer; 0 for any.
     """
 
     transport: str
@@ -145,7 +145,7 @@ class PeerInfo:
     port: int = 0
     path: str = "/"
     headers: Mapping[str, str] = field(default_factory=dict)
-    carries: int = 0
+    max_message_size: int = 0
 
 
 @dataclass(frozen=True, slots=True)

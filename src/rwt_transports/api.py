@@ -91,12 +91,12 @@ class Wire(Protocol):
     def feed(self, data: bytes) -> None:
         """Take what arrived."""
 
-    def space(self) -> memoryview | None:
+    def get_buffer(self) -> memoryview | None:
         """Where the next bytes may be received directly, inside a large message; None: receive anywhere and
         feed."""
 
-    def filled(self, count: int) -> None:
-        """`count` bytes were received into :meth:`space`."""
+    def buffer_updated(self, count: int) -> None:
+        """`count` bytes were received into :meth:`get_buffer`."""
 
     def close(self, code: int, reason: str) -> bytes:
         """Begin to close: later messages are not reported. Returns what to send, perhaps nothing."""
@@ -113,7 +113,7 @@ class OversizeAware(Protocol):
         """A message of at least `size` bytes was skipped; `limit` is the setting. Never raises."""
 
 
-class Valve(Protocol):
+class FlowControl(Protocol):
     """How an endpoint that passes messages on holds back who sends them."""
 
     def pause(self) -> None:
@@ -128,24 +128,24 @@ class Valve(Protocol):
 
 
 @runtime_checkable
-class ValveAware(Protocol):
-    """An endpoint that is given the valve of its connection, before its first message."""
+class FlowControlled(Protocol):
+    """An endpoint that is given the flow control of its connection, before its first message."""
 
-    def given_valve(self, valve: Valve) -> None:
-        """This is it."""
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        """Keep `flow_control` for the life of the connection."""
 
 
-class Driven(Protocol):
+class DriverCallbacks(Protocol):
     """What a driver drives: the connection's half of the seam."""
 
     def receive(self, data: bytes) -> None:
         """Bytes arrived."""
 
-    def space(self) -> memoryview | None:
+    def get_buffer(self) -> memoryview | None:
         """Where the next bytes may be received directly, or None."""
 
-    def filled(self, count: int) -> None:
-        """`count` bytes were received into :meth:`space`."""
+    def buffer_updated(self, count: int) -> None:
+        """`count` bytes were received into :meth:`get_buffer`."""
 
     def take(self) -> Buffer | None:
         """The next bytes to write, None when there are none for now."""
@@ -160,12 +160,12 @@ class Driven(Protocol):
         """The link is gone, for whatever reason. Called once, last."""
 
 
-Attach = Callable[[Link, str, int], Driven]
+Attach = Callable[[Link, str, int], DriverCallbacks]
 """Called by a driver for each new peer: its link, its address (or "") and its port (or 0)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class BindAddress:
     """Where a driver listens.
 
     Attributes:
@@ -187,9 +187,9 @@ class Place:
 
 
 class Driver(Protocol):
-    """Moves bytes between a place and connections."""
+    """Moves bytes between an address and connections."""
 
-    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept peers within the block; gives the port in use. Raises
         :exc:`~rwt_transports.errors.ListenError`."""
 

@@ -22,14 +22,14 @@ from anyio.streams.stapled import StapledByteStream
 from websockets.uri import WebSocketURI
 
 from rwt_protocol.transport import Accept, Buffer
-from rwt_transports.api import Driven, Link
+from rwt_transports.api import DriverCallbacks, Link
 from rwt_transports.background import background_tasks
-from rwt_transports.connection import Connection, MakeWire, Reception
+from rwt_transports.connection import Connection, ListenerState, MakeWire
 from rwt_transports.drivers.anyio_stream import serve_stream
 from rwt_transports.drivers.asyncio_protocol import client_link
 from rwt_transports.errors import BadUrl, ConnectError, TransportError
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.client_handshake import Opening
+from rwt_transports.websocket.client_handshake import ClientHandshake
 from rwt_transports.websocket.wire import websocket_client
 from rwt_transports.wires.json_stream import json_lines, json_over_tcp
 
@@ -129,7 +129,7 @@ def parse_connect_url(url: str) -> ConnectUrl:
 
 
 @dataclass(slots=True)
-class Dialed:
+class OutgoingConnection:
     """One connection that this side opens.
 
     Attributes:
@@ -138,14 +138,14 @@ class Dialed:
     """
 
     target: ConnectUrl
-    reception: Reception
+    state: ListenerState
     headers: Mapping[str, str]
     opened: anyio.Event = field(default_factory=anyio.Event)
     error: TransportError | None = None
     connection: Connection | None = None
     _draining: anyio.Event | None = None
 
-    def attach(self, link: Link, address: str, port: int) -> Driven:
+    def attach(self, link: Link, address: str, port: int) -> DriverCallbacks:
         """The bytes can flow; called by a driver."""
         if self.target.scheme.websocket:
             return _Handshaking(self, link, address, port)
@@ -153,7 +153,7 @@ class Dialed:
 
     def begin(self, link: Link, address: str, port: int) -> Connection:
         """Messages can flow."""
-        self.connection = self.reception.attach(link, address, port)
+        self.connection = self.state.attach(link, address, port)
         self.opened.set()
         return self.connection
 
@@ -168,7 +168,7 @@ class Dialed:
 
         Whoever waits while the connection is lost waits for ever: watch for the endpoint's `closed`, too.
         """
-        if self.connection is None or self.connection not in self.reception.connections:
+        if self.connection is None or self.connection not in self.state.connections:
             return
         if self._draining is None:
             self._draining = anyio.Event()
@@ -184,16 +184,16 @@ class Dialed:
 class _Handshaking:
     """What a driver drives from its first byte: the handshake, then the connection."""
 
-    __slots__ = ("_address", "_connection", "_dialed", "_link", "_opening", "_port", "_request")
+    __slots__ = ("_address", "_connection", "_handshake", "_link", "_outgoing", "_port", "_request")
 
-    def __init__(self, dialed: Dialed, link: Link, address: str, port: int) -> None:
-        self._dialed = dialed
+    def __init__(self, outgoing: OutgoingConnection, link: Link, address: str, port: int) -> None:
+        self._outgoing = outgoing
         self._link = link
         self._address = address
         self._port = port
         self._connection: Connection | None = None
-        self._opening = Opening(dialed.target.websocket, dialed.headers)
-        self._request: bytes | None = self._opening.request
+        self._handshake = ClientHandshake(outgoing.target.websocket, outgoing.headers)
+        self._request: bytes | None = self._handshake.request
         link.wake()
 
     def receive(self, data: bytes) -> None:
@@ -202,24 +202,24 @@ class _Handshaking:
             self._connection.receive(data)
             return
         try:
-            rest = self._opening.feed(data)
+            rest = self._handshake.feed(data)
         except TransportError as error:
-            self._dialed.fail(error)
+            self._outgoing.fail(error)
             self._link.abort()
             return
         if rest is not None:
-            self._connection = self._dialed.begin(self._link, self._address, self._port)
+            self._connection = self._outgoing.begin(self._link, self._address, self._port)
             if rest:
                 self._connection.receive(rest)
 
-    def space(self) -> memoryview | None:
+    def get_buffer(self) -> memoryview | None:
         """Where the next bytes may be received directly."""
-        return None if self._connection is None else self._connection.space()
+        return None if self._connection is None else self._connection.get_buffer()
 
-    def filled(self, count: int) -> None:
+    def buffer_updated(self, count: int) -> None:
         """`count` bytes were received there."""
         if self._connection is not None:
-            self._connection.filled(count)
+            self._connection.buffer_updated(count)
 
     def take(self) -> Buffer | None:
         """The next bytes to write."""
@@ -239,16 +239,16 @@ class _Handshaking:
             self._connection.eof()
             return
         try:
-            self._opening.eof()
+            self._handshake.eof()
         except TransportError as error:
-            self._dialed.fail(error)
+            self._outgoing.fail(error)
         self._link.abort()
 
     def lost(self) -> None:
         """The link is gone."""
         if self._connection is not None:
             self._connection.lost()
-        self._dialed.fail(ConnectError(f"{self._dialed.target} hung up before the connection was open"))
+        self._outgoing.fail(ConnectError(f"{self._outgoing.target} hung up before the connection was open"))
 
 
 class ConnectOptions(TypedDict, total=False):
@@ -269,7 +269,7 @@ async def connect(
     tls: ssl.SSLContext | None = None,
     headers: Mapping[str, str] | None = None,
     timeout: float = 10.0,  # noqa: ASYNC109 - raises our own error
-) -> AsyncIterator[Dialed]:
+) -> AsyncIterator[OutgoingConnection]:
     """Connect to `url` for the length of the block; the endpoint that `accept` makes gets what arrives.
 
     The block goes on when the connection is lost: the endpoint's `closed` tells. Leaving the block closes
@@ -291,36 +291,36 @@ async def connect(
     target = parse_connect_url(url)
     context = (tls or ssl.create_default_context()) if target.scheme.tls else None
     chosen = Limits() if limits is None else limits
-    dialed = Dialed(
-        target, Reception(accept, target.scheme.make_wire, chosen, None, target.name), headers or {}
+    outgoing = OutgoingConnection(
+        target, ListenerState(accept, target.scheme.make_wire, chosen, None, target.name), headers or {}
     )
     async with background_tasks() as tasks:
         try:
             with anyio.move_on_after(timeout) as patience:
-                await _open(dialed, context, tasks)
-                await dialed.opened.wait()
+                await _open(outgoing, context, tasks)
+                await outgoing.opened.wait()
             if patience.cancelled_caught:
                 raise ConnectError(f"cannot connect to {url}: no answer within {timeout:g} s")
-            if dialed.error is not None:
-                raise dialed.error
-            tasks.start_soon(_tick, dialed.reception)
-            yield dialed
+            if outgoing.error is not None:
+                raise outgoing.error
+            tasks.start_soon(_tick, outgoing.state)
+            yield outgoing
         finally:
             with anyio.CancelScope(shield=True):
-                await _close(dialed.reception, chosen.close_seconds)
+                await _close(outgoing.state, chosen.close_seconds)
 
 
-async def _close(reception: Reception, patience: float) -> None:
-    reception.close(1000, "")
+async def _close(state: ListenerState, patience: float) -> None:
+    state.close(1000, "")
     with anyio.move_on_after(patience):
-        await reception.emptied()
-    reception.abort()
-    await reception.emptied()
+        await state.emptied()
+    state.abort()
+    await state.emptied()
 
 
-async def _tick(reception: Reception) -> None:
+async def _tick(state: ListenerState) -> None:
     while True:
-        reception.tick(time.monotonic())
+        state.tick(time.monotonic())
         await anyio.sleep(TICK_SECONDS)
 
 
@@ -333,22 +333,22 @@ _TLS_REASONS: Final = {
 """OpenSSL's names of what happens where something else than TLS answers."""
 
 
-async def _open(dialed: Dialed, tls: ssl.SSLContext | None, tasks: TaskGroup) -> None:
+async def _open(outgoing: OutgoingConnection, tls: ssl.SSLContext | None, tasks: TaskGroup) -> None:
     """Reach the other side and set its bytes moving.
 
     Raises:
         ConnectError: nobody answers there.
     """
-    target = dialed.target
+    target = outgoing.target
     try:
         if target.name == "stdio":
-            tasks.start_soon(_serve_process, dialed, await _start(target.path))
+            tasks.start_soon(_serve_process, outgoing, await _start(target.path))
         elif target.host and _on_asyncio():
             loop = asyncio.get_running_loop()
-            make_link = partial(client_link, dialed.attach, loop)
+            make_link = partial(client_link, outgoing.attach, loop)
             await loop.create_connection(make_link, target.host, target.port, ssl=tls)
         else:
-            tasks.start_soon(serve_stream, dialed.attach, await _stream(target, tls))
+            tasks.start_soon(serve_stream, outgoing.attach, await _stream(target, tls))
     except ssl.SSLError as error:
         reason = getattr(error, "verify_message", "") or _TLS_REASONS.get(error.reason or "", error.reason)
         reason = reason or "the handshake failed"
@@ -380,13 +380,13 @@ async def _start(command: str) -> Process:
     return await anyio.open_process(shlex.split(command), stderr=None)
 
 
-async def _serve_process(dialed: Dialed, process: Process) -> None:
+async def _serve_process(outgoing: OutgoingConnection, process: Process) -> None:
     """Speak with a program until the connection ends, and end the program with it."""
     async with process:
         if process.stdin is None or process.stdout is None:
-            dialed.fail(ConnectError(f"{dialed.target} has no standard input and output"))
+            outgoing.fail(ConnectError(f"{outgoing.target} has no standard input and output"))
             return
-        await serve_stream(dialed.attach, StapledByteStream(process.stdin, process.stdout))
+        await serve_stream(outgoing.attach, StapledByteStream(process.stdin, process.stdout))
 
 
 def _why(error: OSError) -> str:

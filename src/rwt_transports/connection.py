@@ -10,27 +10,26 @@ from dataclasses import dataclass, field
 import anyio
 
 from rwt_protocol.transport import Accept, Buffer, Endpoint, PeerInfo
-from rwt_transports.api import Link, OversizeAware, ValveAware, Wire, WireEvents
+from rwt_transports.api import FlowControlled, Link, OversizeAware, Wire, WireEvents
 from rwt_transports.background import TaskStarter
-from rwt_transports.errors import Refused
+from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
-from rwt_transports.incidents import report
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from rwt_transports.websocket.deflate import deflate_server
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.handshake import HandshakeAnswer
-from rwt_transports.wires.receive_buffer import Spare
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports")
 
-MakeWire = Callable[[WireEvents, Limits, Spare], Wire]
+MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
 """Makes the wire of one new connection."""
 
 
 @dataclass(slots=True)
-class Reception:
+class ListenerState:
     """What all connections of one listener share.
 
     Attributes:
@@ -40,7 +39,7 @@ class Reception:
         transport: the URL scheme, for :class:`~rwt_protocol.transport.PeerInfo`.
         single: whether everything ends with the one peer that there is.
         idle_seconds: silence after which a peer is forgotten; 0 never.
-        carries: bytes of the largest message that can be sent; 0 for any.
+        max_message_size: bytes of the largest message that can be sent; 0 for any.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
         connections: those that are open.
@@ -53,10 +52,10 @@ class Reception:
     transport: str
     single: bool = False
     idle_seconds: float = 0.0
-    carries: int = 0
+    max_message_size: int = 0
     tasks: TaskStarter | None = None
     ended: anyio.Event = field(default_factory=anyio.Event)
-    spare: Spare = field(default_factory=Spare)
+    buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
     connections: set[Connection] = field(default_factory=set)
     closing: bool = False
     _empty: anyio.Event | None = None
@@ -75,7 +74,7 @@ class Reception:
                 connection.tick(now)
             except Exception:
                 # The others must not wait for ever because of one.
-                report("looking after %s failed; cutting it", connection)
+                log_exception("looking after %s failed; cutting it", connection)
                 connection.abort()
 
     def close(self, code: int, reason: str) -> None:
@@ -119,20 +118,20 @@ class Connection:
         "_link",
         "_pinged",
         "_port",
-        "_reception",
         "_scope",
+        "_state",
         "_wire",
         "outbox",
         "take",
     )
 
-    def __init__(self, reception: Reception, link: Link, address: str, port: int) -> None:
-        self._reception = reception
+    def __init__(self, state: ListenerState, link: Link, address: str, port: int) -> None:
+        self._state = state
         self._link = link
         self._address = address
         self._port = port
-        self._wire = reception.make_wire(self, reception.limits, reception.spare)
-        self.outbox = Outbox(self._wire.framing, reception.limits, link.wake, self._overflow, self.close)
+        self._wire = state.make_wire(self, state.limits, state.buffers)
+        self.outbox = Outbox(self._wire.framing, state.limits, link.wake, self._overflow, self.close)
         self.take: Callable[[], Buffer | None] = self.outbox.take
         self._conversation: HttpConversation | None = None
         self._endpoint: Endpoint | None = None
@@ -146,25 +145,27 @@ class Connection:
 
     def begin(self) -> None:
         """Start with HTTP, or open at once where the transport has no handshake."""
-        reception = self._reception
-        if reception.closing or len(reception.connections) > 2 * reception.limits.connections:
+        state = self._state
+        if state.closing or len(state.connections) > 2 * state.limits.connections:
             self._link.abort()
-        elif reception.routes is not None:
-            self._conversation = HttpConversation(reception.routes, reception.limits, self, self._address)
-        elif len(reception.connections) > reception.limits.connections:
-            logger.warning("no room for %s: %d connections", self, reception.limits.connections)
+        elif state.routes is not None:
+            self._conversation = HttpConversation(state.routes, state.limits, self, self._address)
+        elif len(state.connections) > state.limits.connections:
+            logger.warning("no room for %s: %d connections", self, state.limits.connections)
             self._link.abort()
         else:
             self._open_at_once()
 
     def _open_at_once(self) -> None:
         try:
-            reception = self._reception
-            self._open(PeerInfo(reception.transport, self._address, self._port, carries=reception.carries))
+            state = self._state
+            self._open(
+                PeerInfo(state.transport, self._address, self._port, max_message_size=state.max_message_size)
+            )
         except Refused as refused:
             self.close(POLICY, refused.reason)
         except Exception:
-            report("the accept function failed for %s", self)
+            log_exception("the accept function failed for %s", self)
             self.close(INTERNAL_ERROR, "internal error")
 
     # -- the driver's side ---------------------------------------------------------------------------------
@@ -181,16 +182,16 @@ class Connection:
         except Exception:
             self._broken_inside()
 
-    def space(self) -> memoryview | None:
+    def get_buffer(self) -> memoryview | None:
         """Where the next bytes may be received directly."""
-        return self._wire.space()
+        return self._wire.get_buffer()
 
-    def filled(self, count: int) -> None:
-        """`count` bytes were received into :meth:`space`."""
+    def buffer_updated(self, count: int) -> None:
+        """`count` bytes were received into :meth:`get_buffer`."""
         self._alive = True
         self.outbox.received += count
         try:
-            self._wire.filled(count)
+            self._wire.buffer_updated(count)
         except Exception:
             self._broken_inside()
 
@@ -210,10 +211,10 @@ class Connection:
 
     def lost(self) -> None:
         """The link is gone."""
-        self._reception.detach(self)
+        self._state.detach(self)
         self._conversation = None
         self._ending = True
-        self.outbox.abandon()
+        self.outbox.discard()
         if self._scope is not None:
             self._scope.cancel()
         self._end_endpoint(ABNORMAL, "the connection was lost")
@@ -239,7 +240,7 @@ class Connection:
         """Cut the connection."""
         self._link.abort()
 
-    # -- the endpoint's valve ------------------------------------------------------------------------------
+    # -- the endpoint's flow control -----------------------------------------------------------------------
 
     def pause(self) -> None:
         """Take nothing more from the peer for now."""
@@ -259,11 +260,11 @@ class Connection:
         if self._conversation is not None:
             self._link.abort()
             return
-        self.outbox.seal()
+        self.outbox.stop_sending()
         self.close(POLICY, reason)
 
     def _broken_inside(self) -> None:
-        report("an endpoint, a route or a wire failed; closing %s", self)
+        log_exception("an endpoint, a route or a wire failed; closing %s", self)
         if self._conversation is not None:
             self._link.abort()
             return
@@ -276,7 +277,7 @@ class Connection:
         endpoint: object = self._endpoint
         if not isinstance(endpoint, OversizeAware):
             return False
-        endpoint.oversized(size, self._reception.limits.message_bytes)
+        endpoint.oversized(size, self._state.limits.message_bytes)
         return True
 
     def answer(self, data: bytes) -> None:
@@ -299,16 +300,16 @@ class Connection:
 
     def upgrade(self, request: HttpRequest, answer: HandshakeAnswer, rest: bytes) -> HttpResponse | None:
         """Become a WebSocket, if the listener and the accept function have it."""
-        reception = self._reception
-        if reception.closing:
+        state = self._state
+        if state.closing:
             return HttpResponse(b"this server is closing\n", 503)
-        if len(reception.connections) > reception.limits.connections:
-            text = f"all {reception.limits.connections} connections of this server are taken (connections)\n"
+        if len(state.connections) > state.limits.connections:
+            text = f"all {state.limits.connections} connections of this server are taken (connections)\n"
             return HttpResponse(text.encode(), 503)
         self._agree(answer.deflate)
         target = f"{request.path}?{request.query}" if request.query else request.path
         refusal = self._open_after(
-            PeerInfo(reception.transport, self._address, self._port, target, request.headers), answer.head
+            PeerInfo(state.transport, self._address, self._port, target, request.headers), answer.head
         )
         if refusal is None and rest:
             self._wire.feed(rest)
@@ -316,14 +317,14 @@ class Connection:
 
     def _agree(self, terms: DeflateTerms | None) -> None:
         """Speak as the handshake has agreed; nothing has gone through the wire yet."""
-        reception = self._reception
+        state = self._state
         if terms is not None:
-            self._wire = deflate_server(terms, self, reception.limits, reception.spare)
-        self.outbox.speak(self._wire.framing)
+            self._wire = deflate_server(terms, self, state.limits, state.buffers)
+        self.outbox.set_framing(self._wire.framing)
 
     def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
         """Run an HTTP handler in a task that ends with the connection."""
-        tasks = self._reception.tasks
+        tasks = self._state.tasks
         if tasks is None:
             raise RuntimeError("the listener is not open")
         tasks.start_soon(self._in_scope, work)
@@ -351,17 +352,17 @@ class Connection:
             try:
                 await work()
             except Exception:
-                report("an HTTP answer failed; cutting %s", self)
+                log_exception("an HTTP answer failed; cutting %s", self)
                 self._link.abort()
         self._scope = None
 
     # -- life ----------------------------------------------------------------------------------------------
 
     def _open(self, peer: PeerInfo) -> None:
-        endpoint = self._reception.accept(self.outbox, peer)
+        endpoint = self._state.accept(self.outbox, peer)
         self._endpoint = endpoint
-        if isinstance(endpoint, ValveAware):
-            endpoint.given_valve(self)
+        if isinstance(endpoint, FlowControlled):
+            endpoint.set_flow_control(self)
         if not self._ending:
             self._wire.message = endpoint.receive
 
@@ -374,7 +375,7 @@ class Connection:
         except Refused as refused:
             refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
         except Exception:
-            report("the accept function failed for %s", self)
+            log_exception("the accept function failed for %s", self)
             refusal = HttpResponse(b"internal error\n", 500)
         else:
             self.outbox.insert(mark, head)
@@ -387,7 +388,7 @@ class Connection:
         """Tell the endpoint that it is over, once."""
         endpoint, self._endpoint = self._endpoint, None
         if endpoint is not None:
-            self.outbox.seal()
+            self.outbox.stop_sending()
             endpoint.closed(*(self._closed_with or (code, reason)))
 
     def tick(self, now: float) -> None:
@@ -396,7 +397,7 @@ class Connection:
             self._alive = self._pinged = False
             self._heard = now
         silent = now - self._heard
-        limits = self._reception.limits
+        limits = self._state.limits
         if self._ending:
             if self._deadline is None:
                 self._deadline = now + limits.close_seconds
@@ -404,13 +405,13 @@ class Connection:
                 self._link.abort()
         elif self._conversation is not None:
             self._conversation.tick(now)
-        elif self._reception.idle_seconds and silent >= self._reception.idle_seconds:
+        elif self._state.idle_seconds and silent >= self._state.idle_seconds:
             self._forget(f"silent for {silent:.0f} s")
         elif limits.ping_seconds and silent >= limits.ping_seconds:
             self._ping(silent)
 
     def _ping(self, silent: float) -> None:
-        limits = self._reception.limits
+        limits = self._state.limits
         if not self._pinged:
             ping = self._wire.ping()
             # Where the protocol has no ping, silence means nothing (TCP-04): the system's own keep-alive
@@ -427,4 +428,4 @@ class Connection:
         self._link.abort()
 
     def __repr__(self) -> str:
-        return f"<{self._reception.transport} connection {self._address}:{self._port}>"
+        return f"<{self._state.transport} connection {self._address}:{self._port}>"

@@ -162,12 +162,12 @@ class DataLane:
 
     def _make_place(self, queue: Queue, size: int) -> None:
         """Drop old messages worth `size` bytes: the queue's own, or another's where it has none."""
-        victim, keep = (queue, 0) if queue.waiting else (self._fattest(), 1)
+        victim, keep = (queue, 0) if queue.waiting else (self._largest_queue(), 1)
         freed = 0
         while victim is not None and len(victim.waiting) > keep and freed < max(size, 1):
             freed += self._drop_oldest(victim, DropReason.BACKLOG)
 
-    def _fattest(self) -> Queue | None:
+    def _largest_queue(self) -> Queue | None:
         """The queue that holds most bytes among those that have more than their newest message; one that
         keeps all only where there is no other."""
         rich = [queue for _, _, queue in self._turns if len(queue.waiting) > 1]

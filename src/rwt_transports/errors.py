@@ -9,7 +9,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
 from collections.abc import Mapping
+
+logger = logging.getLogger("rwt_transports")
 
 
 class TransportError(Exception):
@@ -42,3 +46,13 @@ class Refused(TransportError):
         self.status = status
         self.reason = reason
         self.headers: Mapping[str, str] = headers or {}
+
+
+def log_exception(text: str, *parts: object) -> None:
+    """Log the exception that is being handled, where none may be raised.
+
+    A log handler that raises, because its disk is full or its server away, must not take other connections
+    or the listener with it: what it was given is lost.
+    """
+    with contextlib.suppress(Exception):
+        logger.exception(text, *parts)

@@ -15,7 +15,7 @@ import anyio.lowlevel
 from rwt_protocol.transport import Accept
 from rwt_transports.api import Driver
 from rwt_transports.background import TaskStarter
-from rwt_transports.connection import MakeWire, Reception
+from rwt_transports.connection import ListenerState, MakeWire
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.errors import BadUrl
@@ -30,21 +30,21 @@ TICK_SECONDS = 0.5
 class OpenListener:
     """A listener that is open; satisfies :class:`rwt_transports.api.Listener`."""
 
-    __slots__ = ("_reception", "url")
+    __slots__ = ("_state", "url")
 
-    def __init__(self, url: str, reception: Reception) -> None:
+    def __init__(self, url: str, state: ListenerState) -> None:
         self.url = url
-        self._reception = reception
+        self._state = state
 
     @property
     def connections(self) -> int:
         """How many peers are connected, plain HTTP included."""
-        return len(self._reception.connections)
+        return len(self._state.connections)
 
     async def ended(self) -> None:
         """Wait until the listener has nothing left to serve. That of ``stdio:`` ends with its one peer, any
         other when its block is left."""
-        await self._reception.ended.wait()
+        await self._state.ended.wait()
 
 
 @asynccontextmanager
@@ -83,34 +83,34 @@ async def listen(
     make_wire = target.scheme.wire(bson=bson)
     if make_wire is None:
         raise BadUrl(f"cannot listen on {url!r}: BSON is not spoken over {target.name}; use ws:// or tcp://")
-    reception = _reception(target, accept, make_wire, chosen, routes)
+    state = _listener_state(target, accept, make_wire, chosen, routes)
     mover = driver or (target.scheme.make_driver or fastest_driver)()
     failure: Exception | None = None
     async with (
-        mover.serve(replace(target.place, shared=shared), reception.attach) as port,
+        mover.serve(replace(target.address, shared=shared), state.attach) as port,
         anyio.create_task_group() as tasks,
     ):
-        reception.tasks = TaskStarter()
-        tasks.start_soon(reception.tasks.run, tasks)
-        tasks.start_soon(_tick, reception)
+        state.tasks = TaskStarter()
+        tasks.start_soon(state.tasks.run, tasks)
+        tasks.start_soon(_tick, state)
         try:
-            yield OpenListener(target.with_port(port), reception)
+            yield OpenListener(target.with_port(port), state)
         except Exception as error:
             # Raised again below, so that the caller gets the exception itself and not a group around it.
             failure = error
         finally:
             with anyio.CancelScope(shield=True):
-                await _close_all(reception, chosen.close_seconds)
+                await _close_all(state, chosen.close_seconds)
             tasks.cancel_scope.cancel()
     if failure is not None:
         raise failure
 
 
-def _reception(
+def _listener_state(
     target: ListenUrl, accept: Accept, make_wire: MakeWire, limits: Limits, routes: Routes | None
-) -> Reception:
+) -> ListenerState:
     scheme = target.scheme
-    return Reception(
+    return ListenerState(
         accept,
         make_wire,
         limits,
@@ -118,7 +118,7 @@ def _reception(
         target.name,
         single=scheme.single,
         idle_seconds=limits.idle_peer_seconds if scheme.expires else 0.0,
-        carries=scheme.carries,
+        max_message_size=scheme.max_message_size,
     )
 
 
@@ -131,16 +131,16 @@ def fastest_driver() -> Driver:
     return AsyncioDriver()
 
 
-async def _tick(reception: Reception) -> None:
+async def _tick(state: ListenerState) -> None:
     while True:
-        reception.tick(time.monotonic())
+        state.tick(time.monotonic())
         await anyio.sleep(TICK_SECONDS)
 
 
-async def _close_all(reception: Reception, patience: float) -> None:
+async def _close_all(state: ListenerState, patience: float) -> None:
     """Ask all peers to go; cut those that have not gone in `patience` seconds."""
-    reception.close(GOING_AWAY, "the server is going away")
+    state.close(GOING_AWAY, "the server is going away")
     with anyio.move_on_after(patience):
-        await reception.emptied()
-    reception.abort()
-    await reception.emptied()
+        await state.emptied()
+    state.abort()
+    await state.emptied()

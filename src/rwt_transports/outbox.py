@@ -118,7 +118,7 @@ class Outbox:
         hang_up: Callable[[int, str], None],
     ) -> None:
         self._limits = limits
-        self.speak(framing)
+        self.set_framing(framing)
         self.wake = wake
         self._overflow = overflow
         self._hang_up = hang_up
@@ -144,7 +144,7 @@ class Outbox:
         elif not self._closed:
             self._queue_control(frame)
 
-    def speak(self, framing: Framing) -> None:
+    def set_framing(self, framing: Framing) -> None:
         """From now on frames become bytes in this way."""
         self._framing = framing
         self.whole = framing.whole
@@ -284,18 +284,18 @@ class Outbox:
             self._ready_frame(frame)
         if last:
             self.push(last)
-        self.seal()
+        self.stop_sending()
         self.wake()
 
-    def seal(self) -> None:
+    def stop_sending(self) -> None:
         """Let nothing follow what is ready: the lanes are thrown away."""
         self._discard_lanes()
         self._closed = True
         self.room = 0
 
-    def abandon(self) -> None:
+    def discard(self) -> None:
         """The peer is gone: free everything, and let nothing follow."""
-        self.seal()
+        self.stop_sending()
         self.ready.clear()
         self._large = 0
         self._current = None

@@ -17,7 +17,7 @@ def can_share(url: str, tls: SSLContext | None = None) -> bool:
         BadUrl: it is not one to listen on.
     """
     target = parse_listen_url(url, tls)
-    return bool(target.place.host) and target.scheme.make_driver is None
+    return bool(target.address.host) and target.scheme.make_driver is None
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ async def hold_port(url: str, tls: SSLContext | None = None) -> HeldPort:
         ListenError: the address cannot be had.
     """
     target = parse_listen_url(url, tls)
-    sockets = await bind_tcp(target.place.host, target.place.port)
+    sockets = await bind_tcp(target.address.host, target.address.port)
     for each in sockets:
         # Not before it is bound: so a port that other programs share counts as in use.
         each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ssl import SSLContext
 from urllib.parse import urlsplit
 
-from rwt_transports.api import Driver, Place
+from rwt_transports.api import BindAddress, Driver
 from rwt_transports.connection import MakeWire
 from rwt_transports.drivers.datagrams import DatagramDriver
 from rwt_transports.drivers.standard_streams import StandardStreamsDriver
@@ -33,7 +33,7 @@ class Scheme:
         unix: whether it names a path instead of host and port.
         make_driver: makes the one driver that can serve it; None: any driver of byte streams.
         single: whether there is one peer, with which the listener ends; it names no place.
-        carries: bytes of the largest message that can be sent; 0 for any.
+        max_message_size: bytes of the largest message that can be sent; 0 for any.
         expires: whether a silent peer is forgotten, since nothing else says that it has gone.
         bson_wire: the wire spoken where every message is BSON; None: BSON cannot be spoken.
     """
@@ -46,7 +46,7 @@ class Scheme:
     make_driver: Callable[[], Driver] | None = None
     single: bool = False
     expires: bool = False
-    carries: int = 0
+    max_message_size: int = 0
     bson_wire: MakeWire | None = None
 
     def wire(self, *, bson: bool) -> MakeWire | None:
@@ -65,7 +65,7 @@ SCHEMES = {
         "udp://127.0.0.1:9092",
         make_driver=DatagramDriver,
         expires=True,
-        carries=DATAGRAM_BYTES,
+        max_message_size=DATAGRAM_BYTES,
     ),
     "stdio": Scheme(
         json_lines, "stdio:", make_driver=StandardStreamsDriver, single=True, bson_wire=bson_documents
@@ -80,20 +80,20 @@ class ListenUrl:
     Attributes:
         name: the scheme.
         scheme: its row.
-        place: where to listen.
+        address: where to listen.
     """
 
     name: str
     scheme: Scheme
-    place: Place
+    address: BindAddress
 
     def with_port(self, port: int) -> str:
         """The URL with the port in use."""
         if self.scheme.single:
             return self.scheme.example
         if self.scheme.unix:
-            return f"{self.name}://{self.place.path}"
-        host = f"[{self.place.host}]" if ":" in self.place.host else self.place.host
+            return f"{self.name}://{self.address.path}"
+        host = f"[{self.address.host}]" if ":" in self.address.host else self.address.host
         return f"{self.name}://{host}:{port}"
 
 
@@ -121,15 +121,15 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
     if scheme.single:
         if rest:
             raise _bad(url, "standard input and output have no address", scheme)
-        return ListenUrl(name, scheme, Place())
+        return ListenUrl(name, scheme, BindAddress())
     if scheme.unix:
         if not rest.startswith("/"):
             raise _bad(url, "it names no absolute path", scheme)
-        return ListenUrl(name, scheme, Place(path=rest))
-    return ListenUrl(name, scheme, _tcp_place(url, scheme, tls if scheme.tls else None))
+        return ListenUrl(name, scheme, BindAddress(path=rest))
+    return ListenUrl(name, scheme, _tcp_address(url, scheme, tls if scheme.tls else None))
 
 
-def _tcp_place(url: str, scheme: Scheme, tls: SSLContext | None) -> Place:
+def _tcp_address(url: str, scheme: Scheme, tls: SSLContext | None) -> BindAddress:
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
@@ -139,7 +139,7 @@ def _tcp_place(url: str, scheme: Scheme, tls: SSLContext | None) -> Place:
         raise _bad(url, "it names no host", scheme)
     if parts.path not in ("", "/") or parts.query or parts.fragment or parts.username is not None:
         raise _bad(url, "only a host and a port can be given; every path is served", scheme)
-    return Place(host, DEFAULT_PORT if port is None else port, tls=tls)
+    return BindAddress(host, DEFAULT_PORT if port is None else port, tls=tls)
 
 
 def _bad(url: str, what: str, scheme: Scheme) -> BadUrl:

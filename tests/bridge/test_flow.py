@@ -12,7 +12,7 @@ from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_protocol.transport import DropReason
 from rwt_transports import Limits
-from rwt_transports.connection import Reception
+from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.memory import MemoryPipe
 from rwt_transports.outbox import READY_BYTES
 from rwt_transports.wires.json_stream import json_over_tcp
@@ -26,8 +26,8 @@ class SlowClient:
     """A client of the JSON wire that reads when it is told to."""
 
     def __init__(self, bridge: Bridge, limits: Limits) -> None:
-        self.reception = Reception(bridge.accept, json_over_tcp, limits, None, "tcp")
-        self.pipe = MemoryPipe(self.reception.attach, "10.0.0.7", 4321)
+        self.state = ListenerState(bridge.accept, json_over_tcp, limits, None, "tcp")
+        self.pipe = MemoryPipe(self.state.attach, "10.0.0.7", 4321)
 
     def say(self, op: str, **fields: object) -> None:
         self.pipe.send(json.dumps({"op": op, **fields}).encode())
@@ -125,7 +125,7 @@ def test_replies_unread_without_end_disconnect_and_say_why(
             break
     assert "control_bytes" in caplog.text
     for now in (0.0, 0.5, 2.0):
-        reader.reception.tick(now)
+        reader.state.tick(now)
     assert reader.pipe.closed
 
 

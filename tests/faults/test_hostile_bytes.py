@@ -22,7 +22,7 @@ from rwt_protocol.ops import Direction
 from rwt_protocol.session import Refusal, Session
 from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import Limits, Routes
-from rwt_transports.connection import MakeWire, Reception
+from rwt_transports.connection import ListenerState, MakeWire
 from rwt_transports.drivers.memory import MemoryPipe
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
@@ -113,8 +113,8 @@ class Told:
 
 
 def _pipe(told: Told, make_wire: MakeWire, routes: Routes | None) -> MemoryPipe:
-    reception = Reception(told.accept, make_wire, Limits(message_bytes=MIB), routes, "test")
-    return MemoryPipe(reception.attach, "memory", 0)
+    state = ListenerState(told.accept, make_wire, Limits(message_bytes=MIB), routes, "test")
+    return MemoryPipe(state.attach, "memory", 0)
 
 
 def test_a_message_of_a_gigabyte_is_passed_over() -> None:
@@ -133,8 +133,8 @@ def test_a_message_of_a_gigabyte_is_passed_over() -> None:
 def test_a_compressed_message_is_inflated_up_to_the_limit_and_no_further() -> None:
     told = Told()
     limits = Limits(message_bytes=MIB, deflate=Deflate.SHARED)
-    reception = Reception(told.accept, websocket_server, limits, Routes(), "test")
-    pipe = MemoryPipe(reception.attach, "memory", 0)
+    state = ListenerState(told.accept, websocket_server, limits, Routes(), "test")
+    pipe = MemoryPipe(state.attach, "memory", 0)
     pipe.send(REQUEST[:-2] + b"Sec-WebSocket-Extensions: permessage-deflate\r\n\r\n")
     (bomb,) = deflated([bytes(100 * MIB)], keep=False)
     with memory_below(4 * MIB):

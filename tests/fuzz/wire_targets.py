@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 from rwt_transports import Limits, Routes
 from rwt_transports.api import Wire, WireEvents
-from rwt_transports.connection import Reception
+from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.memory import MemoryPipe
 from rwt_transports.http import HttpRequest, HttpResponse
 from rwt_transports.websocket.deflate import DeflateWire
@@ -57,14 +57,14 @@ def _feed(make: MakeWire, skip: bool, pieces: Iterator[bytes]) -> _Heard:
     for piece in pieces:
         view = memoryview(piece)
         while view:
-            space = wire.space()
+            space = wire.get_buffer()
             if space is None:
                 wire.feed(bytes(view))
                 break
             count = min(len(space), len(view))
             space[:count] = view[:count]
             space.release()
-            wire.filled(count)
+            wire.buffer_updated(count)
             view = view[count:]
     return heard
 
@@ -175,12 +175,12 @@ def http(data: bytes) -> None:
     routes.get("/", _page)
     routes.add("/", _page, "POST")
     limits = Limits(message_bytes=LARGEST, http_header_bytes=500, http_body_bytes=500)
-    reception = Reception(_accept, websocket_server, limits, routes, "ws")
-    pipe = MemoryPipe(reception.attach, "memory", 0)
+    state = ListenerState(_accept, websocket_server, limits, routes, "ws")
+    pipe = MemoryPipe(state.attach, "memory", 0)
     received = 0
     for piece in _pieces(data[1:], data[0] or 256):
         pipe.send(piece)
         received += len(pipe.receive())
     assert received <= 40 * len(data) + 2_000, "more answers than questions"
     pipe.cut()
-    assert not reception.connections
+    assert not state.connections

@@ -11,7 +11,7 @@ import pytest
 
 from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, Refused, Routes
-from rwt_transports.connection import Reception
+from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.memory import MemoryPipe
 from rwt_transports.websocket.wire import CLIENT_FRAMING, websocket_server
 
@@ -31,10 +31,10 @@ class Host:
     """A listener without a driver: pipes are attached by hand, time passes when told."""
 
     def __init__(self, accept: Accept, limits: Limits | None = None, routes: Routes | None = None) -> None:
-        self.reception = Reception(accept, websocket_server, limits or Limits(), routes or Routes(), "ws")
+        self.state = ListenerState(accept, websocket_server, limits or Limits(), routes or Routes(), "ws")
 
     def pipe(self) -> MemoryPipe:
-        return MemoryPipe(self.reception.attach, "10.0.0.7", 4321)
+        return MemoryPipe(self.state.attach, "10.0.0.7", 4321)
 
     def open(self) -> MemoryPipe:
         pipe = self.pipe()
@@ -44,7 +44,7 @@ class Host:
 
     def pass_time(self, *moments: float) -> None:
         for now in moments:
-            self.reception.tick(now)
+            self.state.tick(now)
 
 
 class Endpoints:
@@ -387,7 +387,7 @@ def test_a_peer_that_does_not_answer_a_close_is_cut() -> None:
     host = Host(accept, Limits(close_seconds=2))
     pipe = host.open()
     host.pass_time(0)
-    host.reception.close(1001, "off")
+    host.state.close(1001, "off")
     host.pass_time(5, 6)
     assert not gone(pipe) and pipe.receive() == closing(1001, "off")
     host.pass_time(7)
@@ -397,7 +397,7 @@ def test_a_peer_that_does_not_answer_a_close_is_cut() -> None:
 def test_a_closing_listener_lets_nobody_in() -> None:
     host = Host(Endpoints())
     pipe = host.pipe()
-    host.reception.close(1001, "off")
+    host.state.close(1001, "off")
     assert pipe.receive() == b"" and gone(pipe)
     late = host.pipe()
     assert gone(late) and late.receive() == b""

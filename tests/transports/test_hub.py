@@ -18,7 +18,7 @@ from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import BadUrl, Limits, Refused, listen
 from rwt_transports.connect import connect
 from rwt_transports.errors import ConnectError
-from rwt_transports.relay.dial import BackOff, Dialed, check_dial_url, dial
+from rwt_transports.relay.dial import BackOff, RelayStatus, check_dial_url, dial
 from rwt_transports.relay.protocol import (
     BadAssignment,
     decode_assignment,
@@ -120,11 +120,11 @@ async def upgraded(hub: OpenHub, path: str) -> AsyncIterator[SocketStream]:
 @asynccontextmanager
 async def robot(
     hub: OpenHub, program: Program, name: str = "rosie", token: str | None = None
-) -> AsyncIterator[Dialed]:
+) -> AsyncIterator[RelayStatus]:
     url = f"{hub.url}/robots/{name}"
-    async with dial(url, program, token=token, limits=SHORT, back_off=AT_ONCE) as dialed:
-        await until(lambda: dialed.spares == 2)
-        yield dialed
+    async with dial(url, program, token=token, limits=SHORT, back_off=AT_ONCE) as status:
+        await until(lambda: status.idle == 2)
+        yield status
 
 
 # -- messages ----------------------------------------------------------------------------------------------
@@ -132,17 +132,17 @@ async def robot(
 
 async def test_each_client_has_its_own_connection_to_the_robot() -> None:
     program = Program()
-    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program) as dialed:
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program) as status:
         async with client(hub, "/rosie") as one, client(hub, "/rosie") as two:
             one.sink.send(Frame(b'{"from":1}'))
             two.sink.send(Frame(b"\x80two", binary=True))
             await until(lambda: one.heard and two.heard)
             assert (one.heard, two.heard) == ([b'{"from":1}'], [b"\x80two"])
             assert sorted(each.heard for each in program.clients) == [[b'{"from":1}'], [b"\x80two"]]
-            assert dialed.clients == 2
-            await until(lambda: dialed.spares == 2)
-        await until(lambda: dialed.clients == 0)
-        assert dialed.connected
+            assert status.clients == 2
+            await until(lambda: status.idle == 2)
+        await until(lambda: status.clients == 0)
+        assert status.connected
 
 
 async def test_more_clients_at_once_than_connections_wait() -> None:
@@ -270,17 +270,17 @@ async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
     program = Program()
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
         url = hub.url
-    async with dial(f"{url}/robots/rosie", program, back_off=AT_ONCE, limits=SHORT) as dialed:
-        await until(lambda: dialed.failures >= 3)
-        assert "nobody listens there" in dialed.error
+    async with dial(f"{url}/robots/rosie", program, back_off=AT_ONCE, limits=SHORT) as status:
+        await until(lambda: status.failures >= 3)
+        assert "nobody listens there" in status.error
         for _ in range(2):
             async with open_hub(url, limits=SHORT) as hub:
-                await until(lambda: dialed.spares == 2)
-                assert dialed.error == ""
+                await until(lambda: status.idle == 2)
+                assert status.error == ""
                 async with client(hub, "/rosie") as box:
                     box.sink.send(Frame(b"{}"))
                     await until(lambda: box.heard)
-            await until(lambda: not dialed.connected and dialed.failures)
+            await until(lambda: not status.connected and status.failures)
 
 
 async def test_the_newest_program_of_a_name_has_it(caplog: pytest.LogCaptureFixture) -> None:
@@ -288,7 +288,7 @@ async def test_the_newest_program_of_a_name_has_it(caplog: pytest.LogCaptureFixt
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
         slow = BackOff(first=60, most=60)
         async with dial(f"{hub.url}/robots/rosie", old, back_off=slow, limits=SHORT) as former:
-            await until(lambda: former.spares == 2)
+            await until(lambda: former.idle == 2)
             async with robot(hub, new):
                 await until(lambda: former.failures)
                 assert "4009 another program dialled in as rosie" in former.error
@@ -305,19 +305,19 @@ async def test_the_newest_program_of_a_name_has_it(caplog: pytest.LogCaptureFixt
 async def test_the_robot_decides_which_clients_it_takes() -> None:
     program = Program()
     program.refuse = "a bearer token is needed"
-    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program) as dialed:
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, program) as status:
         async with client(hub, "/rosie") as box:
             assert await box.ended() == (1008, "a bearer token is needed")
-        await until(lambda: dialed.clients == 0 and dialed.spares == 2)
+        await until(lambda: status.clients == 0 and status.idle == 2)
 
 
 async def test_a_robot_needs_the_hubs_token() -> None:
     secret = "0123456789abcdef"
     async with open_hub("ws://127.0.0.1:0", tokens=[secret, "another-long-token"], limits=SHORT) as hub:
         for wrong in (None, "0123456789abcdeg", ""):
-            async with dial(f"{hub.url}/robots/rosie", Program(), token=wrong, back_off=AT_ONCE) as dialed:
-                await until(lambda: dialed.failures)
-                assert "401" in dialed.error
+            async with dial(f"{hub.url}/robots/rosie", Program(), token=wrong, back_off=AT_ONCE) as status:
+                await until(lambda: status.failures)
+                assert "401" in status.error
         assert not hub.robots
         async with robot(hub, Program(), token=secret):
             assert [each.name for each in hub.robots] == ["rosie"]
@@ -348,8 +348,8 @@ async def test_what_speaks_like_no_hub_is_let_go() -> None:
 
     async with listen("ws://127.0.0.1:0", accept, limits=SHORT) as listener:
         url = f"{listener.url}/robots/rosie"
-        async with dial(url, Program(), back_off=AT_ONCE, limits=SHORT) as dialed:
-            await until(lambda: "1002 expected the assignment of a client" in dialed.error)
+        async with dial(url, Program(), back_off=AT_ONCE, limits=SHORT) as status:
+            await until(lambda: "1002 expected the assignment of a client" in status.error)
 
 
 # -- what a browser sees -----------------------------------------------------------------------------------

@@ -463,7 +463,7 @@ def test_finish_keeps_control_throws_data_away_and_lets_nothing_follow() -> None
 def test_abandon_frees_everything() -> None:
     box = stalled()
     data(box, "/a", b"data")
-    box.abandon()
+    box.discard()
     assert box.backlog == 0 and box.take() is None
 
 

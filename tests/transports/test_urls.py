@@ -20,13 +20,13 @@ from rwt_transports.urls import SCHEMES, parse_listen_url
 )
 def test_good_urls(url: str, host: str, port: int, shown: str) -> None:
     parsed = parse_listen_url(url)
-    assert (parsed.place.host, parsed.place.port) == (host, port)
+    assert (parsed.address.host, parsed.address.port) == (host, port)
     assert parsed.with_port(port or 4242) == shown
 
 
 def test_a_unix_socket_has_a_path() -> None:
     parsed = parse_listen_url("unix:///run/robot.sock")
-    assert parsed.place.path == "/run/robot.sock"
+    assert parsed.address.path == "/run/robot.sock"
     assert parsed.with_port(0) == "unix:///run/robot.sock"
 
 
@@ -61,4 +61,4 @@ def test_every_example_is_good() -> None:
     for name, scheme in SCHEMES.items():
         parsed = parse_listen_url(scheme.example, tls)
         assert parsed.name == name
-        assert parsed.place.tls is (tls if scheme.tls else None)
+        assert parsed.address.tls is (tls if scheme.tls else None)

@@ -81,7 +81,7 @@ def into_space(wire: WebSocketWire, data: bytes) -> None:
     once."""
     at = 0
     while at < len(data):
-        space = wire.space()
+        space = wire.get_buffer()
         count = min(50_000, len(data) - at)
         if space is None:
             wire.feed(data[at : at + count])
@@ -89,7 +89,7 @@ def into_space(wire: WebSocketWire, data: bytes) -> None:
             count = min(count, len(space))
             space[:count] = data[at : at + count]
             space.release()
-            wire.filled(count)
+            wire.buffer_updated(count)
         at += count
 
 
@@ -335,7 +335,7 @@ def test_too_large_is_known_from_the_header_alone() -> None:
 def test_an_announced_size_reserves_nothing_before_bytes_come() -> None:
     heard = Heard()
     heard.wire.feed(b"\x82\xff" + struct.pack("!Q", LIMIT) + KEY)
-    space = heard.wire.space()
+    space = heard.wire.get_buffer()
     assert space is not None and len(space) <= 256 * 1024 < LIMIT
 
 

@@ -78,15 +78,15 @@ def _write_dials(page: Exposition, bridge: Bridge) -> None:
     """How each dial-out goes; nothing where there are none."""
     page.family(
         "rwt_dial_waiting_connections", "gauge", "Connections that wait at a hub for a client.",
-        [({"hub": dialed.url}, dialed.spares) for dialed in bridge.dials],
+        [({"hub": relay.url}, relay.idle) for relay in bridge.dials],
     )  # fmt: skip
     page.family(
         "rwt_dial_clients", "gauge", "Clients that came through a hub.",
-        [({"hub": dialed.url}, dialed.clients) for dialed in bridge.dials],
+        [({"hub": relay.url}, relay.clients) for relay in bridge.dials],
     )  # fmt: skip
     page.family(
         "rwt_dial_failures", "gauge", "Attempts in a row that a hub did not answer.",
-        [({"hub": dialed.url}, dialed.failures) for dialed in bridge.dials],
+        [({"hub": relay.url}, relay.failures) for relay in bridge.dials],
     )  # fmt: skip
 
 

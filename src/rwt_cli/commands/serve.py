@@ -266,7 +266,7 @@ async def _signal_or_end(
 def _announcement(server: Server, *, demo: bool) -> str:
     """What says that the server is ready."""
     said = [f"listening on {url}" for url in server.urls]
-    said += [f"dialing {dialed.url}" for dialed in server.dials]
+    said += [f"dialing {relay.url}" for relay in server.dials]
     web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
     if demo and web is not None:
         said.append(_next_steps(web))

@@ -13,9 +13,9 @@ from anyio.abc import AnyByteStream, ByteStream, Listener, SocketAttribute, Sock
 from anyio.streams.stapled import MultiListener
 from anyio.streams.tls import TLSListener
 
-from rwt_transports.api import Attach, Driven, Place
+from rwt_transports.api import Attach, BindAddress, DriverCallbacks
 from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
-from rwt_transports.incidents import report
+from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
 
@@ -72,39 +72,39 @@ class _Link:
 
     # -- tasks -------------------------------------------------------------------------------------------
 
-    async def run(self, driven: Driven) -> None:
+    async def run(self, callbacks: DriverCallbacks) -> None:
         """Move bytes both ways until the connection ends."""
         try:
             with self._scope:
                 async with anyio.create_task_group() as tasks:
-                    tasks.start_soon(self._read, driven)
-                    await self._write(driven)
+                    tasks.start_soon(self._read, callbacks)
+                    await self._write(callbacks)
                     tasks.cancel_scope.cancel()
         finally:
-            driven.lost()
+            callbacks.lost()
             with anyio.CancelScope(shield=True):
                 await anyio.aclose_forcefully(self._stream)
 
-    async def _read(self, driven: Driven) -> None:
+    async def _read(self, callbacks: DriverCallbacks) -> None:
         try:
             while True:
                 await self._reading.wait()
-                driven.receive(await self._stream.receive(READ_BYTES))
+                callbacks.receive(await self._stream.receive(READ_BYTES))
         except anyio.EndOfStream:
-            driven.eof()
+            callbacks.eof()
         except GONE:
             self._scope.cancel()
 
-    async def _write(self, driven: Driven) -> None:
+    async def _write(self, callbacks: DriverCallbacks) -> None:
         try:
             while not self._closing:
                 await self._awake.wait()
                 self._awake = anyio.Event()
                 more = False
-                while (data := driven.take()) is not None:
+                while (data := callbacks.take()) is not None:
                     if more:
                         # What is ahead of it has been taken by the network, so the peer reads.
-                        driven.progress()
+                        callbacks.progress()
                     await self._stream.send(data if isinstance(data, bytes) else bytes(data))
                     more = True
                 if self._finishing:
@@ -118,23 +118,23 @@ class AnyioDriver:
     """Serves TCP and Unix sockets, plain or in TLS, through anyio; satisfies
     :class:`rwt_transports.api.Driver`."""
 
-    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
-        return self._serve(place, attach)
+        return self._serve(address, attach)
 
     @asynccontextmanager
-    async def _serve(self, place: Place, attach: Attach) -> AsyncIterator[int]:
+    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         sockets = (
-            [bind_unix(place.path)]
-            if place.path
-            else await bind_tcp(place.host, place.port, shared=place.shared)
+            [bind_unix(address.path)]
+            if address.path
+            else await bind_tcp(address.host, address.port, shared=address.shared)
         )
-        port = 0 if place.path else int(sockets[0].getsockname()[1])
+        port = 0 if address.path else int(sockets[0].getsockname()[1])
         listener: Listener[ByteStream] = MultiListener([await _listener(each) for each in sockets])
-        if place.tls is not None:
+        if address.tls is not None:
             listener = _QuietTLSListener(
                 listener,
-                place.tls,
+                address.tls,
                 standard_compatible=False,
                 handshake_timeout=TLS_HANDSHAKE_SECONDS,
             )
@@ -144,8 +144,8 @@ class AnyioDriver:
                 yield port
                 tasks.cancel_scope.cancel()
         finally:
-            if place.path:
-                remove_unix(place.path)
+            if address.path:
+                remove_unix(address.path)
 
 
 async def serve_stream(attach: Attach, stream: ByteStream) -> None:
@@ -157,7 +157,7 @@ async def serve_stream(attach: Attach, stream: ByteStream) -> None:
         await link.run(attach(link, host, port))
     except Exception:
         # One connection must not take the listener with it.
-        report("the connection of %s:%s failed", host, port)
+        log_exception("the connection of %s:%s failed", host, port)
 
 
 class _QuietTLSListener(TLSListener):

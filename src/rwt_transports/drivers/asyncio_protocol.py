@@ -9,9 +9,9 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 from typing import cast
 
-from rwt_transports.api import Attach, Driven, Place
+from rwt_transports.api import Attach, BindAddress, DriverCallbacks
 from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
-from rwt_transports.incidents import report
+from rwt_transports.errors import log_exception
 
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
@@ -40,7 +40,7 @@ class _Turn:
                 link.flush()
             except Exception:
                 # The others of this turn must not wait for ever because of one.
-                report("writing to a connection failed; cutting it")
+                log_exception("writing to a connection failed; cutting it")
                 link.abort()
 
 
@@ -50,8 +50,8 @@ class _Link(asyncio.BufferedProtocol):
     __slots__ = (
         "_attach",
         "_buffer",
+        "_callbacks",
         "_direct",
-        "_driven",
         "_loop",
         "_open",
         "_resuming",
@@ -86,11 +86,11 @@ class _Link(asyncio.BufferedProtocol):
         self._open = True
         name = transport.get_extra_info("peername")
         address, port = (str(name[0]), int(name[1])) if isinstance(name, tuple) else ("", 0)
-        self._driven: Driven = self._attach(self, address, port)
+        self._callbacks: DriverCallbacks = self._attach(self, address, port)
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """Where the next bytes go: into a large message, or into the buffer that all connections share."""
-        space = self._driven.space()
+        space = self._callbacks.get_buffer()
         if space is None:
             self._direct = False
             return self._view
@@ -100,19 +100,19 @@ class _Link(asyncio.BufferedProtocol):
     def buffer_updated(self, nbytes: int) -> None:
         """Bytes have arrived there."""
         if self._direct:
-            self._driven.filled(nbytes)
+            self._callbacks.buffer_updated(nbytes)
         else:
-            self._driven.receive(bytes(self._view[:nbytes]))
+            self._callbacks.receive(bytes(self._view[:nbytes]))
 
     def eof_received(self) -> bool:
         """The peer will send nothing more; whether to close is the connection's affair."""
-        self._driven.eof()
+        self._callbacks.eof()
         return not self._tls
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The socket is gone."""
         self._open = False
-        self._driven.lost()
+        self._callbacks.lost()
 
     def pause_writing(self) -> None:
         """The network takes no more for now."""
@@ -123,7 +123,7 @@ class _Link(asyncio.BufferedProtocol):
         self._writable = True
         self._resuming = True
         try:
-            self._driven.progress()
+            self._callbacks.progress()
             self.flush()
         finally:
             self._resuming = False
@@ -132,7 +132,7 @@ class _Link(asyncio.BufferedProtocol):
 
     def flush(self) -> None:
         """Write what there is, as far as the network takes it."""
-        take = self._driven.take
+        take = self._callbacks.take
         write = self._transport.write
         while self._writable and self._open:
             data = take()
@@ -181,25 +181,27 @@ class AsyncioDriver:
     """Serves TCP and Unix sockets, plain or in TLS, on the running asyncio loop; satisfies
     :class:`rwt_transports.api.Driver`."""
 
-    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
-        return self._serve(place, attach)
+        return self._serve(address, attach)
 
     @asynccontextmanager
-    async def _serve(self, place: Place, attach: Attach) -> AsyncIterator[int]:
+    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         loop = asyncio.get_running_loop()
         sockets = (
-            [bind_unix(place.path)]
-            if place.path
-            else await bind_tcp(place.host, place.port, shared=place.shared)
+            [bind_unix(address.path)]
+            if address.path
+            else await bind_tcp(address.host, address.port, shared=address.shared)
         )
         make_link = partial(_Link, attach, _Turn(loop), bytearray(READ_BYTES))
         # Asked before the server wraps the sockets.
-        port = 0 if place.path else int(sockets[0].getsockname()[1])
-        create = loop.create_unix_server if place.path else loop.create_server
-        patience = TLS_HANDSHAKE_SECONDS if place.tls else None
+        port = 0 if address.path else int(sockets[0].getsockname()[1])
+        create = loop.create_unix_server if address.path else loop.create_server
+        patience = TLS_HANDSHAKE_SECONDS if address.tls else None
         servers = [
-            await create(make_link, sock=each, backlog=BACKLOG, ssl=place.tls, ssl_handshake_timeout=patience)
+            await create(
+                make_link, sock=each, backlog=BACKLOG, ssl=address.tls, ssl_handshake_timeout=patience
+            )
             for each in sockets
         ]
         try:
@@ -207,5 +209,5 @@ class AsyncioDriver:
         finally:
             for server in servers:
                 server.close()
-            if place.path:
-                remove_unix(place.path)
+            if address.path:
+                remove_unix(address.path)

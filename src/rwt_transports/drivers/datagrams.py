@@ -16,10 +16,9 @@ from socket import gaierror
 import anyio
 from anyio.abc import SocketAttribute, UDPSocket
 
-from rwt_transports.api import Attach, Driven, Place
+from rwt_transports.api import Attach, BindAddress, DriverCallbacks
 from rwt_transports.drivers.sockets import unknown_host, why_not
-from rwt_transports.errors import ListenError
-from rwt_transports.incidents import report
+from rwt_transports.errors import ListenError, log_exception
 from rwt_transports.wires.json_datagrams import END
 
 logger = logging.getLogger("rwt_transports")
@@ -41,15 +40,15 @@ class _Sessions:
         """Hand each datagram to the session of its sender."""
         async for data, (host, port) in self._socket:
             link = self._links.get((host, port)) or self._begin(host, port)
-            if link.driven is not None and not link.over:
-                link.driven.receive(data)
+            if link.callbacks is not None and not link.over:
+                link.callbacks.receive(data)
 
     def _begin(self, host: str, port: int) -> _Link:
         link = self._links[host, port] = _Link(self, (host, port))
-        driven = link.driven = self._attach(link, host, port)
+        callbacks = link.callbacks = self._attach(link, host, port)
         if link.over:
             # Turned away while it was being attached.
-            driven.lost()
+            callbacks.lost()
         return link
 
     async def write(self) -> None:
@@ -63,7 +62,7 @@ class _Sessions:
                     await link.flush(self._socket)
                 except Exception:
                     # The other peers must not wait for ever because of one.
-                    report("writing to %s:%d failed; forgetting it", *link.address)
+                    log_exception("writing to %s:%d failed; forgetting it", *link.address)
                     link.abort()
 
     def wake(self, link: _Link) -> None:
@@ -85,12 +84,12 @@ class _Sessions:
 class _Link:
     """One peer; satisfies :class:`rwt_transports.api.Link`."""
 
-    __slots__ = ("_sessions", "address", "closing", "driven", "over")
+    __slots__ = ("_sessions", "address", "callbacks", "closing", "over")
 
     def __init__(self, sessions: _Sessions, address: Address) -> None:
         self._sessions = sessions
         self.address = address
-        self.driven: Driven | None = None
+        self.callbacks: DriverCallbacks | None = None
         self.closing = False
         self.over = False
 
@@ -112,8 +111,8 @@ class _Link:
         if not self.over:
             self.over = True
             self._sessions.forget(self)
-            if self.driven is not None:
-                self.driven.lost()
+            if self.callbacks is not None:
+                self.callbacks.lost()
 
     def pause(self) -> None:
         """Nothing holds back datagrams."""
@@ -124,8 +123,8 @@ class _Link:
     async def flush(self, socket: UDPSocket) -> None:
         """Send what there is."""
         host, port = self.address
-        driven = self.driven
-        while driven is not None and not self.over and (data := driven.take()) is not None:
+        callbacks = self.callbacks
+        while callbacks is not None and not self.over and (data := callbacks.take()) is not None:
             for message in bytes(data).split(END):
                 if message:
                     await self._send(socket, message, host, port)
@@ -142,18 +141,18 @@ class _Link:
 class DatagramDriver:
     """Serves UDP; satisfies :class:`rwt_transports.api.Driver`."""
 
-    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Take peers in within the block; gives the port in use."""
-        return self._serve(place, attach)
+        return self._serve(address, attach)
 
     @asynccontextmanager
-    async def _serve(self, place: Place, attach: Attach) -> AsyncIterator[int]:
+    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         try:
-            socket = await anyio.create_udp_socket(local_host=place.host, local_port=place.port)
+            socket = await anyio.create_udp_socket(local_host=address.host, local_port=address.port)
         except gaierror:
-            raise ListenError(unknown_host(place.host)) from None
+            raise ListenError(unknown_host(address.host)) from None
         except OSError as error:
-            raise ListenError(why_not(error, place.host, place.port)) from error
+            raise ListenError(why_not(error, address.host, address.port)) from error
         sessions = _Sessions(socket, attach)
         async with socket, anyio.create_task_group() as tasks:
             tasks.start_soon(sessions.read)

@@ -104,7 +104,7 @@ class _EndFlow:
 
 
 @asynccontextmanager
-async def connect_pair(near: Accept, far: Accept) -> AsyncIterator[None]:
+async def connect_in_process(near: Accept, far: Accept) -> AsyncIterator[None]:
     """Join the endpoints that two accept functions make, for the length of the block.
 
     The block goes on when either side closes: the endpoints' `closed` tells. Leaving it closes with 1000.

@@ -22,7 +22,7 @@ from rwt_protocol.transport import (
     PeerInfo,
     Traffic,
 )
-from rwt_transports.api import Attach, Driven, Place
+from rwt_transports.api import Attach, BindAddress, DriverCallbacks
 
 
 class MemoryPeer:
@@ -140,8 +140,8 @@ class MemoryPipe:
         self._closing = False
         self._taken = bytearray()
         self._lose: Callable[[], None] = _nothing
-        self._driven: Driven = attach(_PipeLink(self), address, port)
-        self._lose = self._driven.lost
+        self._callbacks: DriverCallbacks = attach(_PipeLink(self), address, port)
+        self._lose = self._callbacks.lost
         if self.closed:
             # Turned away while it was being attached.
             self._lose()
@@ -150,14 +150,14 @@ class MemoryPipe:
         """Bytes go to the other side."""
         view = memoryview(data)
         while view and not self.closed:
-            space = self._driven.space()
+            space = self._callbacks.get_buffer()
             if space is None:
-                self._driven.receive(bytes(view))
+                self._callbacks.receive(bytes(view))
                 break
             count = min(len(space), len(view))
             space[:count] = view[:count]
             space.release()
-            self._driven.filled(count)
+            self._callbacks.buffer_updated(count)
             view = view[count:]
         self.pump()
 
@@ -171,14 +171,14 @@ class MemoryPipe:
     def take(self, most: int = 1) -> None:
         """Read `most` times, as a slow peer does."""
         for _ in range(most):
-            data = self._driven.take()
+            data = self._callbacks.take()
             if data is not None:
                 self._taken += data
 
     def send_eof(self) -> None:
         """Say that nothing more will come."""
         if not self.closed:
-            self._driven.eof()
+            self._callbacks.eof()
             self.pump()
 
     def cut(self) -> None:
@@ -190,7 +190,7 @@ class MemoryPipe:
     def pump(self) -> None:
         """Move what the other side has to send."""
         while not self.stalled and not self.closed:
-            data = self._driven.take()
+            data = self._callbacks.take()
             if data is None:
                 break
             self._taken += data
@@ -239,9 +239,9 @@ class MemoryDriver:
     def __init__(self) -> None:
         self._attach: Attach | None = None
 
-    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept :meth:`connect` within the block; gives the port asked for."""
-        return self._serve(place.port, attach)
+        return self._serve(address.port, attach)
 
     @asynccontextmanager
     async def _serve(self, port: int, attach: Attach) -> AsyncIterator[int]:

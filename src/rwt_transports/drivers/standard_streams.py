@@ -17,7 +17,7 @@ import anyio
 import anyio.lowlevel
 from anyio.abc import ByteStream
 
-from rwt_transports.api import Attach, Place
+from rwt_transports.api import Attach, BindAddress
 from rwt_transports.drivers.anyio_stream import serve_stream
 from rwt_transports.errors import ListenError
 
@@ -84,7 +84,7 @@ class StandardStreamsDriver:
     def __init__(self, descriptors: tuple[int, int] | None = None) -> None:
         self._descriptors = descriptors
 
-    def serve(self, place: Place, attach: Attach) -> AbstractAsyncContextManager[int]:
+    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Serve the peer within the block; gives port 0."""
         return self._serve(attach)
 

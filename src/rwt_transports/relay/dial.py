@@ -21,8 +21,7 @@ from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.api import OversizeAware
 from rwt_transports.background import background_tasks
 from rwt_transports.connect import connect, parse_connect_url
-from rwt_transports.errors import BadUrl, Refused, TransportError
-from rwt_transports.incidents import report
+from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
 from rwt_transports.limits import Limits
 from rwt_transports.relay.protocol import (
     INSTANCE,
@@ -37,7 +36,7 @@ from rwt_transports.websocket.close_codes import GOING_AWAY, INTERNAL_ERROR, POL
 
 logger = logging.getLogger("rwt_transports.relay.dial")
 
-SPARES = 2
+IDLE_CONNECTIONS = 2
 """Connections kept waiting: as many clients may come at once without one more round trip."""
 
 MANY_FAILURES = 20
@@ -66,19 +65,19 @@ class BackOff:
 
 
 @dataclass(slots=True)
-class Dialed:
+class RelayStatus:
     """How one dial-out goes.
 
     Attributes:
         url: the hub, with the robot's path.
-        spares: connections that wait for a client.
+        idle: connections that wait for a client.
         clients: connections that serve one.
         failures: attempts that failed since the last success.
         error: why the last one failed; empty after a success.
     """
 
     url: str
-    spares: int = 0
+    idle: int = 0
     clients: int = 0
     failures: int = 0
     error: str = ""
@@ -86,7 +85,7 @@ class Dialed:
     @property
     def connected(self) -> bool:
         """Whether a client that comes now is served."""
-        return self.spares > 0
+        return self.idle > 0
 
 
 @asynccontextmanager
@@ -98,7 +97,7 @@ async def dial(
     limits: Limits | None = None,
     tls: SSLContext | None = None,
     back_off: BackOff | None = None,
-) -> AsyncIterator[Dialed]:
+) -> AsyncIterator[RelayStatus]:
     """Serve the clients that a hub passes on, within the block; the hub may come and go meanwhile.
 
     Args:
@@ -117,18 +116,18 @@ async def dial(
     headers = {INSTANCE: secrets.token_hex(8)}
     if token is not None:
         headers["Authorization"] = f"Bearer {token}"
-    dialed = Dialed(url)
+    status = RelayStatus(url)
 
     @asynccontextmanager
     async def open_one(accept_hub: Accept) -> AsyncIterator[None]:
         async with connect(url, accept_hub, limits=limits, tls=tls, headers=headers):
             yield
 
-    robot = _Robot(dialed, accept, back_off or BackOff(), open_one)
+    robot = _Robot(status, accept, back_off or BackOff(), open_one)
     async with background_tasks() as tasks:
         tasks.start_soon(robot.run, tasks)
         try:
-            yield dialed
+            yield status
         finally:
             with anyio.move_on_after((limits or Limits()).close_seconds, shield=True):
                 await robot.leave()
@@ -159,8 +158,8 @@ _OpenOne = Callable[[Accept], AbstractAsyncContextManager[None]]
 class _Robot:
     """Keeps the connections of one dial-out."""
 
-    def __init__(self, dialed: Dialed, accept: Accept, back_off: BackOff, open_one: _OpenOne) -> None:
-        self._dialed = dialed
+    def __init__(self, status: RelayStatus, accept: Accept, back_off: BackOff, open_one: _OpenOne) -> None:
+        self._status = status
         self._accept = accept
         self._back_off = back_off
         self._open_one = open_one
@@ -184,13 +183,13 @@ class _Robot:
             await line.over.wait()
 
     async def _keep(self, tasks: TaskGroup) -> None:
-        dialed = self._dialed
+        status = self._status
         while True:
-            while dialed.spares >= SPARES:
+            while status.idle >= IDLE_CONNECTIONS:
                 self._fewer = anyio.Event()
                 await self._fewer.wait()
-            if dialed.failures:
-                await anyio.sleep(self._back_off.delay(dialed.failures, random.random()))
+            if status.failures:
+                await anyio.sleep(self._back_off.delay(status.failures, random.random()))
             try:
                 await tasks.start(self._serve)
             except TransportError as error:
@@ -207,9 +206,9 @@ class _Robot:
             await line.over.wait()
             self._lines.discard(line)
         if line.client is not None:
-            self._dialed.clients -= 1
+            self._status.clients -= 1
             return
-        self._dialed.spares -= 1
+        self._status.idle -= 1
         if self._running.cancel_called:
             return
         if line.code == REPLACED:
@@ -221,27 +220,27 @@ class _Robot:
         self._fewer.set()
 
     def _opened(self) -> None:
-        dialed = self._dialed
-        if not dialed.spares and not dialed.clients:
-            logger.info("dialled in at %s", dialed.url)
-        dialed.spares += 1
-        self._shaky = max(self._shaky, dialed.failures)
-        dialed.failures = 0
-        dialed.error = ""
+        status = self._status
+        if not status.idle and not status.clients:
+            logger.info("dialled in at %s", status.url)
+        status.idle += 1
+        self._shaky = max(self._shaky, status.failures)
+        status.failures = 0
+        status.error = ""
 
     def _assigned(self) -> None:
-        dialed = self._dialed
-        dialed.spares -= 1
-        dialed.clients += 1
+        status = self._status
+        status.idle -= 1
+        status.clients += 1
         self._shaky = 0
         self._fewer.set()
 
     def _failed(self, why: str, *, before: int = 0) -> None:
-        dialed = self._dialed
-        dialed.failures = max(dialed.failures, before) + 1
-        level = logging.WARNING if why != dialed.error else logging.DEBUG
-        dialed.error = why
-        logger.log(level, "cannot serve at %s: %s; trying again", dialed.url, why)
+        status = self._status
+        status.failures = max(status.failures, before) + 1
+        level = logging.WARNING if why != status.error else logging.DEBUG
+        status.error = why
+        logger.log(level, "cannot serve at %s: %s; trying again", status.url, why)
 
 
 class _Line:
@@ -289,7 +288,7 @@ class _Line:
         except Refused as refused:
             sink.close(POLICY, refused.reason)
         except Exception:
-            report("the accept function failed for a client at %s", info.address)
+            log_exception("the accept function failed for a client at %s", info.address)
             sink.close(INTERNAL_ERROR, "internal error")
 
     def oversized(self, size: int, limit: int) -> None:

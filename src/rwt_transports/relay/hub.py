@@ -18,7 +18,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
-from rwt_transports.api import Valve
+from rwt_transports.api import FlowControl
 from rwt_transports.errors import Refused
 from rwt_transports.http import HttpRequest, HttpResponse, Routes
 from rwt_transports.relay.protocol import (
@@ -46,7 +46,7 @@ PATIENCE_SECONDS = 10.0
 """How long a client waits for a connection of its robot."""
 GRACE_SECONDS = 3.0
 """How long a robot without a connection still counts as here: it may be about to open the next one."""
-MOST_SPARES = 16
+MOST_IDLE = 16
 """Connections of one robot that may wait."""
 MOST_WAITING = 256
 """Clients of one robot that may wait."""
@@ -60,7 +60,7 @@ class Robot:
         name: what its path is.
         instance: tells it from another program of the same name.
         address: where it dialled from.
-        spares: its connections that wait for a client.
+        idle: its connections that wait for a client.
         waiting: clients that wait for a connection.
         pairs: connections that serve a client.
         alone_since: when it was first seen without any connection.
@@ -69,7 +69,7 @@ class Robot:
     name: str
     instance: str
     address: str
-    spares: deque[_RobotSide] = field(default_factory=deque)
+    idle: deque[_RobotSide] = field(default_factory=deque)
     waiting: deque[_ClientSide] = field(default_factory=deque)
     pairs: set[_RobotSide] = field(default_factory=set)
     alone_since: float | None = None
@@ -77,7 +77,7 @@ class Robot:
     @property
     def is_alone(self) -> bool:
         """Whether it has no connection left."""
-        return not self.spares and not self.pairs
+        return not self.idle and not self.pairs
 
 
 class Hub:
@@ -138,10 +138,10 @@ class Hub:
         if robot is None:
             robot = self._robots[name] = Robot(name, instance, info.address)
             logger.info("robot %s dialled in from %s", name, info.address or "?")
-        if len(robot.spares) >= MOST_SPARES:
-            raise Refused(429, f"{MOST_SPARES} connections of {name} wait already")
+        if len(robot.idle) >= MOST_IDLE:
+            raise Refused(429, f"{MOST_IDLE} connections of {name} wait already")
         side = _RobotSide(self, robot, sink)
-        robot.spares.append(side)
+        robot.idle.append(side)
         return side
 
     def _check_robot(self, info: PeerInfo, name: str) -> None:
@@ -169,7 +169,7 @@ class Hub:
         reason = f"another program dialled in as {robot.name}, from {info.address or '?'}"
         logger.warning("%s; the one from %s is let go", reason, robot.address or "?")
         del self._robots[robot.name]
-        for side in (*robot.spares, *robot.pairs):
+        for side in (*robot.idle, *robot.pairs):
             side.hang_up(REPLACED, reason)
         self._turn_away(robot, reason)
 
@@ -177,8 +177,8 @@ class Hub:
         """A connection of a robot has ended; `for_good`: the robot itself says that it is going away."""
         robot = side.robot
         robot.pairs.discard(side)
-        if side in robot.spares:
-            robot.spares.remove(side)
+        if side in robot.idle:
+            robot.idle.remove(side)
         if for_good and robot.is_alone:
             self._forget(robot)
 
@@ -207,8 +207,8 @@ class Hub:
 
     def match(self, robot: Robot) -> None:
         """Give connections that wait to clients that wait."""
-        while robot.spares and robot.waiting:
-            client, side = robot.waiting.popleft(), robot.spares.popleft()
+        while robot.idle and robot.waiting:
+            client, side = robot.waiting.popleft(), robot.idle.popleft()
             robot.pairs.add(side)
             side.begin(client)
 
@@ -220,14 +220,14 @@ class _Side(ABC):
         self.hub = hub
         self.robot = robot
         self.sink = sink
-        self.valve: Valve | None = None
+        self.flow_control: FlowControl | None = None
         self.other: _Side | None = None
         self._early: list[Frame] = []
         self._passed = 0
 
-    def given_valve(self, valve: Valve) -> None:
+    def set_flow_control(self, flow_control: FlowControl) -> None:
         """Its connection is about to open."""
-        self.valve = valve
+        self.flow_control = flow_control
         self.hub.match(self.robot)
 
     def receive(self, data: bytes, binary: bool) -> None:
@@ -252,10 +252,10 @@ class _Side(ABC):
     def _pass_on(self, frame: Frame, other: _Side) -> None:
         other.sink.send(frame)
         self._passed += frame.size
-        if self._passed >= PASS_BYTES and self.valve is not None and other.valve is not None:
+        if self._passed >= PASS_BYTES and self.flow_control is not None and other.flow_control is not None:
             self._passed = 0
-            self.valve.pause()
-            other.valve.when_empty(self.valve.resume)
+            self.flow_control.pause()
+            other.flow_control.when_empty(self.flow_control.resume)
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: so has the other's."""
@@ -266,9 +266,9 @@ class _Side(ABC):
 
     def hang_up(self, code: int, reason: str) -> None:
         """Close, whether this side was held back or not."""
-        if self.valve is not None:
+        if self.flow_control is not None:
             # The reply to the close must come through.
-            self.valve.resume()
+            self.flow_control.resume()
         self.sink.close(code, reason)
 
     @abstractmethod
@@ -292,8 +292,8 @@ class _RobotSide(_Side):
         self.sink.send(Frame(client.assignment))
         self.join(client)
         client.join(self)
-        if client.valve is not None:
-            client.valve.resume()
+        if client.flow_control is not None:
+            client.flow_control.resume()
 
     def closed(self, code: int, reason: str) -> None:
         super().closed(code, reason)
@@ -317,9 +317,9 @@ class _ClientSide(_Side):
         self.assignment = assignment
         self.since: float | None = None
 
-    def given_valve(self, valve: Valve) -> None:
-        valve.pause()
-        super().given_valve(valve)
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        flow_control.pause()
+        super().set_flow_control(flow_control)
 
     def closed(self, code: int, reason: str) -> None:
         super().closed(code, reason)

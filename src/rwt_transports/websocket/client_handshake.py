@@ -18,7 +18,7 @@ _MOST_HEAD_BYTES = 64 * 1024
 _SWITCHING = b"101"
 
 
-class Opening:
+class ClientHandshake:
     """One handshake.
 
     Args:

@@ -24,13 +24,13 @@ from rwt_transports.websocket.wire import (
     BINARY,
     CONTINUATION,
     TEXT,
-    Broken,
+    ProtocolViolation,
     WebSocketWire,
     pack,
     server_pieces,
     server_whole,
 )
-from rwt_transports.wires.receive_buffer import Spare
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 _COMPRESSED: Final = 0x40
 """The bit RSV1 in the first byte of a message's first frame (RFC 7692 section 6)."""
@@ -116,7 +116,7 @@ class _Inflater:
         """One message.
 
         Raises:
-            Broken: it is damaged, or too large.
+            ProtocolViolation: it is damaged, or too large.
         """
         if not self._keep:
             self._unpacker = zlib.decompressobj(-15)
@@ -126,9 +126,9 @@ class _Inflater:
             try:
                 found += self._unpacker.decompress(rest, self._most + 1 - len(found))
             except zlib.error:
-                raise Broken(INVALID_DATA, "a compressed message is damaged") from None
+                raise ProtocolViolation(INVALID_DATA, "a compressed message is damaged") from None
             if len(found) > self._most or self._unpacker.unconsumed_tail:
-                raise Broken(
+                raise ProtocolViolation(
                     TOO_BIG, f"a message inflates to more than {self._most} bytes, the limit (message_bytes)"
                 )
             if not self._unpacker.eof:
@@ -137,7 +137,9 @@ class _Inflater:
             rest = self._unpacker.unused_data
             window = found[-_WINDOW:]
             self._unpacker = zlib.decompressobj(-15, zdict=window) if window else zlib.decompressobj(-15)
-        raise Broken(INVALID_DATA, f"a compressed message has more than {_MOST_BLOCKS} final blocks")
+        raise ProtocolViolation(
+            INVALID_DATA, f"a compressed message has more than {_MOST_BLOCKS} final blocks"
+        )
 
 
 class DeflateWire(WebSocketWire):
@@ -148,7 +150,7 @@ class DeflateWire(WebSocketWire):
         terms: what was agreed.
         max_size: largest message in bytes, compressed and inflated.
         strict_utf8: end the connection with 1007 when a text message is not UTF-8.
-        spare: shared place for large messages.
+        buffers: where large messages are received.
     """
 
     __slots__ = ("_compressed", "_deflate_framing", "_inflater")
@@ -160,9 +162,9 @@ class DeflateWire(WebSocketWire):
         *,
         max_size: int,
         strict_utf8: bool = False,
-        spare: Spare | None = None,
+        buffers: ReceiveBufferPool | None = None,
     ) -> None:
-        super().__init__(events, max_size=max_size, strict_utf8=strict_utf8, spare=spare)
+        super().__init__(events, max_size=max_size, strict_utf8=strict_utf8, buffers=buffers)
         self._compressed = False  # the message under way is
         self._inflater = _Inflater(terms.peer_keeps_context, max_size)
         self._deflate_framing = (
@@ -184,7 +186,7 @@ class DeflateWire(WebSocketWire):
     def _admit(self, first: int, size: int) -> bool:
         total = len(self._parts) + size
         if (first & _COMPRESSED or self._compressed) and total > self._max_size:
-            raise Broken(
+            raise ProtocolViolation(
                 TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
             )
         return super()._admit(first, size)
@@ -199,8 +201,10 @@ class DeflateWire(WebSocketWire):
         super()._deliver(self._inflater.unpack(payload) if compressed else payload, binary)
 
 
-def deflate_server(terms: DeflateTerms, events: WireEvents, limits: Limits, spare: Spare) -> DeflateWire:
+def deflate_server(
+    terms: DeflateTerms, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
+) -> DeflateWire:
     """The wire of one peer that connected to this server and agreed to `terms`."""
     return DeflateWire(
-        events, terms, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, spare=spare
+        events, terms, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, buffers=buffers
     )

@@ -25,7 +25,7 @@ from rwt_protocol.transport import Buffer, Frame
 from rwt_transports.api import Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import INVALID_DATA, NO_STATUS, PROTOCOL_ERROR, TOO_BIG, may_travel
-from rwt_transports.wires.receive_buffer import Spare
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
 
@@ -119,7 +119,7 @@ def _masking_key() -> bytes:
         return pool[:4]
 
 
-class Broken(Exception):
+class ProtocolViolation(Exception):
     """The peer broke the protocol; becomes a close frame in :meth:`WebSocketWire.feed` and nowhere else."""
 
     def __init__(self, code: int, reason: str) -> None:
@@ -130,18 +130,18 @@ class Broken(Exception):
 class _Staged:
     """A frame whose payload is still arriving."""
 
-    __slots__ = ("filled", "first", "key", "place", "size")
+    __slots__ = ("buffer", "filled", "first", "key", "size")
 
-    def __init__(self, first: int, key: bytes, size: int, place: bytearray) -> None:
+    def __init__(self, first: int, key: bytes, size: int, buffer: bytearray) -> None:
         self.first = first
         self.key = key
         self.size = size
-        self.place = place
+        self.buffer = buffer
         self.filled = 0
 
     def grow(self) -> None:
-        """Make the place larger, by what has arrived rather than by what was announced."""
-        self.place += bytes(min(self.size, 4 * len(self.place)) - len(self.place))
+        """Make the buffer larger, by what has arrived rather than by what was announced."""
+        self.buffer += bytes(min(self.size, 4 * len(self.buffer)) - len(self.buffer))
 
 
 class WebSocketWire:
@@ -152,12 +152,12 @@ class WebSocketWire:
         max_size: largest message in bytes.
         server: whether this side is the server (incoming frames must be masked, outgoing ones are not).
         strict_utf8: end the connection with 1007 when a text message is not UTF-8.
-        spare: shared place for large messages.
+        buffers: where large messages are received.
     """
 
     __slots__ = (
-        "_closing", "_ended", "_events", "_max_size", "_parts", "_parts_binary", "_plain", "_server", "_skip",
-        "_skip_last", "_skipping", "_spare", "_staged", "_strict", "_tail", "_whole", "message",
+        "_buffers", "_closing", "_ended", "_events", "_max_size", "_parts", "_parts_binary", "_plain",
+        "_server", "_skip", "_skip_last", "_skipping", "_staged", "_strict", "_tail", "_whole", "message",
     )  # fmt: skip
 
     def __init__(
@@ -167,13 +167,13 @@ class WebSocketWire:
         max_size: int,
         server: bool = True,
         strict_utf8: bool = False,
-        spare: Spare | None = None,
+        buffers: ReceiveBufferPool | None = None,
     ) -> None:
         self._events = events
         self._max_size = max_size
         self._server = server
         self._strict = strict_utf8
-        self._spare = Spare() if spare is None else spare
+        self._buffers = ReceiveBufferPool() if buffers is None else buffers
         self.message: Callable[[bytes, bool], None] = _ignore
         self._tail = b""
         self._staged: _Staged | None = None
@@ -214,20 +214,20 @@ class WebSocketWire:
             return
         try:
             self._read(data)
-        except Broken as broken:
-            self._fail(broken.code, str(broken))
+        except ProtocolViolation as violation:
+            self._fail(violation.code, str(violation))
 
-    def space(self) -> memoryview | None:
-        """The rest of a large payload's place, when receiving there saves a copy."""
+    def get_buffer(self) -> memoryview | None:
+        """The rest of a large payload's buffer, when receiving there saves a copy."""
         staged = self._staged
         if staged is None or staged.size - staged.filled < DIRECT_BYTES:
             return None
-        if staged.filled == len(staged.place):
+        if staged.filled == len(staged.buffer):
             staged.grow()
-        return memoryview(staged.place)[staged.filled : staged.size]
+        return memoryview(staged.buffer)[staged.filled : staged.size]
 
-    def filled(self, count: int) -> None:
-        """`count` bytes of a large payload were received into :meth:`space`."""
+    def buffer_updated(self, count: int) -> None:
+        """`count` bytes of a large payload were received into :meth:`get_buffer`."""
         staged = self._staged
         if staged is None:
             return
@@ -235,8 +235,8 @@ class WebSocketWire:
         if staged.filled == staged.size:
             try:
                 self._unstage(staged)
-            except Broken as broken:
-                self._fail(broken.code, str(broken))
+            except ProtocolViolation as violation:
+                self._fail(violation.code, str(violation))
 
     def _fail(self, code: int, reason: str) -> None:
         self._ended = True
@@ -302,20 +302,22 @@ class WebSocketWire:
         """The header rules of RFC 6455 sections 5.1, 5.2, 5.4 and 5.5."""
         opcode = first & 0x0F
         if first & 0x70:
-            raise Broken(PROTOCOL_ERROR, "a reserved bit is set and no extension was negotiated")
+            raise ProtocolViolation(PROTOCOL_ERROR, "a reserved bit is set and no extension was negotiated")
         if opcode not in (CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG):
-            raise Broken(PROTOCOL_ERROR, f"opcode {opcode} is reserved")
+            raise ProtocolViolation(PROTOCOL_ERROR, f"opcode {opcode} is reserved")
         if masked is not self._server:
-            raise Broken(PROTOCOL_ERROR, "a client must mask its frames, a server must not")
+            raise ProtocolViolation(PROTOCOL_ERROR, "a client must mask its frames, a server must not")
         if opcode >= CLOSE:
             if size > 125:
-                raise Broken(PROTOCOL_ERROR, "a control frame holds at most 125 bytes")
+                raise ProtocolViolation(PROTOCOL_ERROR, "a control frame holds at most 125 bytes")
             if first < 0x80:
-                raise Broken(PROTOCOL_ERROR, "a control frame cannot be fragmented")
+                raise ProtocolViolation(PROTOCOL_ERROR, "a control frame cannot be fragmented")
         elif opcode == CONTINUATION and self._whole:
-            raise Broken(PROTOCOL_ERROR, "a continuation frame without a message to continue")
+            raise ProtocolViolation(PROTOCOL_ERROR, "a continuation frame without a message to continue")
         elif opcode != CONTINUATION and not self._whole:
-            raise Broken(PROTOCOL_ERROR, "a new message before the last fragment of the one before")
+            raise ProtocolViolation(
+                PROTOCOL_ERROR, "a new message before the last fragment of the one before"
+            )
 
     def _read_any(self, data: bytes, first: int, key: bytes, start: int, size: int) -> int:
         """Take a checked frame of any kind; returns where the next one starts, as far as it is here."""
@@ -326,8 +328,8 @@ class WebSocketWire:
                 self._skipped()
             return start
         if start + size > len(data):
-            place = self._spare.take(size) if size >= DIRECT_BYTES else bytearray(size)
-            self._staged = _Staged(first, key, size, place)
+            buffer = self._buffers.take(size) if size >= DIRECT_BYTES else bytearray(size)
+            self._staged = _Staged(first, key, size, buffer)
             return self._stage(self._staged, data, start)
         payload = data[start : start + size]
         self._frame(first, apply_mask(payload, key) if key else payload)
@@ -344,7 +346,7 @@ class WebSocketWire:
         if total <= self._max_size:
             return True
         if self._closing or not self._events.oversized(total):
-            raise Broken(
+            raise ProtocolViolation(
                 TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
             )
         self._skipping = True
@@ -367,14 +369,14 @@ class WebSocketWire:
     # -- a payload that arrives in pieces ------------------------------------------------------------------
 
     def _stage(self, staged: _Staged, data: bytes, position: int) -> int:
-        """Put what is here of the payload in its place; returns the position behind it."""
+        """Put what is here of the payload into its buffer; returns the position behind it."""
         end = min(len(data), position + staged.size - staged.filled)
         while position < end:
-            if staged.filled == len(staged.place):
+            if staged.filled == len(staged.buffer):
                 staged.grow()
-            count = min(end - position, len(staged.place) - staged.filled)
+            count = min(end - position, len(staged.buffer) - staged.filled)
             with memoryview(data) as view:
-                staged.place[staged.filled : staged.filled + count] = view[position : position + count]
+                staged.buffer[staged.filled : staged.filled + count] = view[position : position + count]
             staged.filled += count
             position += count
         if staged.filled == staged.size:
@@ -383,10 +385,10 @@ class WebSocketWire:
 
     def _unstage(self, staged: _Staged) -> None:
         self._staged = None
-        with memoryview(staged.place) as whole, whole[: staged.size] as view:
+        with memoryview(staged.buffer) as whole, whole[: staged.size] as view:
             payload = apply_mask(view, staged.key) if staged.key else bytes(view)
         if staged.size >= DIRECT_BYTES:
-            self._spare.give(staged.place)
+            self._buffers.give(staged.buffer)
         self._frame(staged.first, payload)
 
     # -- whole frames --------------------------------------------------------------------------------------
@@ -429,7 +431,7 @@ class WebSocketWire:
             try:
                 payload.decode()
             except UnicodeDecodeError:
-                raise Broken(INVALID_DATA, "a text message must be UTF-8") from None
+                raise ProtocolViolation(INVALID_DATA, "a text message must be UTF-8") from None
         self.message(payload, binary)
 
     def _close_frame(self, payload: bytes) -> None:
@@ -450,9 +452,9 @@ def _long_size(field: bytes) -> int:
     """A length of two or eight bytes; the shortest form must be used (RFC 6455 section 5.2)."""
     size = int.from_bytes(field, "big")
     if size < 126 or (len(field) == 8 and size < 65536):
-        raise Broken(PROTOCOL_ERROR, "a payload length must use the shortest form")
+        raise ProtocolViolation(PROTOCOL_ERROR, "a payload length must use the shortest form")
     if size >> 63:
-        raise Broken(PROTOCOL_ERROR, "the first bit of a payload length must be 0")
+        raise ProtocolViolation(PROTOCOL_ERROR, "the first bit of a payload length must be 0")
     return size
 
 
@@ -460,23 +462,25 @@ def _parse_close(payload: bytes) -> tuple[int, str]:
     if not payload:
         return NO_STATUS, ""
     if len(payload) == 1:
-        raise Broken(PROTOCOL_ERROR, "a close frame needs two bytes for its code")
+        raise ProtocolViolation(PROTOCOL_ERROR, "a close frame needs two bytes for its code")
     (code,) = _UINT16.unpack_from(payload)
     if not may_travel(code):
-        raise Broken(PROTOCOL_ERROR, f"close code {code} may not travel in a frame")
+        raise ProtocolViolation(PROTOCOL_ERROR, f"close code {code} may not travel in a frame")
     try:
         return code, payload[2:].decode()
     except UnicodeDecodeError:
-        raise Broken(INVALID_DATA, "the reason of a close frame must be UTF-8") from None
+        raise ProtocolViolation(INVALID_DATA, "the reason of a close frame must be UTF-8") from None
 
 
-def websocket_server(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
+def websocket_server(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> WebSocketWire:
     """The wire of one peer that connected to this server."""
-    return WebSocketWire(events, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, spare=spare)
+    return WebSocketWire(
+        events, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, buffers=buffers
+    )
 
 
-def websocket_client(events: WireEvents, limits: Limits, spare: Spare) -> WebSocketWire:
+def websocket_client(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> WebSocketWire:
     """The wire of the server that this side connected to."""
     return WebSocketWire(
-        events, max_size=limits.message_bytes, server=False, strict_utf8=limits.strict_utf8, spare=spare
+        events, max_size=limits.message_bytes, server=False, strict_utf8=limits.strict_utf8, buffers=buffers
     )

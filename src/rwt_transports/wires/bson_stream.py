@@ -15,7 +15,7 @@ from rwt_protocol.transport import Buffer, Frame
 from rwt_transports.api import Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TOO_BIG
-from rwt_transports.wires.receive_buffer import Spare
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.stream import StreamWire
 
 logger = logging.getLogger("rwt_transports.bson_stream")
@@ -94,6 +94,6 @@ def _pieces(frame: Frame) -> tuple[Buffer, ...]:
 DOCUMENTS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 
 
-def bson_documents(events: WireEvents, limits: Limits, _spare: Spare) -> BsonStreamWire:
+def bson_documents(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> BsonStreamWire:
     """The wire of one peer that speaks BSON on a stream."""
     return BsonStreamWire(events, max_size=limits.message_bytes)

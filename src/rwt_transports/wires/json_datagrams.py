@@ -13,7 +13,7 @@ from rwt_protocol.transport import Buffer, Frame
 from rwt_transports.api import Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.wires.json_stream import JsonStreamWire
-from rwt_transports.wires.receive_buffer import Spare
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports.json_datagrams")
 
@@ -54,6 +54,6 @@ DATAGRAMS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 """One frame, and where it ends."""
 
 
-def json_datagrams(events: WireEvents, limits: Limits, _spare: Spare) -> JsonDatagramWire:
+def json_datagrams(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonDatagramWire:
     """The wire of one peer over UDP."""
     return JsonDatagramWire(events, max_size=limits.message_bytes, framing=DATAGRAMS)

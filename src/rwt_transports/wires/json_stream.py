@@ -17,7 +17,7 @@ from rwt_protocol.transport import Buffer, Frame
 from rwt_transports.api import Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
-from rwt_transports.wires.receive_buffer import Spare
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.stream import StreamWire
 
 logger = logging.getLogger("rwt_transports.json_stream")
@@ -158,11 +158,11 @@ LINES = _framing(b"\n")
 """One object per line, for programs that read lines."""
 
 
-def json_over_tcp(events: WireEvents, limits: Limits, _spare: Spare) -> JsonStreamWire:
+def json_over_tcp(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonStreamWire:
     """The wire of one peer over TCP."""
     return JsonStreamWire(events, max_size=limits.message_bytes, framing=PLAIN)
 
 
-def json_lines(events: WireEvents, limits: Limits, _spare: Spare) -> JsonStreamWire:
+def json_lines(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonStreamWire:
     """The wire of one peer over a Unix socket or standard input and output."""
     return JsonStreamWire(events, max_size=limits.message_bytes, framing=LINES)

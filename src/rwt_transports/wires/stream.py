@@ -41,11 +41,11 @@ class StreamWire:
         """There is none."""
         return b""
 
-    def space(self) -> None:
+    def get_buffer(self) -> None:
         """Messages are put together in a buffer of the wire's own."""
 
-    def filled(self, count: int) -> None:
-        """Never called, since there is no :meth:`space`."""
+    def buffer_updated(self, count: int) -> None:
+        """Never called, since there is no :meth:`get_buffer`."""
 
 
 def _ignore(_data: bytes, _binary: bool) -> None:

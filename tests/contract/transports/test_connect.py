@@ -16,7 +16,7 @@ import pytest
 from rwt_protocol.transport import Frame, PeerInfo, Sink
 from rwt_transports import BadUrl, HttpRequest, HttpResponse, Limits, Refused, Routes, TransportError, listen
 from rwt_transports.connect import ConnectUrl, connect, parse_connect_url
-from rwt_transports.drivers.in_process import connect_pair
+from rwt_transports.drivers.in_process import connect_in_process
 from rwt_transports.errors import ConnectError
 from tests.contract.transports import test_listen
 
@@ -133,15 +133,15 @@ async def test_the_end_of_the_other_side_is_told_and_the_block_goes_on(place: Pl
 async def test_what_was_sent_can_be_waited_for(place: Place) -> None:
     async with (
         listen(place.listen_url, place.accept_far, tls=place.tls) as listener,
-        connect(listener.url, place.accept_near, tls=place.trust) as dialed,
+        connect(listener.url, place.accept_near, tls=place.trust) as outgoing,
     ):
         for _ in range(50):
             place.near[0].sink.send(Frame(b'{"data":"%s"}' % (b"x" * 50_000)))
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(dialed.drained)
-            tasks.start_soon(dialed.drained)
+            tasks.start_soon(outgoing.drained)
+            tasks.start_soon(outgoing.drained)
         assert place.near[0].sink.backlog == 0
-    await dialed.drained()
+    await outgoing.drained()
 
 
 async def test_an_exception_of_the_block_comes_out_as_itself(place: Place) -> None:
@@ -323,7 +323,7 @@ async def test_a_program_that_is_not_there() -> None:
 
 async def test_a_pair_in_memory() -> None:
     place = Place("ws", Path(), Path())
-    async with connect_pair(place.accept_near, place.accept_far):
+    async with connect_in_process(place.accept_near, place.accept_far):
         near, far = place.near[0], place.far[0]
         for text in (b"1", b"2"):
             near.sink.send(Frame(text))
@@ -345,7 +345,7 @@ async def test_a_pair_that_is_refused() -> None:
 
     place = Place("ws", Path(), Path())
     with pytest.raises(TransportError, match="not you"):
-        async with connect_pair(place.accept_near, refuse):
+        async with connect_in_process(place.accept_near, refuse):
             pass
     assert place.near == []
 

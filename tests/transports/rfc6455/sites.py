@@ -20,7 +20,7 @@ from anyio.from_thread import start_blocking_portal
 from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import Limits, Routes, listen
 from rwt_transports.api import Driver
-from rwt_transports.connection import Reception
+from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.drivers.memory import MemoryPipe
@@ -165,8 +165,8 @@ def check(case: Case, seen: Seen) -> None:
 def in_memory(site: str, request: bytes, pieces: Sequence[bytes], done: Done | None) -> tuple[bytes, bool]:
     """A pipe without sockets, loop or time."""
     chosen = SITES[site]
-    reception = Reception(chosen.accept, websocket_server, chosen.limits, Routes(), "ws")
-    pipe = MemoryPipe(reception.attach, "memory", 0)
+    state = ListenerState(chosen.accept, websocket_server, chosen.limits, Routes(), "ws")
+    pipe = MemoryPipe(state.attach, "memory", 0)
     pipe.send(request)
     for piece in pieces:
         pipe.send(piece)

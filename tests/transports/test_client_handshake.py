@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from websockets.uri import parse_uri
 
 from rwt_transports.errors import ConnectError
-from rwt_transports.websocket.client_handshake import Opening
+from rwt_transports.websocket.client_handshake import ClientHandshake
 
 GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 
 
-def opening() -> Opening:
-    return Opening(parse_uri("ws://robot:9090/path?x=1"), {"X-Robot": "seven"})
+def handshake() -> ClientHandshake:
+    return ClientHandshake(parse_uri("ws://robot:9090/path?x=1"), {"X-Robot": "seven"})
 
 
 def acceptance(request: bytes) -> bytes:
@@ -32,7 +32,7 @@ def acceptance(request: bytes) -> bytes:
 
 
 def test_the_request() -> None:
-    request = opening().request
+    request = handshake().request
     assert request.startswith(b"GET /path?x=1 HTTP/1.1\r\n")
     assert b"\r\nX-Robot: seven\r\n" in request
     assert request.endswith(b"\r\n\r\n")
@@ -40,12 +40,12 @@ def test_the_request() -> None:
 
 @pytest.mark.parametrize("behind", [b"", b"\x81\x02{}"])
 def test_an_acceptance_whole_and_with_more_behind_it(behind: bytes) -> None:
-    it = opening()
+    it = handshake()
     assert it.feed(acceptance(it.request) + behind) == behind
 
 
 def test_an_acceptance_byte_by_byte() -> None:
-    it = opening()
+    it = handshake()
     answers = [it.feed(bytes((byte,))) for byte in acceptance(it.request)]
     assert answers == [None] * (len(answers) - 1) + [b""]
 
@@ -55,14 +55,14 @@ REFUSAL = b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 6\r\n\r\nno bed"
 
 @pytest.mark.parametrize("step", [1, 10, 1000])
 def test_a_refusal_in_pieces(step: int) -> None:
-    it = opening()
+    it = handshake()
     with pytest.raises(ConnectError, match=r"^robot:9090 answers 503: no bed$"):
         for at in range(0, len(REFUSAL), step):
             assert it.feed(REFUSAL[at : at + step]) is None
 
 
 def test_a_refusal_without_a_length_ends_with_the_connection() -> None:
-    it = opening()
+    it = handshake()
     assert it.feed(b"HTTP/1.1 403 Forbidden\r\n\r\ngo ") is None
     assert it.feed(b"away") is None
     with pytest.raises(ConnectError, match=r"^robot:9090 answers 403: go away$"):
@@ -71,7 +71,7 @@ def test_a_refusal_without_a_length_ends_with_the_connection() -> None:
 
 @given(st.lists(st.binary(max_size=40), max_size=5))
 def test_any_bytes_are_no_acceptance(pieces: list[bytes]) -> None:
-    it = opening()
+    it = handshake()
     try:
         for piece in pieces:
             assert it.feed(piece) is None
