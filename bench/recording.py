@@ -59,7 +59,7 @@ def main() -> int:
     missed = False
     for name, load in LOADS.items():
         types = LiveTypes(_nobody)
-        types.speak(2, JAZZY.name)
+        types.set_distro(JAZZY)
         message = types.registry.message(load.stream.type)
         payloads = [Payload.from_value(message, each) for each in load.stream.messages]
         found = [

@@ -51,7 +51,7 @@ class CameraPublisher:
         header = messages.header(self._node.clock.time_ns(), OPTICAL)
         for infos in self._infos:
             if infos.subscriber_count:
-                infos.publish(self._lens.camera_info(header, self._node.distro.ros_version))
+                infos.publish(self._lens.camera_info(header, self._node.distro))
         if not (self._colours.subscriber_count or self._depths.subscriber_count):
             return
         snapshot = self._simulation.snapshot()

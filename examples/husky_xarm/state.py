@@ -72,7 +72,7 @@ class StatePublisher:
         """The URDF where programs look for it: a latched topic, a parameter, and ROS 1's global parameter."""
         node = self._node
         node.advertise("/robot_description", "std_msgs/String", latch=True).publish({"data": urdf})
-        if node.distro.ros_version == 2:
+        if node.distro.parameters_belong_to_nodes:
             node.parameters.declare(
                 "robot_description", urdf, description="The robot as URDF.", read_only=True
             )

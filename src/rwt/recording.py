@@ -23,8 +23,7 @@ def record_graph(graph: Graph, path: Path | None, *, introspection: bool, stack:
     from rwt_nodes.introspection import Introspection  # Their code is read only where they run.
     from rwt_nodes.recording import Recorder, RecordingError
 
-    tells = graph.distro.ros_version == 2
-    if introspection and not tells:
+    if introspection and not graph.distro.introspects_calls:
         raise CommandError("--introspection is of ROS 2: ROS 1 has no topics that tell of calls", exit_code=2)
     if path is None:
         if introspection:
@@ -35,7 +34,7 @@ def record_graph(graph: Graph, path: Path | None, *, introspection: bool, stack:
     except RecordingError as error:
         raise CommandError(f"--record: {error}") from error
     stack.callback(_finish, recorder)
-    if tells:
+    if graph.distro.introspects_calls:
         stack.enter_context(closing(Introspection(graph, on_topic=recorder.look)))
 
 

@@ -27,8 +27,7 @@ class Census:
         self._list = participant.advertise(
             "/connected_clients", registry.message("rosbridge_msgs/ConnectedClients"), LATCHED
         )
-        # The time type differs between the distributions: {sec, nanosec} or {secs, nsecs}.
-        self._time_names = ("sec", "nanosec") if registry.distro.ros_version == 2 else ("secs", "nsecs")
+        self._time_fields = registry.distro.time_fields
         self._clients: dict[int, dict[str, object]] = {}
         self._due = False
         self._tell_count()
@@ -37,7 +36,7 @@ class Census:
     def joined(self, number: int, address: str) -> None:
         """A client has connected."""
         seconds, nanoseconds = divmod(self._clock.time_ns(), NANOSECONDS)
-        moment = dict(zip(self._time_names, (seconds, nanoseconds), strict=True))
+        moment = dict(zip(self._time_fields, (seconds, nanoseconds), strict=True))
         self._clients[number] = {"ip_address": address, "connection_time": moment}
         self._changed()
 

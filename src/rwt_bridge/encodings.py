@@ -71,10 +71,7 @@ def _cbor_raw_encoder(topic: str) -> Encoder:
     prefix = cbor.publish_prefix(topic)
 
     def encode(sample: Sample) -> Frame:
-        payload = sample.payload
-        is_ros1 = payload.type.registry.distro.ros_version == 1
-        data = payload.ros1() if is_ros1 else payload.cdr()
-        return cbor.raw_publish_frame(prefix, data, sample.stamp_ns)
+        return cbor.raw_publish_frame(prefix, sample.payload.serialised(), sample.stamp_ns)
 
     return encode
 

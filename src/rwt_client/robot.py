@@ -33,7 +33,8 @@ from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.decoding import Message
 from rwt_client.wire.future import Outcome
 from rwt_client.wire.session import Line
-from rwt_interfaces import InterfaceError
+from rwt_interfaces import NOETIC, Distro, InterfaceError
+from rwt_interfaces.distro import closest_distro
 from rwt_protocol.decoded import plain_value
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
@@ -348,7 +349,7 @@ class Robot:
         action_type = await self.types.action(type_name or await self.types.of_action(action))
         payload = payload_of(action_type.goal, {} if goal is None else goal)
         sent = Goal(action, self._line.next_id("send_action_goal", action), on_feedback)
-        if self.types.ros_version == 1:
+        if self.types.registry.distro.action_transport == "topics":
             return await ActionlibGoals(self).send(sent, action_type, payload)
         readers = (
             self.types.reader(action_type.feedback, self._arrays),
@@ -389,35 +390,32 @@ class Robot:
 
     async def identify(self, ros_version: int | None, fetch_types: bool) -> None:
         """Find out which ROS the robot speaks, and take its types. Does not fail: rosapi may not be there."""
-        if ros_version is None:
-            ros_version, distro = await self._ros_version()
-        else:
-            distro = ""
-        self.types.speak(ros_version, distro)
-        if fetch_types and ros_version:
+        distro = await self._ask_distro() if ros_version is None else closest_distro("", ros_version)
+        self.types.set_distro(distro)
+        if fetch_types and distro is not None:
             try:
                 await self.types.refresh()
             except (CallFailed, NoAnswer) as error:
                 logger.info("the robot does not tell its types: %s", error)
 
-    async def _ros_version(self) -> tuple[int, str]:
-        """0 where there is no rosapi; ROS 1 often has rosapi without this question."""
+    async def _ask_distro(self) -> Distro | None:
+        """None where there is no rosapi; ROS 1 often has rosapi without this question."""
         try:
             found = await self._identifying.ros_version()
         except CallFailed:
-            return await self._whether_ros_1()
+            return NOETIC if await self._has_rosapi() else None
         except NoAnswer:
             logger.info("the robot does not answer rosapi's questions: its version of ROS is not known")
-            return 0, ""
-        return found.version, found.distro
+            return None
+        return closest_distro(found.distro, found.version) if found.version else None
 
-    async def _whether_ros_1(self) -> tuple[int, str]:
+    async def _has_rosapi(self) -> bool:
         try:
             await self._identifying.time_ns()
         except (CallFailed, NoAnswer):
             logger.info("the robot has no rosapi: its version of ROS is not known")
-            return 0, ""
-        return 1, ""
+            return False
+        return True
 
     # -- parts ---------------------------------------------------------------------------------------------
 
@@ -480,7 +478,7 @@ class Robot:
 
     def _interface_name(self, interface: Any) -> str:
         """What the server calls a service or action type."""
-        return self.types.registry.type_name(interface) if self.types.ros_version == 2 else interface.name
+        return interface.name if self.types.distro is None else self.types.registry.type_name(interface)
 
 
 def _nothing(_: None, op: Op) -> None:

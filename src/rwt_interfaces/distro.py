@@ -1,27 +1,173 @@
-"""What a ROS distribution changes about names and messages, as data."""
+"""What differs between ROS distributions, as data: one field for each difference, which code asks by name."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
+
+from rwt_interfaces.names import Kind, three_part
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Distro:
     """One distribution.
 
     Attributes:
         name: ``jazzy``, ``noetic``.
-        ros_version: 1 or 2.
+        ros_version: 1 or 2, for answers and files that report it. No behaviour depends on it: what differs
+            has a field of its own.
+
+        has_three_part_names: types are called ``std_msgs/msg/String``, not ``std_msgs/String``.
+        part_separator: what stands between the name of a service or action and that of its part.
+        has_time_primitives: ``time`` and ``duration`` are primitives; otherwise messages of
+            ``builtin_interfaces``.
         time_fields: the names of a time's two halves, whole seconds and nanoseconds.
+        byte_is_signed: ``byte`` is an old name of int8; otherwise an octet.
+        quotes_strings: a string constant may be quoted and followed by a comment; otherwise it is the rest of
+            its line, quotes and ``#`` included.
+
+        serialisation: the binary form of messages.
+        type_hash: the digest by which two programs compare a type.
+        has_qos: endpoints have quality of service; otherwise publishers are latched or not.
+
+        parameters_belong_to_nodes: each node has its own; otherwise all are in one tree.
+        action_transport: what carries actions between programs: hidden services, or the five topics of
+            actionlib, whose messages are then listed among a package's messages.
+        introspects_calls: there are topics that carry the calls of services.
+        joins_over_zenoh: its programs may talk over Zenoh.
+        graph_node: the node to which the graph's own publishers belong.
+        rosout_type: the message of ``/rosout``.
+        rosout_has_header: that message has a header, and levels that are powers of two.
+        rosout_depth: how many messages a late subscriber of ``/rosout`` gets.
+        rosout_lifespan: for how many seconds they are kept; None for as long as the publisher lives.
+
+        encodes_all_cbor: rosbridge's servers encode every message in CBOR; otherwise some arrays are lost
+            (CBR-07).
+        rosapi_package: where the types of rosapi's services are.
+        rosapi_has_version: rosapi answers ``get_ros_version``. Clients tell ROS 1 by its absence.
+        rosapi_has_idl_names: rosapi describes scalars by the names of IDL (API-04).
+        rosapi_reports_failures: answers about parameters have ``successful`` and ``reason``; otherwise the
+            call fails.
+        rosapi_fails_for_unknown_nodes: ``node_details`` fails then; otherwise its lists are empty (API-14).
+
+        marker_state: where viewers get the present state of interactive markers: a latched topic, or a
+            service.
+        camera_matrices: the fields of ``sensor_msgs/CameraInfo`` for distortion, camera matrix, rectification
+            and projection.
+        add_two_ints_type: the service type of the tutorials.
+        fibonacci_type: the action type of the tutorials.
     """
 
     name: str
-    ros_version: int
+    ros_version: Literal[1, 2]
+
+    has_three_part_names: bool
+    part_separator: Literal["", "_"]
+    has_time_primitives: bool
     time_fields: tuple[str, str]
+    byte_is_signed: bool
+    quotes_strings: bool
+
+    serialisation: Literal["cdr", "ros1"]
+    type_hash: Literal["md5", "rihs01"]
+    has_qos: bool
+
+    parameters_belong_to_nodes: bool
+    action_transport: Literal["services", "topics"]
+    introspects_calls: bool
+    joins_over_zenoh: bool
+    graph_node: str
+    rosout_type: str
+    rosout_has_header: bool
+    rosout_depth: int
+    rosout_lifespan: float | None
+
+    encodes_all_cbor: bool
+    rosapi_package: str
+    rosapi_has_version: bool
+    rosapi_has_idl_names: bool
+    rosapi_reports_failures: bool
+    rosapi_fails_for_unknown_nodes: bool
+
+    marker_state: Literal["service", "topic"]
+    camera_matrices: tuple[str, str, str, str]
+    add_two_ints_type: str
+    fibonacci_type: str
+
+    def type_name(self, name: str, kind: Kind) -> str:
+        """What this distribution calls the type of a two-part name."""
+        return three_part(name, kind) if self.has_three_part_names else name
 
 
-JAZZY = Distro("jazzy", 2, ("sec", "nanosec"))
-NOETIC = Distro("noetic", 1, ("secs", "nsecs"))
+JAZZY = Distro(
+    name="jazzy",
+    ros_version=2,
+    has_three_part_names=True,
+    part_separator="_",
+    has_time_primitives=False,
+    time_fields=("sec", "nanosec"),
+    byte_is_signed=False,
+    quotes_strings=True,
+    serialisation="cdr",
+    type_hash="rihs01",
+    has_qos=True,
+    parameters_belong_to_nodes=True,
+    action_transport="services",
+    introspects_calls=True,
+    joins_over_zenoh=True,
+    graph_node="/_graph",  # A leading underscore hides a node.
+    rosout_type="rcl_interfaces/Log",
+    rosout_has_header=False,
+    rosout_depth=100,
+    rosout_lifespan=10.0,
+    encodes_all_cbor=True,
+    rosapi_package="rosapi_msgs",
+    rosapi_has_version=True,
+    rosapi_has_idl_names=True,
+    rosapi_reports_failures=True,
+    rosapi_fails_for_unknown_nodes=True,
+    marker_state="service",
+    camera_matrices=("d", "k", "r", "p"),
+    add_two_ints_type="example_interfaces/AddTwoInts",
+    fibonacci_type="example_interfaces/Fibonacci",
+)
+NOETIC = Distro(
+    name="noetic",
+    ros_version=1,
+    has_three_part_names=False,
+    part_separator="",
+    has_time_primitives=True,
+    time_fields=("secs", "nsecs"),
+    byte_is_signed=True,
+    quotes_strings=False,
+    serialisation="ros1",
+    type_hash="md5",
+    has_qos=False,
+    parameters_belong_to_nodes=False,
+    action_transport="topics",
+    introspects_calls=False,
+    joins_over_zenoh=False,
+    graph_node="/rosout",
+    rosout_type="rosgraph_msgs/Log",
+    rosout_has_header=True,
+    rosout_depth=1,
+    rosout_lifespan=None,
+    encodes_all_cbor=False,
+    rosapi_package="rosapi",
+    rosapi_has_version=False,
+    rosapi_has_idl_names=False,
+    rosapi_reports_failures=False,
+    rosapi_fails_for_unknown_nodes=False,
+    marker_state="topic",
+    camera_matrices=("D", "K", "R", "P"),
+    add_two_ints_type="rospy_tutorials/AddTwoInts",
+    fibonacci_type="actionlib_tutorials/Fibonacci",
+)
 
 #: The distributions that `rwt serve --distro` takes.
 DISTROS: dict[str, Distro] = {distro.name: distro for distro in (JAZZY, NOETIC)}
+
+
+def closest_distro(name: str, ros_version: int) -> Distro:
+    """The distribution of that name; for an unknown name the one here of that version of ROS."""
+    return DISTROS.get(name) or (NOETIC if ros_version == 1 else JAZZY)

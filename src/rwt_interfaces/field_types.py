@@ -154,7 +154,7 @@ _INTS = {
 UINT8 = _INTS["uint8"]
 _CHAR = _int("char", "B", 8, False)
 #: ROS 1's byte is an old name of int8; ROS 2's is an octet.
-_BYTE = {1: _int("byte", "b", 8, True), 2: _int("byte", "B", 8, False)}
+_BYTE = {True: _int("byte", "b", 8, True), False: _int("byte", "B", 8, False)}
 _FLOATS = {"float32": Float("float32", "f"), "float64": Float("float64", "d")}
 #: The element of most arrays of numbers.
 FLOAT32 = _FLOATS["float32"]
@@ -197,5 +197,5 @@ def _scalar(field: FieldType, types: Registry) -> Scalar:
     if name == "char":
         return _CHAR
     if name == "byte":
-        return _BYTE[types.distro.ros_version]
+        return _BYTE[types.distro.byte_is_signed]
     return time_shape(name, types.distro) or Message(types.message(name))

@@ -113,6 +113,15 @@ class Payload:
         return cls._from_object(message_type, read_cbor(data), now)
 
     @classmethod
+    def deserialised(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
+        """Take a message in the serialisation of its type's distribution.
+
+        Raises:
+            InvalidMessage: it does not fit; no other exception, whatever the bytes.
+        """
+        return cls(message_type, None, message_type.deserialise(data))
+
+    @classmethod
     def from_cdr(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Take a message as it came in CDR, with its encapsulation header.
 
@@ -150,6 +159,10 @@ class Payload:
     def cbor(self) -> bytes:
         """The message in CBOR, without any envelope (CBR-02 to CBR-07)."""
         return self._made("cbor", self.type.to_cbor)
+
+    def serialised(self) -> bytes:
+        """The message in the serialisation of its type's distribution: CDR, or ROS 1's own form."""
+        return self._made(self.type.registry.distro.serialisation, self.type.serialise)
 
     def cdr(self) -> bytes:
         """The message in CDR, with its encapsulation header."""

@@ -192,12 +192,11 @@ class Registry:
                 self._messages, self._services, self._actions = {}, {}, {}
 
     def _parse(self, kind: Kind, name: str, text: str, source: str) -> _Definition:
-        version = self.distro.ros_version
         if kind == "msg":
-            return parser.parse_message(text, name, source=source, ros_version=version)
+            return parser.parse_message(text, name, source=source, distro=self.distro)
         if kind == "srv":
-            return parser.parse_service(text, name, source=source, ros_version=version)
-        return parser.parse_action(text, name, source=source, ros_version=version)
+            return parser.parse_service(text, name, source=source, distro=self.distro)
+        return parser.parse_action(text, name, source=source, distro=self.distro)
 
     # Definitions
 
@@ -226,7 +225,7 @@ class Registry:
 
     def _action_service(self, package: str, name: str) -> ServiceDefinition | None:
         """`X_SendGoal` or `X_GetResult`, which only ROS 2 has."""
-        for which in actionlib.ACTION_SERVICES if self.distro.ros_version == 2 else ():
+        for which in actionlib.ACTION_SERVICES if self.distro.action_transport == "services" else ():
             if name.endswith(which):
                 action = self._action_definition(package, name.removesuffix(which))
                 return None if action is None else actionlib.action_service(action, which)
@@ -234,7 +233,7 @@ class Registry:
 
     def _introspected(self, package: str, name: str) -> MessageDefinition | None:
         """`X_Event` of a service or `X_FeedbackMessage` of an action, which only ROS 2 has."""
-        if self.distro.ros_version != 2:
+        if not self.distro.introspects_calls:
             return None
         if name.endswith(actionlib.FEEDBACK_MESSAGE):
             action = self._action_definition(package, name.removesuffix(actionlib.FEEDBACK_MESSAGE))
@@ -332,7 +331,7 @@ class Registry:
             if present == kind
         }
         found.update(name for present, name in self._user if present == kind)
-        if kind == "msg" and self.distro.ros_version == 1:
+        if kind == "msg" and self.distro.action_transport == "topics":
             suffixes = (*actionlib.ACTION_PARTS, *actionlib.WRAPPERS)
             found.update(f"{action}{suffix}" for action in self.names("action") for suffix in suffixes)
         return tuple(sorted(found))
@@ -363,7 +362,7 @@ class Registry:
 
     def type_name(self, interface: MessageType | ServiceType | ActionType) -> str:
         """What this distribution calls a type: ``std_msgs/msg/String`` (ROS 2), ``std_msgs/String`` (1)."""
-        if self.distro.ros_version == 1:
+        if not self.distro.has_three_part_names:
             return interface.name
         if isinstance(interface, ServiceType):
             package, short = interface.name.split("/")

@@ -104,6 +104,16 @@ class MessageType:
         return JsonCodec(self)
 
     @cached_property
+    def serialise(self) -> Callable[[msgspec.Struct], bytes]:
+        """Encodes a message of this type as its distribution does: in CDR, or in ROS 1's own form."""
+        return self.to_cdr if self.registry.distro.serialisation == "cdr" else self.to_ros1
+
+    @cached_property
+    def deserialise(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
+        """Decodes a message of this type from its distribution's serialisation; raises InvalidMessage."""
+        return self.from_cdr if self.registry.distro.serialisation == "cdr" else self.from_ros1
+
+    @cached_property
     def to_cbor(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type in CBOR."""
         from rwt_interfaces.serialise import cbor

@@ -66,7 +66,7 @@ class Introspection(CallObserver):
         on_topic: Callable[[], None] = lambda: None,
         name: str = "/introspection",
     ) -> None:
-        if graph.distro.ros_version == 1:
+        if not graph.distro.introspects_calls:
             raise NotObservable("ROS 1 has no service introspection; its actions are topics already")
         self._graph = graph
         self._takes = takes

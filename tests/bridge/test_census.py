@@ -31,7 +31,7 @@ def test_before_the_first_client_there_are_none(bridge: Bridge, graph: MemoryGra
 def test_connected_clients_have_an_address_and_a_time(
     bridge: Bridge, clock: SimulatedClock, graph: MemoryGraph
 ) -> None:
-    seconds, nanoseconds = ("sec", "nanosec") if graph.distro.ros_version == 2 else ("secs", "nsecs")
+    seconds, nanoseconds = graph.distro.time_fields
     client = Client(bridge, address="10.0.0.1")
     client.say("subscribe", topic="/connected_clients")
     client.heard()

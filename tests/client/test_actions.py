@@ -20,6 +20,7 @@ from rwt_client import (
 )
 from rwt_graph import ActionGoal
 from rwt_graph import GoalCanceled as GraphGoalCanceled
+from rwt_interfaces import NOETIC
 from tests.client.worlds import World, scripted, world
 
 pytestmark = pytest.mark.anyio
@@ -132,7 +133,7 @@ class TestInVirtualTime:
 
 async def test_a_goal_of_ros_1_goes_over_topics() -> None:
     async with world(distro="noetic") as it:
-        assert it.robot.types.ros_version == 1
+        assert it.robot.types.distro is NOETIC
         offer_fibonacci(it)
         goal = await it.robot.send_goal("/fibonacci", {"order": 3}, FIBONACCI)
         assert (await goal.result(timeout=5)).result.sequence == [0, 1, 2]

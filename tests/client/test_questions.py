@@ -19,7 +19,7 @@ from rwt_client import (
 )
 from rwt_client.endpoints.remote_types import _texts
 from rwt_graph import ParameterRejected
-from rwt_interfaces import JAZZY, Registry
+from rwt_interfaces import JAZZY, NOETIC, Registry
 from rwt_nodes.rosapi.typedefs import typedefs
 from tests.client.worlds import World, scripted, world
 
@@ -102,7 +102,7 @@ async def test_time_and_version() -> None:
         assert abs(await it.robot.time_ns() - time.time_ns()) < 10_000_000_000
         with pytest.raises(CallFailed):
             await it.robot.api.ros_version()
-        assert it.robot.types.ros_version == 1
+        assert it.robot.types.distro is NOETIC
 
 
 class TestInVirtualTime:
@@ -114,7 +114,7 @@ class TestInVirtualTime:
         start = anyio.current_time()
         async with scripted(ros_version=None, timeout=30) as (_, robot):
             assert anyio.current_time() - start == pytest.approx(3.0)
-            assert robot.types.ros_version == 0
+            assert robot.types.distro is None
 
 
 async def test_an_answer_of_another_shape_is_told() -> None:
@@ -232,7 +232,7 @@ async def test_without_rosapi_both_spellings_of_time_are_read() -> None:
     async with scripted() as (server, robot):
         server.answers.update({"/rosapi/get_ros_version": "no", "/rosapi/get_time": "no"})
         await robot.identify(None, True)
-        assert robot.types.ros_version == 0
+        assert robot.types.distro is None
         async with robot.topic("/header", "std_msgs/Header") as headers:
             await server.hears("subscribe")
             server.publish("/header", {"stamp": {"secs": 5, "nsecs": 6}, "frame_id": "a", "seq": 3})

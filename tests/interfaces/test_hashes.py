@@ -81,7 +81,7 @@ def test_known_md5_sums(registries: dict[str, Registry], name: str, md5: str) ->
     ],
 )
 def test_known_md5_sums_of_services(registries: dict[str, Registry], text: str, md5: str) -> None:
-    assert hashes.service_md5(parse_service(text, "p/S", ros_version=1), registries["noetic"]) == md5
+    assert hashes.service_md5(parse_service(text, "p/S", distro=NOETIC), registries["noetic"]) == md5
 
 
 @pytest.mark.parametrize(

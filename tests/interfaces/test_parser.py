@@ -8,16 +8,17 @@ import pytest
 
 from rwt_interfaces.definitions.model import Constant, Field, FieldType
 from rwt_interfaces.definitions.parser import format_message, parse_action, parse_message, parse_service
+from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName
 
 
-def only_field(text: str, ros_version: int = 2) -> Field:
-    (field,) = parse_message(text, "my_pkg/Thing", ros_version=ros_version).fields
+def only_field(text: str, distro: Distro = JAZZY) -> Field:
+    (field,) = parse_message(text, "my_pkg/Thing", distro=distro).fields
     return field
 
 
-def only_constant(text: str, ros_version: int = 2) -> Constant:
-    (constant,) = parse_message(text, "my_pkg/Thing", ros_version=ros_version).constants
+def only_constant(text: str, distro: Distro = JAZZY) -> Constant:
+    (constant,) = parse_message(text, "my_pkg/Thing", distro=distro).constants
     return constant
 
 
@@ -47,29 +48,29 @@ def only_constant(text: str, ros_version: int = 2) -> Constant:
 )
 def test_field_types(text: str, expected: FieldType) -> None:
     assert only_field(text) == Field("x", expected)
-    assert only_field(text, ros_version=1) == Field("x", expected)
+    assert only_field(text, distro=NOETIC) == Field("x", expected)
 
 
 @pytest.mark.parametrize(
-    ("ros_version", "text", "expected"),
+    ("distro", "text", "expected"),
     [
-        (1, "time x", "time"),
-        (1, "duration[] x", "duration"),
-        (1, "builtin_interfaces/Time x", "time"),
-        (1, "builtin_interfaces/msg/Duration[] x", "duration"),
-        (2, "time x", "builtin_interfaces/Time"),
-        (2, "duration[] x", "builtin_interfaces/Duration"),
-        (2, "builtin_interfaces/Time x", "builtin_interfaces/Time"),
+        (NOETIC, "time x", "time"),
+        (NOETIC, "duration[] x", "duration"),
+        (NOETIC, "builtin_interfaces/Time x", "time"),
+        (NOETIC, "builtin_interfaces/msg/Duration[] x", "duration"),
+        (JAZZY, "time x", "builtin_interfaces/Time"),
+        (JAZZY, "duration[] x", "builtin_interfaces/Duration"),
+        (JAZZY, "builtin_interfaces/Time x", "builtin_interfaces/Time"),
     ],
 )
-def test_each_version_has_its_own_time(ros_version: int, text: str, expected: str) -> None:
-    assert only_field(text, ros_version).type.name == expected
+def test_each_version_has_its_own_time(distro: Distro, text: str, expected: str) -> None:
+    assert only_field(text, distro).type.name == expected
 
 
 def test_the_text_of_a_translated_definition_says_what_is_on_the_wire() -> None:
     definition = parse_message("# when\ntime stamp\n", "my_pkg/Thing")
     assert definition.text == "builtin_interfaces/Time stamp\n"
-    assert parse_message("# when\ntime stamp\n", "my_pkg/Thing", ros_version=1).text == "# when\ntime stamp\n"
+    assert parse_message("# when\ntime stamp\n", "my_pkg/Thing", distro=NOETIC).text == "# when\ntime stamp\n"
 
 
 @pytest.mark.parametrize(
@@ -95,8 +96,8 @@ def test_the_text_of_a_translated_definition_says_what_is_on_the_wire() -> None:
     ],
 )
 def test_numeric_constants(text: str, value: object, written: str) -> None:
-    for ros_version in (1, 2):
-        constant = only_constant(text, ros_version)
+    for distro in DISTROS.values():
+        constant = only_constant(text, distro)
         assert (constant.name, constant.value, constant.text) == ("X", value, written)
         assert type(constant.value) is type(value)
 
@@ -112,7 +113,7 @@ def test_numeric_constants(text: str, value: object, written: str) -> None:
     ],
 )
 def test_a_string_constant_of_ros_1_is_the_rest_of_its_line(text: str, value: str) -> None:
-    constant = only_constant(text, ros_version=1)
+    constant = only_constant(text, distro=NOETIC)
     assert (constant.value, constant.text) == (value, value)
 
 
@@ -181,7 +182,7 @@ def test_service_parts_are_named_as_the_version_does() -> None:
     )
     assert service.request.text == "bool data\n"
     assert [item.name for item in service.response.constants] == ["OK"]
-    assert parse_service(text, "std_srvs/SetBool", ros_version=1).request.name == "std_srvs/SetBoolRequest"
+    assert parse_service(text, "std_srvs/SetBool", distro=NOETIC).request.name == "std_srvs/SetBoolRequest"
     assert parse_service("---", "std_srvs/Empty").response.fields == ()
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from rwt_interfaces.definitions.literals import Literals
 from rwt_interfaces.definitions.model import Constant, Field, FieldType, MessageDefinition
 from rwt_interfaces.definitions.parser import format_message, parse_action, parse_message, parse_service
+from rwt_interfaces.distro import DISTROS, Distro
 from rwt_interfaces.errors import DefinitionError
 
 NAMES = st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,8}", fullmatch=True)
@@ -120,7 +121,7 @@ TOKENS = st.sampled_from(
 TEXTS = st.text() | st.lists(TOKENS, max_size=20).map("".join) | st.lists(TOKENS, max_size=20).map(" ".join)
 
 
-@pytest.mark.parametrize("ros_version", [1, 2])
+@pytest.mark.parametrize("distro", DISTROS.values(), ids=DISTROS)
 @pytest.mark.parametrize("parse", [parse_message, parse_service, parse_action])
 @given(text=TEXTS)
 @example(text="float64 X=" + "9" * 5000)
@@ -130,10 +131,10 @@ TEXTS = st.text() | st.lists(TOKENS, max_size=20).map("".join) | st.lists(TOKENS
 @example(text="string x " + "'" * 1001)
 @example(text="string[] x [" + "'a'," * 2000)
 def test_any_text_is_a_definition_or_an_error(
-    parse: Callable[..., object], ros_version: int, text: str
+    parse: Callable[..., object], distro: Distro, text: str
 ) -> None:
     try:
-        parse(text, "p/M", source="here", ros_version=ros_version)
+        parse(text, "p/M", source="here", distro=distro)
     except DefinitionError as error:
         assert str(error).startswith("here:")
         assert len(str(error)) < 400

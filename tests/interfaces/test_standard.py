@@ -62,7 +62,7 @@ def test_every_standard_message_is_written_as_it_would_be_formatted_again(distro
     registry = Registry(distro)
     for name in registry.names("msg"):
         definition = registry.definition(name)
-        again = parse_message(format_message(definition), name, ros_version=distro.ros_version)
+        again = parse_message(format_message(definition), name, distro=distro)
         assert again == definition
 
 

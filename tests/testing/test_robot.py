@@ -206,7 +206,7 @@ async def test_parameters_are_those_of_any_node(graph: ObservedGraph) -> None:
     async with graph:
         robot, other = ScriptedRobot(graph), Node(graph, "other")
         robot.has_parameter("max_speed", 0.5)
-        name = "/robot:max_speed" if graph.distro.ros_version == 2 else "/robot/max_speed"
+        name = "/robot:max_speed" if graph.distro.parameters_belong_to_nodes else "/robot/max_speed"
         assert await other.get_param(name) == 0.5
         await other.set_param(name, 0.7)
         assert robot.parameters.get("max_speed") == 0.7

@@ -84,7 +84,7 @@ def _check(settings: Settings, arguments: argparse.Namespace) -> None:
             )
     if sys.platform != "linux":
         raise CommandError("--workers needs Linux, which spreads clients over processes", exit_code=2)
-    if DISTROS[settings.distro].ros_version == 1:
+    if not DISTROS[settings.distro].joins_over_zenoh:
         raise CommandError(
             f"--workers needs ROS 2: a graph of {settings.distro} cannot be joined over Zenoh", exit_code=2
         )

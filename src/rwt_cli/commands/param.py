@@ -59,7 +59,7 @@ async def _of_node(robot: Robot, node: str) -> list[str]:
     found = _by_node(names)
     if node in found:
         return found[node]
-    if robot.types.ros_version == 1:
+    if not robot.types.registry.distro.parameters_belong_to_nodes:
         return [name.removeprefix(f"{node}/") for name in sorted(names) if name.startswith(f"{node}/")]
     known = await ask_rosapi(robot.api.nodes)
     if node in known:
@@ -69,7 +69,8 @@ async def _of_node(robot: Robot, node: str) -> list[str]:
 
 def _full(robot: Robot, node: str, parameter: str) -> str:
     """The name of a parameter as rosapi has it (API-08)."""
-    return f"{node}/{parameter}" if robot.types.ros_version == 1 else f"{node}:{parameter}"
+    separator = ":" if robot.types.registry.distro.parameters_belong_to_nodes else "/"
+    return f"{node}{separator}{parameter}"
 
 
 def _addressed(robot: Robot, words: list[str]) -> str:

@@ -82,8 +82,7 @@ class RawSubscription:
         self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if binary else "none"
         self._wire_type = types.wire_name(message_type.name)
         self._reader = types.reader(message_type)
-        is_ros1 = message_type.registry.distro.ros_version == 1
-        self._serialise = message_type.to_ros1 if is_ros1 else message_type.to_cdr
+        self._serialise = message_type.serialise
 
     def start(self) -> None:
         """Subscribe. Raises ConnectionLost when there will be no connection any more."""

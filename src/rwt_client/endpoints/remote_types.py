@@ -11,7 +11,7 @@ import msgspec
 from rwt_client.errors import CallFailed, ClientError, NoAnswer, TypeUnavailable
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.decoding import MessageReader
-from rwt_interfaces import DISTROS, JAZZY, NOETIC, InterfaceError, InvalidName, Registry, UnknownType
+from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry, UnknownType
 from rwt_interfaces.names import parse_type_name
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
@@ -44,7 +44,7 @@ class LiveTypes:
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
         self._registry = Registry(JAZZY)
-        self._ros_version = 0
+        self._distro: Distro | None = None
         self._services: dict[str, str] = {}
         self._actions: dict[str, str] = {}
 
@@ -88,26 +88,26 @@ class LiveTypes:
         return self._registry
 
     @property
-    def ros_version(self) -> int:
-        """1 or 2; 0 while nobody has said."""
-        return self._ros_version
+    def distro(self) -> Distro | None:
+        """What the robot speaks; None while that is not known."""
+        return self._distro
 
     # -- for the other parts of the client -----------------------------------------------------------------
 
-    def speak(self, ros_version: int, distro: str = "") -> None:
-        """Use the names and times of that version of ROS."""
-        self._ros_version = ros_version
-        wanted = DISTROS.get(distro) or (NOETIC if ros_version == 1 else JAZZY)
+    def set_distro(self, distro: Distro | None) -> None:
+        """Use the names and times of that distribution; of the default one while it is not known."""
+        self._distro = distro
+        wanted = distro or JAZZY
         if wanted is not self._registry.distro:
             self._registry = Registry(wanted)
 
     def reader(self, message_type: MessageType, arrays: ArrayKind = "list") -> MessageReader:
         """Reads messages of that type."""
-        return MessageReader(message_type, arrays, trusted=self._ros_version != 0)
+        return MessageReader(message_type, arrays, trusted=self._distro is not None)
 
     def wire_name(self, name: str) -> str:
         """What the server calls a message type."""
-        return self._registry.type_name(self._registry.message(name)) if self._ros_version == 2 else name
+        return name if self._distro is None else self._registry.type_name(self._registry.message(name))
 
     def full_text(self, name: str) -> str:
         """The definition of a known message and of all it contains, as one text (API-06)."""

@@ -19,7 +19,7 @@ from rwt_client.errors import (
     NoAnswer,
     ServerRefused,
 )
-from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, ros1_sends_as_cbor
+from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
 from rwt_client.wire.decoding import Arrived, Message, MessageReader
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
@@ -118,7 +118,9 @@ class Hub:
             return wanted
         if not self.cbor_offered or not has_big_arrays(message_type):
             return "none"
-        return "cbor" if self.types.ros_version == 2 or ros1_sends_as_cbor(message_type) else "none"
+        distro = self.types.distro
+        encodes_all = distro is not None and distro.encodes_all_cbor
+        return "cbor" if encodes_all or is_encoded_everywhere(message_type) else "none"
 
 
 class Subscription:

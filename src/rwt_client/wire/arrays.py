@@ -102,9 +102,9 @@ def _is_big(shape: shapes.Shape) -> bool:
             return False
 
 
-def ros1_sends_as_cbor(message_type: MessageType) -> bool:
-    """Whether every server of ROS 1 can encode it: there, arrays of a fixed length and of strings, booleans
-    or times are lost in CBOR (CBR-07)."""
+def is_encoded_everywhere(message_type: MessageType) -> bool:
+    """Whether every server can encode it in CBOR: those of ROS 1 lose arrays of a fixed length, and of
+    strings, booleans or times (CBR-07)."""
     return all(_is_simple(slot.shape) for slot in message_type.slots)
 
 
@@ -115,7 +115,7 @@ def _is_simple(shape: shapes.Shape) -> bool:
         case shapes.Array(element=shapes.Int() | shapes.Float(), length=None, bound=None):
             return True
         case shapes.Message(type=nested) | shapes.Array(element=shapes.Message(type=nested)):
-            return nested.time is not None or ros1_sends_as_cbor(nested)
+            return nested.time is not None or is_encoded_everywhere(nested)
         case shapes.Array():
             return False
         case _:

@@ -108,7 +108,7 @@ class MemoryParticipant(Participant):
         self._check_open()
         graph = self._graph
         server = graph.action_table.advertise(validate(action), type, self.owner, on_goal)
-        if graph.distro.ros_version == 2:
+        if graph.distro.action_transport == "services":
             server.carrier = graph.carry_action(self, server)
         return server
 
@@ -150,7 +150,7 @@ class MemoryGraph(Graph):
         self._introspection = Introspection(self.topic_table, self.service_table, self.action_table)
         self._runtime = Runtime(self.clock)
         self._participants: dict[MemoryParticipant, None] = {}
-        private = MemoryParticipant(self, SystemTopics.node_name(self.distro), private=True)
+        private = MemoryParticipant(self, self.distro.graph_node, private=True)
         self._system = SystemTopics(self, private)
 
     def participant(self, name: str) -> Participant:

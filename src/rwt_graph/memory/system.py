@@ -9,24 +9,18 @@ from typing import TYPE_CHECKING
 
 from rwt_graph.api import Graph, Participant
 from rwt_graph.clock import NANOSECONDS, SimulatedClock
-from rwt_graph.qos import LATCHED, Durability, QoS
+from rwt_graph.qos import Durability, QoS
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
 
-#: ROS 2's profile of `/rosout`: a late console sees the last ten seconds.
-ROSOUT_2 = QoS(depth=100, durability=Durability.TRANSIENT_LOCAL, lifespan=10.0)
-
-
-def rosout_type(distro: Distro) -> str:
-    """The type of `/rosout`."""
-    return "rosgraph_msgs/Log" if distro.ros_version == 1 else "rcl_interfaces/Log"
-
 
 def rosout_qos(distro: Distro) -> QoS:
     """How nodes advertise `/rosout`."""
-    return LATCHED if distro.ros_version == 1 else ROSOUT_2
+    return QoS(
+        depth=distro.rosout_depth, durability=Durability.TRANSIENT_LOCAL, lifespan=distro.rosout_lifespan
+    )
 
 
 class SystemTopics:
@@ -36,16 +30,11 @@ class SystemTopics:
         self._graph = graph
         self._participant = participant
         registry = graph.registry
-        participant.advertise("/rosout", registry.message(rosout_type(graph.distro)))
+        participant.advertise("/rosout", registry.message(graph.distro.rosout_type))
         if isinstance(graph.clock, SimulatedClock):
             self._clock = participant.advertise("/clock", registry.message("rosgraph_msgs/Clock"))
             self._simulated = graph.clock
             graph.clock.listeners.append(self._tick)
-
-    @staticmethod
-    def node_name(distro: Distro) -> str:
-        """ROS 1 has a node `/rosout`; in ROS 2 a leading underscore hides a node."""
-        return "/rosout" if distro.ros_version == 1 else "/_graph"
 
     def _tick(self, now_ns: int) -> None:
         whole, fraction = self._graph.distro.time_fields
@@ -60,4 +49,4 @@ class SystemTopics:
         self._participant.close()
 
 
-__all__ = ["SystemTopics", "rosout_qos", "rosout_type"]
+__all__ = ["SystemTopics", "rosout_qos"]

@@ -39,7 +39,7 @@ class ParameterClient:
         split = split_parameter(name)
         if split is None:
             return "", resolve(name, self._namespace, self._node) if name.strip("/") else "/"
-        if self._graph.distro.ros_version == 1:
+        if not self._graph.distro.parameters_belong_to_nodes:
             return "", f"{split[0]}/{split[1]}"
         return split
 

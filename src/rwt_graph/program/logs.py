@@ -62,7 +62,7 @@ class NodeLog:
     def _head(self, level: int) -> dict[str, object]:
         now = self._publisher.now_ns()
         stamp = dict(zip(self._distro.time_fields, divmod(now, NANOSECONDS), strict=True))
-        if self._distro.ros_version == 1:
+        if self._distro.rosout_has_header:
             return {"header": {"stamp": stamp}, "level": ROS_1_LEVELS[level], "name": self._node}
         return {"stamp": stamp, "level": level, "name": self._name}
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 from rwt_graph.api import Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, Timer
 from rwt_graph.errors import NotRunning, ProviderNotFound, WrongThread
-from rwt_graph.memory.system import rosout_qos, rosout_type
+from rwt_graph.memory.system import rosout_qos
 from rwt_graph.names import namespace_of, node_name, resolve
 from rwt_graph.parameters.client import ParameterClient
 from rwt_graph.parameters.node_parameters import NodeParameters, NodeStore, TreeStore
@@ -113,13 +113,13 @@ class Node:
         self.namespace = namespace_of(self.name)
         self._participant = self._run(lambda: graph.participant(self.name))
         self._timers: set[PeriodicTimer] = set()
-        rosout = self.advertise("/rosout", rosout_type(graph.distro), rosout_qos(graph.distro))
+        rosout = self.advertise("/rosout", graph.distro.rosout_type, rosout_qos(graph.distro))
         self.log = NodeLog(self.name, graph.distro, rosout)
         self.parameters = self._make_parameters()
         self._remote = ParameterClient(graph, self.namespace, self.name, self.call_service)
 
     def _make_parameters(self) -> NodeParameters:
-        if self.distro.ros_version == 1:
+        if not self.distro.parameters_belong_to_nodes:
             tree = TreeStore(self.graph.parameters, self.name)
             return NodeParameters(self.name, tree, True, self._run)
         publisher = self.advertise("/parameter_events", "rcl_interfaces/ParameterEvent", EVENTS_QOS)
@@ -302,7 +302,7 @@ class Node:
 
         def advertise() -> Handle:
             registration = self._participant.advertise_action(name, interface, function)
-            if self.distro.ros_version != 1:
+            if self.distro.action_transport == "services":
                 return Handle(self.graph, name, registration)
             topics = ActionlibServer(self, self._participant, name, interface)
             return Handle(self.graph, name, registration, topics)

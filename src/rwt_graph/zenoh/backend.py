@@ -73,7 +73,7 @@ class ZenohGraph(MemoryGraph):
         self.options = ZenohOptions(tuple(listen), tuple(connect), mode, multicast, config, domain)
         self.namespace = namespace if namespace == "/" else resolve(namespace)
         super().__init__(registry, clock)
-        if self.distro.ros_version == 1:
+        if not self.distro.joins_over_zenoh:
             raise ZenohError(
                 f"a graph of {self.distro.name} cannot be joined over Zenoh: the wire is that of ROS 2; "
                 "use the graph in memory, or a ROS 2 distribution"

@@ -1,6 +1,6 @@
 """Text of ``.msg``, ``.srv`` and ``.action`` files → definitions, and back.
 
-One grammar serves both ROS versions; `ros_version` settles the three points where they disagree:
+One grammar serves all distributions; fields of :class:`Distro` settle the three points where they disagree:
 
 * a string constant is the rest of its line, ``#`` and quotes included (1), or a quoted or bare word followed
   by an optional comment (2);
@@ -24,6 +24,7 @@ from rwt_interfaces.definitions.model import (
     MessageDefinition,
     ServiceDefinition,
 )
+from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName
 from rwt_interfaces.names import is_word, parse_type_name
 
@@ -35,21 +36,21 @@ _TYPE = re.compile(
 )
 _AFTER_TYPE = re.compile(r"(?P<name>[^\s=#\"'\[]+)\s*(?P<rest>.*)", re.DOTALL)
 
-#: How the two versions call the same thing, keyed by the version that is being read for.
-_TIMES: dict[int, dict[str, str]] = {
-    1: {"builtin_interfaces/Time": "time", "builtin_interfaces/Duration": "duration"},
-    2: {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"},
+#: Two names of the same thing, keyed by whether the distribution that is read for has time primitives.
+_TIMES: dict[bool, dict[str, str]] = {
+    True: {"builtin_interfaces/Time": "time", "builtin_interfaces/Duration": "duration"},
+    False: {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"},
 }
 
 
-def parse_message(text: str, name: str, *, source: str = "", ros_version: int = 2) -> MessageDefinition:
+def parse_message(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> MessageDefinition:
     """Read one message.
 
     Args:
         text: the definition; any line ending.
         name: its name, two-part or three-part.
         source: what errors call the text, usually a path; the name when empty.
-        ros_version: 1 or 2, see the module's text.
+        distro: whose rules hold, see the module's text.
 
     Raises:
         DefinitionError: what is wrong, and on which line of `source`.
@@ -57,44 +58,39 @@ def parse_message(text: str, name: str, *, source: str = "", ros_version: int = 
     """
     package, _, short = parse_type_name(name)
     lines = list(enumerate(_lines(text), start=1))
-    return _Message(package, source or f"{package}/{short}.msg", ros_version).read(short, lines)
+    return _Message(package, source or f"{package}/{short}.msg", distro).read(short, lines)
 
 
-def parse_service(text: str, name: str, *, source: str = "", ros_version: int = 2) -> ServiceDefinition:
+def parse_service(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> ServiceDefinition:
     """Read one service: request, a line ``---``, response.
 
     Arguments and errors are those of :func:`parse_message`.
     """
     package, _, short = parse_type_name(name)
     source = source or f"{package}/{short}.srv"
-    reader = _Message(package, source, ros_version)
+    reader = _Message(package, source, distro)
     parts = _sections(text, source, ("request", "response"))
     request, response = (
-        reader.read(part_name(short, part, ros_version), lines)
+        reader.read(f"{short}{distro.part_separator}{part}", lines)
         for part, lines in zip(("Request", "Response"), parts, strict=True)
     )
     return ServiceDefinition(f"{package}/{short}", request, response)
 
 
-def parse_action(text: str, name: str, *, source: str = "", ros_version: int = 2) -> ActionDefinition:
+def parse_action(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> ActionDefinition:
     """Read one action: goal, result and feedback between lines ``---``.
 
     Arguments and errors are those of :func:`parse_message`.
     """
     package, _, short = parse_type_name(name)
     source = source or f"{package}/{short}.action"
-    reader = _Message(package, source, ros_version)
+    reader = _Message(package, source, distro)
     parts = _sections(text, source, ("goal", "result", "feedback"))
     goal, result, feedback = (
-        reader.read(part_name(short, part, ros_version), lines)
+        reader.read(f"{short}{distro.part_separator}{part}", lines)
         for part, lines in zip(("Goal", "Result", "Feedback"), parts, strict=True)
     )
     return ActionDefinition(f"{package}/{short}", goal, result, feedback)
-
-
-def part_name(name: str, part: str, ros_version: int) -> str:
-    """The name of the `part` (``Request``, ``Goal``, …) of a service or action in this version of ROS."""
-    return f"{name}{part}" if ros_version == 1 else f"{name}_{part}"
 
 
 def format_type(field_type: FieldType) -> str:
@@ -150,12 +146,12 @@ def _sections(text: str, source: str, parts: tuple[str, ...]) -> Iterator[_Lines
 class _Message:
     """Reads messages of one package from one source."""
 
-    __slots__ = ("package", "ros_version", "source", "translated")
+    __slots__ = ("distro", "package", "source", "translated")
 
-    def __init__(self, package: str, source: str, ros_version: int) -> None:
+    def __init__(self, package: str, source: str, distro: Distro) -> None:
         self.package = package
         self.source = source
-        self.ros_version = ros_version
+        self.distro = distro
         self.translated = False
 
     def read(self, name: str, lines: _Lines) -> MessageDefinition:
@@ -236,7 +232,7 @@ class _Message:
             if kind not in ("", "msg"):
                 raise DefinitionError(f'"{base}": a field holds a message, not the kind "{kind}"')
             base = f"{package}/{name}"
-        other = _TIMES[self.ros_version].get(base)
+        other = _TIMES[self.distro.has_time_primitives].get(base)
         if other is None:
             return base
         self.translated = True
@@ -247,7 +243,7 @@ class _Message:
             raise DefinitionError(
                 f'constant "{name}" cannot be of type {format_type(field_type)}: only of plain types'
             )
-        if self.ros_version == 1 and field_type.name == "string":
+        if not self.distro.quotes_strings and field_type.name == "string":
             return Constant(name, field_type, rest, rest)
         literals = Literals(rest)
         value = literals.constant(field_type)

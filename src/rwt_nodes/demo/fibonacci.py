@@ -10,6 +10,9 @@ from rwt_nodes.demo.messages import Message
 #: As many numbers, from 0 on, fit the message's int32.
 _MOST_NUMBERS = 47
 
+#: How many numbers more than the order says a tutorial finds: programs written for either count on it.
+_SURPLUS = {"actionlib_tutorials/Fibonacci": 2, "example_interfaces/Fibonacci": 1}
+
 
 class FibonacciRequest(Protocol):
     """The goal of every Fibonacci action."""
@@ -20,9 +23,6 @@ class FibonacciRequest(Protocol):
 class Fibonacci:
     """Finds one number after another, as slowly as people can watch, and cancel.
 
-    The tutorial of ROS 1 (`actionlib_tutorials`, its C++ server) finds two numbers more than the order says,
-    and those of ROS 2 one: programs written for either count on it.
-
     Attributes:
         rate: numbers in a second.
     """
@@ -30,10 +30,9 @@ class Fibonacci:
     rate = 2.0
 
     def __init__(self, node: Node) -> None:
-        ros1 = node.distro.ros_version == 1
-        name = "actionlib_tutorials/Fibonacci" if ros1 else "example_interfaces/Fibonacci"
+        name = node.distro.fibonacci_type
         self._node = node
-        self._surplus = 2 if ros1 else 1
+        self._surplus = _SURPLUS[name]
         node.advertise_action("fibonacci", name, self._execute, accept=self._accept)
 
     def _accept(self, request: FibonacciRequest) -> bool | str:

@@ -158,9 +158,7 @@ class DemoRobot:
         return planned if by_hand.is_zero else by_hand
 
     def _serve(self) -> None:
-        ros1 = self._node.distro.ros_version == 1
-        add_type = "rospy_tutorials/AddTwoInts" if ros1 else "example_interfaces/AddTwoInts"
-        self._node.advertise_service("add_two_ints", add_type, _add_two_ints)
+        self._node.advertise_service("add_two_ints", self._node.distro.add_two_ints_type, _add_two_ints)
         self._node.advertise_service("reset", "std_srvs/Empty", self._reset)
         self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
@@ -223,7 +221,7 @@ class DemoRobot:
         node = self._node
         node.advertise("robot_description", "std_msgs/String", latch=True).publish({"data": description})
         graph = node.graph
-        if node.distro.ros_version == 2:
+        if node.distro.parameters_belong_to_nodes:
             node.parameters.declare(
                 "robot_description", description, description="The robot as URDF.", read_only=True
             )

@@ -61,7 +61,7 @@ class MarkerTopics:
         )
         hold(closing(node.subscribe(f"{base}/feedback", on_feedback, f"{_TYPE}Feedback", _DEPTH)))
         self._full = None
-        if node.distro.ros_version == 1:
+        if node.distro.marker_state == "topic":
             self._full = hold(node.advertise(f"{base}/update_full", f"{_TYPE}Init", latch=True))
             self._full.publish(self._init())
             self._parts.callback(node.create_timer(_KEEP_ALIVE_PERIOD, self._keep_alive).cancel)

@@ -26,6 +26,9 @@ _DURABILITIES: Final = {
 }  # fmt: skip
 """The numbers of rmw, which every version of rosbag2 reads."""
 
+_SCHEMAS: Final = {"cdr": "ros2msg", "ros1": "ros1msg"}
+"""The schema encoding of each serialisation."""
+
 _INFINITE: Final = (9223372036, 854775807)
 
 
@@ -59,19 +62,19 @@ def channel_form(
         offered: what its publishers offer, where that is known.
     """
     registry = message.registry
+    distro = registry.distro
     text = registry.full_text(message)
-    is_ros1 = registry.distro.ros_version == 1
-    metadata = _latching(offered) if is_ros1 else {"offered_qos_profiles": qos_text(offered)}
-    if is_ros1:
-        metadata["md5sum"] = message.md5
-    else:
+    metadata = {"offered_qos_profiles": qos_text(offered)} if distro.has_qos else _latching(offered)
+    if distro.type_hash == "rihs01":
         metadata["topic_type_hash"] = message.rihs01
+    else:
+        metadata["md5sum"] = message.md5
     name = registry.type_name(message)
     if encoding == "json":
         metadata[DEFINITION] = text
         return ChannelForm(topic, name, "jsonschema", json_schema(message), "json", metadata)
-    schema, serialised = ("ros1msg", "ros1") if is_ros1 else ("ros2msg", "cdr")
-    return ChannelForm(topic, name, schema, text.encode(), serialised, metadata)
+    schema = _SCHEMAS[distro.serialisation]
+    return ChannelForm(topic, name, schema, text.encode(), distro.serialisation, metadata)
 
 
 def _latching(offered: tuple[QoS, ...]) -> dict[str, str]:

@@ -58,7 +58,7 @@ def _known(registry: Registry, name: str, text: str) -> bool:
         known = registry.definition(name)
     except InterfaceError:
         return False
-    return known == parse_message(text, name, ros_version=registry.distro.ros_version)
+    return known == parse_message(text, name, distro=registry.distro)
 
 
 __all__ = ["learn"]

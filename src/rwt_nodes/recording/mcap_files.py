@@ -21,7 +21,7 @@ from mcap.reader import SeekingReader
 from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
-from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
+from rwt_interfaces.distro import JAZZY, NOETIC, Distro, closest_distro
 from rwt_nodes.recording.channels import DEFINITION, ChannelForm, Encoding
 from rwt_nodes.recording.errors import RecordingUnreadable
 from rwt_nodes.recording.recorded_qos import offered_of
@@ -122,11 +122,11 @@ class McapRecording(Recording):
         for _, record in walk(self._file, self._path):
             if isinstance(record, records.Metadata) and record.name == METADATA:
                 note = record.metadata
-                return DISTROS.get(note.get("distro", "")) or _by_version(note.get("ros_version") == "1")
+                return closest_distro(note.get("distro", ""), 1 if note.get("ros_version") == "1" else 2)
             if not isinstance(record, records.Header):
                 break
         encodings = {channel.message_encoding for channel in self.index.channels.values()}
-        return _by_version("ros1" in encodings)
+        return NOETIC if "ros1" in encodings else JAZZY
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None

@@ -115,7 +115,7 @@ class Recorder:
     def _written(self, payload: Payload) -> bytes | memoryview:
         if self._encoding == "json":
             return bytes(payload.json())  # Perhaps a view of a receive buffer.
-        return payload.ros1() if self._graph.distro.ros_version == 1 else payload.cdr()
+        return payload.serialised()
 
     def channel_of(self, sample: Sample) -> RecordedChannel:
         """A channel for the topic and type of a sample."""

@@ -137,8 +137,7 @@ class _Together(Recording):
     """Several recordings as one."""
 
     def __init__(self, parts: list[Recording]) -> None:
-        distros = {part.distro.ros_version: part.distro for part in parts}
-        if len(distros) > 1:
+        if len({part.distro.serialisation for part in parts}) > 1:
             raise RecordingUnreadable("recordings of ROS 1 and of ROS 2 cannot be played together")
         self._parts = parts
         self.distro = parts[0].distro

@@ -121,7 +121,7 @@ class GraphQuestions:
         """What a node takes part in; of an unknown node ROS 1 says nothing, and ROS 2 fails (API-14)."""
         name = _absolute(request.node)
         nodes = [node for node in self._graph.nodes() if node.name == name]
-        if not nodes and self._graph.distro.ros_version == 2:
+        if not nodes and self._graph.distro.rosapi_fails_for_unknown_nodes:
             raise ServiceFailed(f"node {name} does not exist")
         return {
             "subscribing": sorted({topic for node in nodes for topic in node.subscribing}),

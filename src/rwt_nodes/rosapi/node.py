@@ -22,7 +22,7 @@ class Rosapi:
 
     def __init__(self, graph: Graph) -> None:
         self._node = Node(graph, "rosapi")
-        package = "rosapi_msgs" if graph.distro.ros_version == 2 else "rosapi"
+        package = graph.distro.rosapi_package
         for service, (type_name, handler) in self._table(graph).items():
             self._node.advertise_service(f"/rosapi/{service}", f"{package}/{type_name}", handler)
 
@@ -73,7 +73,6 @@ class Rosapi:
             "delete_param": ("DeleteParam", params.delete_param),
             "search_param": ("SearchParam", params.search_param),
         }
-        if graph.distro.ros_version == 2:
-            # On ROS 1 its absence is the answer: that is how clients tell the two apart.
+        if graph.distro.rosapi_has_version:
             table["get_ros_version"] = ("GetROSVersion", live.get_ros_version)
         return table

@@ -23,7 +23,7 @@ class ParameterQuestions:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._tells = node.distro.ros_version == 2
+        self._reports = node.distro.rosapi_reports_failures
 
     async def get_param_names(self, _: Any) -> Answer:
         """The names of all parameters."""
@@ -31,11 +31,11 @@ class ParameterQuestions:
 
     async def get_param(self, request: Any) -> Answer:
         """One value; if there is none, the request's default, and without that null (API-07)."""
-        default = request.default_value if self._tells else request.default
+        default = request.default_value if self._reports else request.default
         try:
             value = await self._node.get_param(await self._full_name(request.name))
         except GraphError as error:
-            if default or not self._tells:
+            if default or not self._reports:
                 return {"value": default or "null", **self._done()}
             return {"value": "null", "successful": False, "reason": str(error)}
         return {"value": json.dumps(value), **self._done()}
@@ -46,7 +46,8 @@ class ParameterQuestions:
         Nothing is guessed where several nodes of that namespace have one, or none has.
         """
         above, _, last = name.rpartition("/")
-        if not self._tells or last != _DESCRIPTION or await self._node.has_param(name):
+        in_nodes = self._node.distro.parameters_belong_to_nodes
+        if not in_nodes or last != _DESCRIPTION or await self._node.has_param(name):
             return name
         found = [
             known
@@ -91,9 +92,9 @@ class ParameterQuestions:
         return {"global_name": ""}
 
     def _done(self) -> Answer:
-        return {"successful": True, "reason": ""} if self._tells else {}
+        return {"successful": True, "reason": ""} if self._reports else {}
 
     def _failed(self, reason: str) -> Answer:
-        if self._tells:
+        if self._reports:
             return {"successful": False, "reason": reason}
         raise ServiceFailed(reason)

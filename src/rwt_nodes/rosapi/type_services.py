@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from rwt_graph.errors import ServiceFailed
 from rwt_interfaces.errors import InterfaceError
-from rwt_interfaces.names import KINDS, three_part
+from rwt_interfaces.names import KINDS
 from rwt_nodes.rosapi.typedefs import typedefs
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class TypeQuestions:
 
     def interfaces(self, _: Any) -> Answer:
         """The names of all messages, services and actions that are known."""
-        spell = three_part if self._registry.distro.ros_version == 2 else lambda name, _: name
+        spell = self._registry.distro.type_name
         return {
             "interfaces": sorted(spell(name, kind) for kind in KINDS for name in self._registry.names(kind))
         }

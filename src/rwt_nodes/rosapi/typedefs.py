@@ -51,7 +51,7 @@ def _collect(definition: MessageDefinition, registry: Registry, found: dict[str,
 
 
 def _typedef(definition: MessageDefinition, registry: Registry) -> TypeDef:
-    idl = registry.distro.ros_version == 2
+    idl = registry.distro.rosapi_has_idl_names
     return {
         "type": definition.name,
         "fieldnames": [field.name for field in definition.fields],

@@ -56,7 +56,7 @@ class Tf2WebRepublisher:
         self._streams: dict[int, _Stream] = {}
         self._numbers = count()
         over_topics = f"{_PACKAGE}/TFSubscription"
-        if node.distro.ros_version == 1:
+        if node.distro.action_transport == "topics":
             node.advertise_action(NAME, over_topics, self._run_goal, accept=self._accept)
         else:
             own = f"{_PACKAGE_OF_ROS_2}/TFSubscription"

@@ -77,7 +77,7 @@ class Lab:
 
     def parameter(self, name: str) -> str:
         """What this distribution calls a parameter of the robot."""
-        separator = "/" if self.graph.distro.ros_version == 1 else ":"
+        separator = ":" if self.graph.distro.parameters_belong_to_nodes else "/"
         return f"/demo_robot{separator}{name}"
 
     def nanoseconds(self, time: Any) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rwt_graph import GoalRejected, GoalStatus, ServiceFailed
+from rwt_interfaces import NOETIC
 
 pytestmark = pytest.mark.anyio
 
@@ -54,7 +55,7 @@ async def test_fibonacci_counts_up_with_feedback(lab: Any) -> None:
     status, result = await handle.result()
     assert status is GoalStatus.SUCCEEDED
     # ROS 1's tutorial server goes one number further than those of ROS 2.
-    numbers = [0, 1, 1, 2, 3, 5, 8, 13, 21][: 9 if lab.graph.distro.ros_version == 1 else 8]
+    numbers = [0, 1, 1, 2, 3, 5, 8, 13, 21][: 9 if lab.graph.distro is NOETIC else 8]
     assert list(result.sequence) == numbers
     assert [len(feedback.sequence) for feedback in heard] == list(range(3, len(numbers) + 1))
 
@@ -71,7 +72,7 @@ async def test_fibonacci_can_be_canceled(lab: Any) -> None:
 
 @pytest.mark.parametrize("order", [-1, 47])
 async def test_fibonacci_refuses_an_order_it_cannot_count_to(lab: Any, order: int) -> None:
-    highest = 45 if lab.graph.distro.ros_version == 1 else 46
+    highest = 45 if lab.graph.distro is NOETIC else 46
     with pytest.raises(GoalRejected, match=f"order must be 0 to {highest}, where int32 ends, got {order}"):
         await (await lab.user.send_goal("/fibonacci", {"order": order})).result()
 

@@ -92,7 +92,7 @@ async def test_the_description_is_kept_as_topic_and_as_parameter(lab: Any) -> No
     (message,) = lab.watch("/robot_description")
     assert ET.fromstring(message.data).get("name") == "demo_robot"
     await lab.settle()
-    if lab.graph.distro.ros_version == 1:
+    if not lab.graph.distro.parameters_belong_to_nodes:
         assert await lab.user.get_param("/robot_description") == message.data
     else:
         assert await lab.user.get_param("/demo_robot:robot_description") == message.data

@@ -104,7 +104,7 @@ async def test_it_listens_only_while_it_is_heard(studio: Any) -> None:
 async def test_parameters_are_changed_while_it_works(studio: Any) -> None:
     camera = Camera(studio)
     DepthCloudEncoder(studio.graph, crop_size=10, target_resolution=8)
-    separator = "/" if studio.graph.distro.ros_version == 1 else ":"
+    separator = ":" if studio.graph.distro.parameters_belong_to_nodes else "/"
     name = f"/depthcloud_encoder{separator}"
     pictures = await _heard(studio)
     await studio.viewer.set_param(f"{name}max_depth_per_tile", 3.0)
@@ -237,7 +237,7 @@ async def test_a_decimated_cloud(studio: Any) -> None:
     await studio.until(lambda: thin)
     assert (thin[0].height, thin[0].width, thin[0].row_step, thin[0].is_dense) == (2, 2, 24, False)
     assert np.frombuffer(thin[0].data, "<f4")[::3].tolist() == [0, 2, 8, 10]
-    separator = "/" if studio.graph.distro.ros_version == 1 else ":"
+    separator = ":" if studio.graph.distro.parameters_belong_to_nodes else "/"
     await studio.viewer.set_param(f"/cloud_decimator{separator}voxel", 5.0)
     clouds.publish(_points([(n, 0, np.nan if n == 4 else 0) for n in range(16)], height=4))
     await studio.until(lambda: len(thin) == 2)

@@ -108,7 +108,7 @@ async def test_who_begins_later_gets_everything_with_its_number(lab: Lab) -> Non
     everything = await lab.init()
     assert everything.seq_num == 2
     assert [x_of(marker) for marker in everything.markers] == [5.0]
-    if lab.graph.distro.ros_version == 1:
+    if lab.graph.distro.marker_state == "topic":
         [full] = lab.watch("update_full")
         assert full == everything
     else:
@@ -135,7 +135,7 @@ async def test_a_marker_without_a_stamp_stays_with_its_frame(lab: Lab) -> None:
 async def test_ros_1_clients_hear_that_the_server_lives(lab: Lab) -> None:
     updates, tunneled = lab.watch(), lab.watch("tunneled/update")
     lab.clock.advance(1.2)
-    signs = 2 if lab.graph.distro.ros_version == 1 else 0
+    signs = 2 if lab.graph.distro.marker_state == "topic" else 0
     assert [update.type for update in updates] == [0] * signs
     assert tunneled == []
 

@@ -217,7 +217,7 @@ class _Examination:
         self._probe = probe
         self._patience = patience
         self._binary = binary
-        self._ros = 2
+        self._type = "std_msgs/msg/String"
         self._rosapi = False
 
     async def findings(self) -> AsyncIterator[Finding]:
@@ -254,11 +254,12 @@ class _Examination:
         answer = await self._probe.call("/rosapi/get_ros_version", self._patience)
         values = {} if answer is None else answer.op.get("values")
         if answer is None or answer.op.get("result") is False or not isinstance(values, dict):
-            self._ros = 1
+            self._type = "std_msgs/String"
             return Finding("ROS", "note", "the server does not tell its version, as most of ROS 1 do not")
-        version = values.get("version", 2)
-        self._ros = 1 if version == 1 else 2
-        return Finding("ROS", "ok", f"ROS {self._ros} {values.get('distro', '')}".rstrip())
+        version = 1 if values.get("version", 2) == 1 else 2
+        if version == 1:
+            self._type = "std_msgs/String"
+        return Finding("ROS", "ok", f"ROS {version} {values.get('distro', '')}".rstrip())
 
     async def _look_at_time(self) -> list[Finding]:
         """Round trips, and the clock: half of the quickest is the way back (RFC 5905 section 8)."""
@@ -283,7 +284,7 @@ class _Examination:
         if encoding.startswith("cbor") and not self._binary:
             return Finding(name, "note", "not on this transport, which carries text only")
         probe, topic = self._probe, f"/rwt_doctor_{secrets.token_hex(4)}"
-        kind = "std_msgs/msg/String" if self._ros == 2 else "std_msgs/String"
+        kind = self._type
         how = {"fragment_size": 100} if encoding == "fragments" else {"compression": encoding}
         options = {} if encoding == "json" else how
         complaints = len(probe.complaints)

@@ -222,7 +222,7 @@ async def _record_robot(
     """Record until there is a signal, the connection is over, or the time is."""
     from rwt_cli.commands.record.remote_recorder import RemoteRecorder
 
-    if not robot.types.ros_version:
+    if robot.types.distro is None:
         raise CommandError(
             f"{order.url} does not answer rosapi's questions, so its topics cannot be known: "
             "start rosapi on the robot"

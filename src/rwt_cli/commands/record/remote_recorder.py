@@ -105,7 +105,7 @@ class RemoteRecorder:
         if self._selection.services:
             services = await self.robot.api.services()
             names += [f"{name}{SERVICE_EVENTS}" for name in services if not name.startswith("/rosapi/")]
-        if self._selection.actions and self.robot.types.ros_version == 2:
+        if self._selection.actions and self.robot.types.registry.distro.action_transport == "services":
             with suppress(CallFailed, NoAnswer):  # Servers that do not know of actions.
                 actions = await self.robot.api.action_servers()
                 names += [f"{name}{ACTION_PARTS}{part}" for name in actions for part in _ACTION_TOPICS]
@@ -198,10 +198,8 @@ class _RemoteTopic:
         return False
 
     def _json(self, data: bytes | memoryview) -> bytes | None:
-        message = self._type
-        is_ros1 = message.registry.distro.ros_version == 1
         try:
-            payload = (Payload.from_ros1 if is_ros1 else Payload.from_cdr)(message, data)
+            payload = Payload.deserialised(self._type, data)
         except InvalidMessage as error:
             logger.warning("a message on %s is left out: %s", self._name, error)
             return None

@@ -81,7 +81,7 @@ class CameraPublisher:
         self._shots += 1
         for infos in (self._infos, self._depth_infos):
             if infos.subscriber_count:
-                infos.publish(self._lens.camera_info(header, self._node.distro.ros_version))
+                infos.publish(self._lens.camera_info(header, self._node.distro))
         if self._is_heard(*self._drawn()):
             pose = self._drive.pose.after(Pose(self._mount.x, self._mount.y))
             await anyio.to_thread.run_sync(partial(self._draw, header, pose))

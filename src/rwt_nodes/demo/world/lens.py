@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from rwt_interfaces.distro import Distro
 from rwt_nodes.demo.messages import Message
 
 
@@ -38,21 +39,21 @@ class Lens:
         """Row of the optical axis."""
         return (self.height - 1) / 2
 
-    def camera_info(self, header: Message, ros_version: int) -> Message:
-        """`sensor_msgs/CameraInfo`, whose matrices ROS 1 spells with capitals."""
+    def camera_info(self, header: Message, distro: Distro) -> Message:
+        """`sensor_msgs/CameraInfo`, as the distribution calls its matrices."""
         f, cx, cy = self.focal, self.cx, self.cy
-        matrices = {
-            "d": [0.0] * 5,
-            "k": [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0],
-            "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-            "p": [f, 0.0, cx, 0.0, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-        }
+        matrices = (
+            [0.0] * 5,
+            [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            [f, 0.0, cx, 0.0, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        )
         return {
             "header": header,
             "width": self.width,
             "height": self.height,
             "distortion_model": "plumb_bob",
-            **{name.upper() if ros_version == 1 else name: values for name, values in matrices.items()},
+            **dict(zip(distro.camera_matrices, matrices, strict=True)),
         }
 
 
