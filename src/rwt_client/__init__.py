@@ -41,7 +41,7 @@ from rwt_client.errors import (
 from rwt_client.events import ConnectionEvent, EventStream
 from rwt_client.robot import Robot
 from rwt_client.rosapi import FieldInfo, NodeInfo, RosApi, RosVersion, TopicInfo, TypeInfo
-from rwt_client.wire.backoff import Backoff
+from rwt_transports.backoff import Backoff
 
 __all__ = [
     "connect",

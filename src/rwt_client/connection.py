@@ -15,13 +15,13 @@ from rwt_client.errors import BadAddress, CannotConnect, ConnectionClosed, Conne
 from rwt_client.events import ConnectionEvent
 from rwt_client.robot import Robot
 from rwt_client.wire.arrays import ArrayKind, check_kind
-from rwt_client.wire.backoff import Backoff
 from rwt_client.wire.session import Line
 from rwt_protocol.errors import Level
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.session import WireLimits
 from rwt_protocol.transport import Accept
 from rwt_transports.background import TaskStarter, background_tasks
+from rwt_transports.backoff import Backoff
 from rwt_transports.connect import ConnectOptions, carries_binary
 from rwt_transports.connect import connect as connect_transport
 from rwt_transports.drivers.in_process import connect_in_process

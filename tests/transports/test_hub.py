@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 
 from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import BadUrl, Limits, Refused, listen
+from rwt_transports.backoff import Backoff
 from rwt_transports.connect import connect
 from rwt_transports.errors import ConnectError
-from rwt_transports.relay.dial import BackOff, RelayStatus, check_dial_url, dial
+from rwt_transports.relay.dial import RelayStatus, check_dial_url, dial
 from rwt_transports.relay.protocol import (
     BadAssignment,
     decode_assignment,
@@ -29,7 +30,7 @@ from rwt_transports.relay.serve_hub import OpenHub, open_hub
 
 pytestmark = pytest.mark.anyio
 
-AT_ONCE = BackOff(first=0.01, most=0.05, steady=0.0)
+AT_ONCE = Backoff(first=0.01, longest=0.05)
 SHORT = Limits(close_seconds=0.5)
 
 
@@ -122,7 +123,7 @@ async def robot(
     hub: OpenHub, program: Program, name: str = "rosie", token: str | None = None
 ) -> AsyncIterator[RelayStatus]:
     url = f"{hub.url}/robots/{name}"
-    async with dial(url, program, token=token, limits=SHORT, back_off=AT_ONCE) as status:
+    async with dial(url, program, token=token, limits=SHORT, backoff=AT_ONCE) as status:
         await until(lambda: status.idle == 2)
         yield status
 
@@ -270,7 +271,7 @@ async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
     program = Program()
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
         url = hub.url
-    async with dial(f"{url}/robots/rosie", program, back_off=AT_ONCE, limits=SHORT) as status:
+    async with dial(f"{url}/robots/rosie", program, backoff=AT_ONCE, limits=SHORT) as status:
         await until(lambda: status.failures >= 3)
         assert "nobody listens there" in status.error
         for _ in range(2):
@@ -286,8 +287,8 @@ async def test_a_robot_comes_back_to_a_hub_that_was_gone() -> None:
 async def test_the_newest_program_of_a_name_has_it(caplog: pytest.LogCaptureFixture) -> None:
     old, new = Program(), Program()
     async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub:
-        slow = BackOff(first=60, most=60)
-        async with dial(f"{hub.url}/robots/rosie", old, back_off=slow, limits=SHORT) as former:
+        slow = Backoff(first=60, longest=60)
+        async with dial(f"{hub.url}/robots/rosie", old, backoff=slow, limits=SHORT) as former:
             await until(lambda: former.idle == 2)
             async with robot(hub, new):
                 await until(lambda: former.failures)
@@ -315,7 +316,7 @@ async def test_a_robot_needs_the_hubs_token() -> None:
     secret = "0123456789abcdef"
     async with open_hub("ws://127.0.0.1:0", tokens=[secret, "another-long-token"], limits=SHORT) as hub:
         for wrong in (None, "0123456789abcdeg", ""):
-            async with dial(f"{hub.url}/robots/rosie", Program(), token=wrong, back_off=AT_ONCE) as status:
+            async with dial(f"{hub.url}/robots/rosie", Program(), token=wrong, backoff=AT_ONCE) as status:
                 await until(lambda: status.failures)
                 assert "401" in status.error
         assert not hub.robots
@@ -348,7 +349,7 @@ async def test_what_speaks_like_no_hub_is_let_go() -> None:
 
     async with listen("ws://127.0.0.1:0", accept, limits=SHORT) as listener:
         url = f"{listener.url}/robots/rosie"
-        async with dial(url, Program(), back_off=AT_ONCE, limits=SHORT) as status:
+        async with dial(url, Program(), backoff=AT_ONCE, limits=SHORT) as status:
             await until(lambda: "1002 expected the assignment of a client" in status.error)
 
 
@@ -399,12 +400,6 @@ async def test_the_pages_of_a_hub() -> None:
 def test_urls_that_cannot_be_dialled(url: str) -> None:
     with pytest.raises(BadUrl, match=r"^cannot dial [^\n]*wss://hub\.example/robots/my_robot"):
         check_dial_url(url)
-
-
-def test_the_wait_doubles_up_to_a_bound_and_varies() -> None:
-    plan = BackOff(first=0.5, most=30)
-    assert [plan.delay(failures, 1.0) for failures in (1, 2, 3, 7, 8, 1000)] == [0.5, 1, 2, 30, 30, 30]
-    assert plan.delay(3, 0.0) == 1.0
 
 
 def test_client_paths() -> None:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Final
 
-from rwt_client.wire.backoff import Backoff
+from rwt_transports.backoff import Backoff
 
 if TYPE_CHECKING:
     from multiprocessing.context import ForkProcess

@@ -7,7 +7,6 @@ one client from its assignment to its end, and another takes its place among tho
 from __future__ import annotations
 
 import logging
-import random
 import secrets
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -20,6 +19,7 @@ from anyio.abc import TaskGroup, TaskStatus
 from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.api import OversizeAware
 from rwt_transports.background import background_tasks
+from rwt_transports.backoff import Backoff
 from rwt_transports.connect import connect, parse_connect_url
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
 from rwt_transports.limits import Limits
@@ -39,29 +39,11 @@ logger = logging.getLogger("rwt_transports.relay.dial")
 IDLE_CONNECTIONS = 2
 """Connections kept waiting: as many clients may come at once without one more round trip."""
 
+BACKOFF = Backoff(first=0.5, longest=30.0, jitter=0.5)
+STEADY_SECONDS = 5.0
+"""A connection to the hub that is closed before it has lasted so long counts as one more failure."""
 MANY_FAILURES = 20
 """Enough for the longest wait."""
-
-
-@dataclass(frozen=True, slots=True)
-class BackOff:
-    """How long to wait before the next attempt: it doubles with each failure, and varies so that many robots
-    do not come back at the same moment.
-
-    Attributes:
-        first: seconds after the first failure.
-        most: seconds at the most.
-        steady: seconds that a connection must last to count as none.
-    """
-
-    first: float = 0.5
-    most: float = 30.0
-    steady: float = 5.0
-
-    def delay(self, failures: int, chance: float) -> float:
-        """Seconds to wait after `failures` in a row; `chance` is between 0 and 1."""
-        longest = min(self.most, self.first * 2.0 ** min(failures - 1, 30))
-        return longest * (0.5 + chance / 2)
 
 
 @dataclass(slots=True)
@@ -96,7 +78,7 @@ async def dial(
     token: str | None = None,
     limits: Limits | None = None,
     tls: SSLContext | None = None,
-    back_off: BackOff | None = None,
+    backoff: Backoff = BACKOFF,
 ) -> AsyncIterator[RelayStatus]:
     """Serve the clients that a hub passes on, within the block; the hub may come and go meanwhile.
 
@@ -107,7 +89,7 @@ async def dial(
         token: what the hub wants to see.
         limits: bounds of each connection.
         tls: how to check the hub's certificate; by default against the system's authorities.
-        back_off: how long to wait between attempts.
+        backoff: how long to wait between attempts, and after how many to give up.
 
     Raises:
         BadUrl: the URL is not one of a hub.
@@ -123,7 +105,7 @@ async def dial(
         async with connect(url, accept_hub, limits=limits, tls=tls, headers=headers):
             yield
 
-    robot = _Robot(status, accept, back_off or BackOff(), open_one)
+    robot = _Robot(status, accept, backoff, open_one)
     async with background_tasks() as tasks:
         tasks.start_soon(robot.run, tasks)
         try:
@@ -158,10 +140,16 @@ _OpenOne = Callable[[Accept], AbstractAsyncContextManager[None]]
 class _Robot:
     """Keeps the connections of one dial-out."""
 
-    def __init__(self, status: RelayStatus, accept: Accept, back_off: BackOff, open_one: _OpenOne) -> None:
+    def __init__(
+        self,
+        status: RelayStatus,
+        accept: Accept,
+        backoff: Backoff,
+        open_one: _OpenOne,
+    ) -> None:
         self._status = status
         self._accept = accept
-        self._back_off = back_off
+        self._backoff = backoff
         self._open_one = open_one
         self._fewer = anyio.Event()
         self._lines: set[_Line] = set()
@@ -189,7 +177,11 @@ class _Robot:
                 self._fewer = anyio.Event()
                 await self._fewer.wait()
             if status.failures:
-                await anyio.sleep(self._back_off.delay(status.failures, random.random()))
+                delay = self._backoff.delay(status.failures)
+                if delay is None:
+                    logger.error("gave up dialling %s: %s", status.url, status.error)
+                    return
+                await anyio.sleep(delay)
             try:
                 await tasks.start(self._serve)
             except TransportError as error:
@@ -214,7 +206,7 @@ class _Robot:
         if line.code == REPLACED:
             # Whoever has the name now would be pushed out in turn.
             self._shaky = MANY_FAILURES
-        elif anyio.current_time() - opened >= self._back_off.steady:
+        elif anyio.current_time() - opened >= STEADY_SECONDS:
             self._shaky = 0
         self._failed(f"the hub closed the connection: {line.ending}", before=self._shaky)
         self._fewer.set()

@@ -1,0 +1,45 @@
+"""How long to wait before the next attempt to connect or to start again."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+_MOST_EXPONENT = 64
+"""Further failures make no wait longer: the bound has long been reached, and a power of floats has an end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Backoff:
+    """Exponential back-off with jitter.
+
+    Attributes:
+        first: seconds before the first attempt.
+        factor: by how much each wait is longer than the one before.
+        longest: most seconds between two attempts.
+        jitter: the part of a wait, 0 to 1, of which a random share is left out, so that many clients of one
+            robot do not come back in the same moment.
+        attempts: how many attempts to make in a row; None never gives up.
+    """
+
+    first: float = 0.25
+    factor: float = 2.0
+    longest: float = 10.0
+    jitter: float = 0.2
+    attempts: int | None = None
+
+    def delay(self, failures: int) -> float | None:
+        """Seconds to wait after the last of `failures` in a row, 1 or more; None when all attempts are used
+        up."""
+        if self.attempts is not None and failures > self.attempts:
+            return None
+        delay = self.first * self.factor ** min(failures - 1, _MOST_EXPONENT)
+        return min(delay, self.longest) * (1 - self.jitter * random.random())
+
+    def delays(self) -> Iterator[float]:
+        """The wait before each attempt in turn, in seconds."""
+        failures = 1
+        while (delay := self.delay(failures)) is not None:
+            yield delay
+            failures += 1
