@@ -40,7 +40,7 @@ WAYS: Final = (
 
 _NOTES: Final = (
     "From publishing to the decoded pixel. MJPEG is looked at with each frame of the screen, at 60 Hz.",
-    "Films are late because a <video> begins to play when it holds a stock, and keeps it.",
+    "Videos are late because a <video> begins to play when it holds a stock, and keeps it.",
 )
 
 

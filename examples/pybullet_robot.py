@@ -27,7 +27,7 @@ from rwt_graph import MemoryGraph
 from rwt_nodes import Rosapi, Tf2WebRepublisher
 from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.depth_cloud import DepthCloudEncoder
-from rwt_nodes.mesh_files import Packages
+from rwt_nodes.mesh_files import MeshFiles
 from rwt_nodes.video import WebVideoServer
 from rwt_transports.errors import TransportError
 
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 async def run(url: str, lens: Lens, camera_rate: float) -> None:
     """Serve the robot until a signal comes."""
-    packages = Packages(PACKAGE_FOLDERS)
+    mesh_files = MeshFiles(PACKAGE_FOLDERS)
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
         async with MemoryGraph() as graph:
             video = nodes.enter_context(closing(WebVideoServer(graph)))
@@ -68,7 +68,7 @@ async def run(url: str, lens: Lens, camera_rate: float) -> None:
             async with serve(
                 graph,
                 url,
-                http=[video.http, packages.http],
+                http=[video.http, mesh_files.http],
             ) as server:
                 announce(server)
                 async for _ in signals:
@@ -83,7 +83,7 @@ def announce(server: Server) -> None:
     print(f"  drive   rwt topic pub --url {url} -r 10 /cmd_vel geometry_msgs/Twist '{{linear: {{x: 0.5}}}}'")
     print(f"  arm     action {ACTION}")
     print(f"  look    {page}/stream_viewer?topic=/camera/image_raw")
-    print(f"  meshes  {page}/packages/husky/meshes/base_link.stl", flush=True)
+    print(f"  meshes  {page}/mesh_files/husky/meshes/base_link.stl", flush=True)
 
 
 def _size(text: str) -> tuple[int, int]:

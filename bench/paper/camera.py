@@ -58,7 +58,7 @@ def _drawn() -> NDArray[np.uint8]:
     for number in range(PICTURES):
         angle = math.tau * number / PICTURES
         pose = Pose(0.7 + math.cos(angle), -1.9 + math.sin(angle), angle + math.pi / 2)
-        clean = view.colours(view.look(pose))
+        clean = view.colours(view.cast_rays(pose))
         noise = rng.normal(0, NOISE, clean.shape)
         drawn[number] = np.clip(clean + noise + 0.5, 0, 255)
     return drawn

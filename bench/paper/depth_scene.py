@@ -42,10 +42,10 @@ def drive(pictures: int) -> Iterator[Shot]:
     for number in range(pictures):
         angle = math.tau * number / (10 * RATE)
         pose = Pose(0.7 + math.cos(angle), -1.9 + math.sin(angle), angle + math.pi / 2)
-        sight = view.look(pose)
+        hits = view.cast_rays(pose)
         noise = rng.normal(0, 2.0, (LENS.height, LENS.width, 3))
-        colours = np.clip(view.colours(sight) + noise + 0.5, 0, 255).astype(np.uint8)
-        yield Shot(_measured(view.depths(sight), rng), colours)
+        colours = np.clip(view.colours(hits) + noise + 0.5, 0, 255).astype(np.uint8)
+        yield Shot(_measured(view.depths(hits), rng), colours)
 
 
 def _measured(millimetres: NDArray[np.uint16], rng: np.random.Generator) -> NDArray[np.uint16]:

@@ -15,7 +15,7 @@ from typing import Any, Final
 from bench.paper.camera import MARKED_ROWS, RATE, Picture, pictures, read_mark
 from bench.paper.likeness import psnr, ssim
 from bench.paper.report import Report
-from bench.paper.watching import Counted, by_film, by_parts, by_rosbridge
+from bench.paper.watching import Counted, by_parts, by_rosbridge, by_video
 from bench.processes import Server
 
 SECONDS: Final = 12.0
@@ -60,10 +60,12 @@ COLUMNS: Final = (
     Column("raw, cbor", lambda host, port, counted: by_rosbridge(host, port, "cbor", counted), 12_052),
     Column("MJPEG q90", lambda host, port, counted: by_parts(host, port, "quality=90", counted), 1_317),
     Column("MJPEG q50", lambda host, port, counted: by_parts(host, port, "quality=50", counted)),
-    Column("VP8 2.7 Mbit/s", lambda h, p, c: by_film(h, p, "type=vp8&bitrate=2736000&qmin=4", c), 342),
-    Column("VP8 default", lambda host, port, counted: by_film(host, port, "type=vp8", counted)),
-    Column("VP9 1.3 Mbit/s", lambda h, p, c: by_film(h, p, "type=vp9&bitrate=1300000&qmin=4", c)),
-    Column("H.264 2.7 Mbit/s", lambda h, p, c: by_film(h, p, "type=h264&bitrate=2736000&preset=veryfast", c)),
+    Column("VP8 2.7 Mbit/s", lambda h, p, c: by_video(h, p, "type=vp8&bitrate=2736000&qmin=4", c), 342),
+    Column("VP8 default", lambda host, port, counted: by_video(host, port, "type=vp8", counted)),
+    Column("VP9 1.3 Mbit/s", lambda h, p, c: by_video(h, p, "type=vp9&bitrate=1300000&qmin=4", c)),
+    Column(
+        "H.264 2.7 Mbit/s", lambda h, p, c: by_video(h, p, "type=h264&bitrate=2736000&preset=veryfast", c)
+    ),
 )
 
 

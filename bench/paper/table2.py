@@ -1,4 +1,4 @@
-"""Table II: depth and colour as one film, what it takes and how wrong depths become."""
+"""Table II: depth and colour as one video, what it takes and how wrong depths become."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from rwt_interfaces.registry import Registry
 from rwt_nodes.depth_cloud.depths import square
 from rwt_nodes.depth_cloud.picture import DepthPicture, decode_picture, encode_picture
 from rwt_nodes.video.encoders.encoded import Encoded, Encoder
-from rwt_nodes.video.encoders.image import StillEncoder
-from rwt_nodes.video.encoders.video import FilmEncoder
-from rwt_nodes.video.stream_request import Film, read_wish
+from rwt_nodes.video.encoders.image import ImageEncoder
+from rwt_nodes.video.encoders.video import VideoEncoder
+from rwt_nodes.video.stream_request import Video, read_request
 
 Picture = NDArray[np.uint8]
 
@@ -41,7 +41,7 @@ _MULTIPART: Final = 110
 _NOTES: Final = f"""\
 {{seconds:g}} s at {RATE} Hz, 640x480, drawn, with the noise and the shadows of a structured-light sensor; one
 picture of {2 * SIZE}x{2 * SIZE} of the middle {CROP}x{CROP}, two tiles of {METRES_PER_TILE:g} m.
-Errors are of depths that were measured, after the film was decoded again, from what was measured: a codec
+Errors are of depths that were measured, after the video was decoded again, from what was measured: a codec
 that smooths the sensor's noise away is charged for it. "rainbow" is the picture as other encoders colour it.
 ms are CPU time of encoding; drawing is not in it, and making the picture has a row of its own.
 The paper's raw is its own figure; 640x480 of depth and colour at 30 Hz are what the third row says.
@@ -85,14 +85,14 @@ def rainbow(picture: Picture) -> Picture:
 
 def ways() -> list[Way]:
     """Every codec, thinner to thicker."""
-    films = [
+    videos = [
         Way(f"{name} {megabits} Mbit/s", f"type={codec}&bitrate={megabits}000000&qmin=4")
         for name, codec in (("VP8", "vp8"), ("VP9", "vp9"), ("H.264", "h264"))
         for megabits in (1, 2, 4)
     ]
     return [
         *(Way(f"MJPEG q{quality}", f"type=mjpeg&quality={quality}") for quality in (50, 90)),
-        *films,
+        *videos,
         Way("VP8 4 Mbit/s, rainbow", "type=vp8&bitrate=4000000&qmin=4", rainbow),
         Way("PNG", "type=png"),
     ]
@@ -103,13 +103,13 @@ class Line:
 
     def __init__(self, way: Way) -> None:
         self._way = way
-        wish = read_wish(f"topic=/depthcloud_encoded&{way.query}")
-        coding = wish.coding
+        stream = read_request(f"topic=/depthcloud_encoded&{way.query}")
+        coding = stream.coding
         self._encoder: Encoder
-        if isinstance(coding, Film):
-            self._encoder = FilmEncoder(wish, coding)
+        if isinstance(coding, Video):
+            self._encoder = VideoEncoder(stream, coding)
         else:
-            self._encoder = StillEncoder(wish, coding)
+            self._encoder = ImageEncoder(stream, coding)
         self._decoder: VideoCodecContext | None = None
 
     def send(self, number: int, payload: Payload, shot: DepthPicture) -> None:
@@ -213,7 +213,7 @@ def _errors(way: Way) -> tuple[float, float]:
 
 
 def _missed(all_ways: Sequence[Way], pictures: int) -> list[str]:
-    """A film takes no more than the paper's, whose raw was far less."""
+    """A video takes no more than the paper's, whose raw was far less."""
     return [
         f"{way.name}: {way.rate(pictures):.0f} KB/s, the paper {PAPER_ENCODED}"
         for way in all_ways

@@ -87,8 +87,8 @@ def by_parts(host: str, port: int, query: str, counted: Counted) -> Iterator[Pic
             yield np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
 
 
-def by_film(host: str, port: int, query: str, counted: Counted) -> Iterator[Picture]:
-    """A film of `/stream`, decoded without waiting for more than each picture needs."""
+def by_video(host: str, port: int, query: str, counted: Counted) -> Iterator[Picture]:
+    """A video of `/stream`, decoded without waiting for more than each picture needs."""
     # The first picture is what the size is learnt from; `nobuffer` would throw it away, and it is the key.
     quick = {"probesize": "1000", "analyzeduration": "0"}
     with (

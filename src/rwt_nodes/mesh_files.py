@@ -47,11 +47,11 @@ CONTENT_TYPES: Final[Mapping[str, str]] = MappingProxyType(
 _CHUNK = 256 * 1024
 
 
-class PackagesError(ValueError):
+class MeshFilesError(ValueError):
     """A folder of packages that cannot be served; the text says which and why."""
 
 
-class Packages:
+class MeshFiles:
     """Serves the files of ROS packages.
 
     Args:
@@ -63,7 +63,7 @@ class Packages:
         http: what :func:`rwt.serve` takes.
 
     Raises:
-        PackagesError: one of them is no folder, or has nothing in it.
+        MeshFilesError: one of them is no folder, or has nothing in it.
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
@@ -105,9 +105,9 @@ def _packages(folder: Path) -> Iterator[Path]:
         found = list(_walk(folder.absolute(), set()))
         found += [root for root in sorted(_folders(folder.absolute())) if not _touches(root, found)]
     except OSError as error:
-        raise PackagesError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
+        raise MeshFilesError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
     if not found:
-        raise PackagesError(f"{folder}: no packages; expected PACKAGE/meshes/… in it, or a package.xml")
+        raise MeshFilesError(f"{folder}: no packages; expected PACKAGE/meshes/… in it, or a package.xml")
     yield from found
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from rwt_pytest.environment import RobotServer, RobotWorld
+    from rwt_pytest.environment import Environment, RobotServer
     from rwt_testing import ObservedGraph, ScriptedRobot
     from rwt_testing.virtual_time import VirtualTime
 
@@ -72,11 +72,12 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Add what went over the wire to the report of a failing test."""
     report = yield
-    worlds = sys.modules.get("rwt_pytest.environment")  # Read by the first test that needs it, or never.
-    if worlds is not None and report.failed:
+    # Imported by the first test that needs it, or never.
+    environments = sys.modules.get("rwt_pytest.environment")
+    if environments is not None and report.failed:
         from rwt_pytest.options import transcript_lines
 
-        for text in worlds.transcripts(transcript_lines(item.config)):
+        for text in environments.transcripts(transcript_lines(item.config)):
             report.sections.append((_SECTION, text))
     return report
 
@@ -93,37 +94,37 @@ def rwt_distro(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def _rwt_world(request: pytest.FixtureRequest, rwt_distro: str) -> Iterator[RobotWorld]:
-    from rwt_pytest.environment import open_world
-    from rwt_pytest.options import wishes_of
+def _rwt_environment(request: pytest.FixtureRequest, rwt_distro: str) -> Iterator[Environment]:
+    from rwt_pytest.environment import open_environment
+    from rwt_pytest.options import options_of
 
     with ExitStack() as stack:
         try:
-            world = stack.enter_context(open_world(wishes_of(request, rwt_distro)))
+            environment = stack.enter_context(open_environment(options_of(request, rwt_distro)))
         except pytest.UsageError as error:
             pytest.fail(str(error), pytrace=False)
-        yield world
+        yield environment
 
 
 @pytest.fixture
-def rwt_graph(_rwt_world: RobotWorld) -> ObservedGraph:
+def rwt_graph(_rwt_environment: Environment) -> ObservedGraph:
     """A robot graph that runs in a thread of its own; nodes in it may be used from the test's thread."""
-    return _rwt_world.graph
+    return _rwt_environment.graph
 
 
 @pytest.fixture
-def rwt_clock(_rwt_world: RobotWorld) -> VirtualTime:
+def rwt_clock(_rwt_environment: Environment) -> VirtualTime:
     """Virtual time: with this, the robot's clock stands still until `rwt_clock.advance(seconds)`."""
-    return _rwt_world.virtual_time
+    return _rwt_environment.virtual_time
 
 
 @pytest.fixture
-def rwt_robot(_rwt_world: RobotWorld) -> ScriptedRobot:
+def rwt_robot(_rwt_environment: Environment) -> ScriptedRobot:
     """A robot whose behaviour the test writes down, and which says what it received."""
-    return _rwt_world.robot
+    return _rwt_environment.robot
 
 
 @pytest.fixture
-def rwt_server(_rwt_world: RobotWorld) -> RobotServer:
+def rwt_server(_rwt_environment: Environment) -> RobotServer:
     """A rosbridge server in front of the robot, on a free port: `rwt_server.url`."""
-    return _rwt_world.server
+    return _rwt_environment.server

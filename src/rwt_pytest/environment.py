@@ -21,7 +21,7 @@ from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
-from rwt_pytest.options import Wishes
+from rwt_pytest.options import Options
 from rwt_testing import Faults, ObservedGraph, ObservedWire, ScriptedRobot, Transcript
 from rwt_testing.expectations import PATIENCE, refuse_on_an_event_loop
 from rwt_testing.virtual_time import VirtualTime
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 #: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
 EPOCH_NS = 1_700_000_000_000_000_000
 
-#: The worlds of this moment: that of the test, and those of fixtures that live longer.
-_OPEN: list[RobotWorld] = []
+#: The environments of this moment: that of the test, and those of fixtures that live longer.
+_OPEN: list[Environment] = []
 
 _ANY_PORT = "ws://127.0.0.1:0"
 _LOOK = 0.005
@@ -104,25 +104,25 @@ class RobotServer:
             )
 
 
-class RobotWorld:
+class Environment:
     """What the fixtures of one test share; robot and server are made when they are first asked for.
 
     Attributes:
-        wishes: what the test wants.
+        options: what the test wants.
         graph: the robot graph; it runs.
         wire: what observes the server.
     """
 
     def __init__(
         self,
-        wishes: Wishes,
+        options: Options,
         settings: Settings,
         graph: ObservedGraph,
         portal: BlockingPortal,
         stack: ExitStack,
         http: Sequence[HttpExtension],
     ) -> None:
-        self.wishes = wishes
+        self.options = options
         self.graph = graph
         self.wire = ObservedWire(graph, bson=settings.bson_only_mode)
         self._settings = settings
@@ -163,7 +163,7 @@ class RobotWorld:
 
 
 @contextmanager
-def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
+def open_environment(options: Options) -> Iterator[Environment]:
     """Run a graph in a thread until the block is left; then the thread has ended.
 
     For fixtures of your own that live longer than one test.
@@ -171,9 +171,9 @@ def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
     Raises:
         UsageError: a setting or an interface file cannot be used.
     """
-    settings = _settings(wishes)
-    registry = _registry(wishes)
-    clock = SimulatedClock(EPOCH_NS) if wishes.virtual else None
+    settings = _settings(options)
+    registry = _registry(options)
+    clock = SimulatedClock(EPOCH_NS) if options.virtual else None
     with ExitStack() as stack:
         portal = stack.enter_context(start_blocking_portal("asyncio", name="rwt robot"))
         graph = ObservedGraph(registry, clock)
@@ -181,19 +181,19 @@ def open_world(wishes: Wishes) -> Iterator[RobotWorld]:
         nodes = ExitStack()
         stack.callback(portal.call, nodes.close)
         http = portal.call(start_nodes, graph, settings, nodes)
-        if wishes.demo:
+        if options.demo:
             http += http_of(portal.call(_start_demo, graph, nodes))
-        world = RobotWorld(wishes, settings, graph, portal, stack, http)
-        _OPEN.append(world)
+        environment = Environment(options, settings, graph, portal, stack, http)
+        _OPEN.append(environment)
         try:
-            yield world
+            yield environment
         finally:
-            _OPEN.remove(world)
+            _OPEN.remove(environment)
 
 
 def transcripts(most: int) -> list[str]:
     """The last `most` lines of each transcript of this moment, for the report of a failing test."""
-    texts = [world.wire.transcript.text(most) for world in _OPEN] if most else []
+    texts = [environment.wire.transcript.text(most) for environment in _OPEN] if most else []
     return [text for text in texts if text]
 
 
@@ -203,29 +203,29 @@ def _start_demo(graph: ObservedGraph, stack: ExitStack) -> DemoRobot:
     return stack.enter_context(closing(DemoRobot(graph)))
 
 
-def _settings(wishes: Wishes) -> Settings:
+def _settings(options: Options) -> Settings:
     """The server's settings: those of the ini file are texts, those of markers values."""
     given = []
     try:
-        for key, value in wishes.settings.items():
+        for key, value in options.settings.items():
             if isinstance(value, str):
                 given.append(from_text(key, value, "pytest"))
             else:
                 given.append(Given(tuple(key.split(".")), value, "pytest"))
-        given.append(Given(("distro",), wishes.distro, "pytest"))
+        given.append(Given(("distro",), options.distro, "pytest"))
         return load_settings(command_line=tuple(given)).settings
     except SettingsError as error:
         raise pytest.UsageError(f"rwt_settings: {error}") from None
 
 
-def _registry(wishes: Wishes) -> Registry:
-    registry = Registry(DISTROS[wishes.distro])
-    for folder in wishes.interfaces:
+def _registry(options: Options) -> Registry:
+    registry = Registry(DISTROS[options.distro])
+    for folder in options.interfaces:
         try:
             registry.add_directory(folder)
         except (InterfaceError, OSError) as error:
             raise pytest.UsageError(f"rwt_interfaces: {folder}: {error}") from None
-    if wishes.interfaces:
+    if options.interfaces:
         _verify(registry)
     return registry
 
@@ -237,4 +237,4 @@ def _verify(registry: Registry) -> None:
         raise pytest.UsageError(f"rwt_interfaces: {error}") from None
 
 
-__all__ = ["RobotServer", "RobotWorld", "Wishes", "open_world", "transcripts"]
+__all__ = ["RobotServer", "Environment", "Options", "open_environment", "transcripts"]

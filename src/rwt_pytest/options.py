@@ -16,7 +16,7 @@ _KEYS = ("distro", "demo", "interfaces", "settings")
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class Options:
     """How a robot and its server should be.
 
     Attributes:
@@ -41,8 +41,8 @@ def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ..
         UsageError: an unknown one is asked for.
     """
     marked = _marked(marks).get("distro")
-    wished = marked or config.getoption("rwt_distro") or config.getini("rwt_distro") or DISTROS[0]
-    chosen: object = DISTROS if wished == BOTH else wished
+    asked = marked or config.getoption("rwt_distro") or config.getini("rwt_distro") or DISTROS[0]
+    chosen: object = DISTROS if asked == BOTH else asked
     several = tuple(map(str, chosen)) if isinstance(chosen, list | tuple) else (str(chosen),)
     for each in several:
         if each not in DISTROS:
@@ -51,7 +51,7 @@ def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ..
     return several
 
 
-def wishes_of(request: pytest.FixtureRequest, distro: str) -> Wishes:
+def options_of(request: pytest.FixtureRequest, distro: str) -> Options:
     """Everything that a test wants.
 
     Raises:
@@ -60,7 +60,7 @@ def wishes_of(request: pytest.FixtureRequest, distro: str) -> Wishes:
     node: pytest.Item = request.node
     config = request.config
     marked = _marked(list(node.iter_markers("rwt")))
-    return Wishes(
+    return Options(
         distro=distro,
         demo=bool(marked.get("demo", False)),
         interfaces=(*config.getini("rwt_interfaces"), *_folders(node, marked.get("interfaces", ()))),
@@ -71,7 +71,7 @@ def wishes_of(request: pytest.FixtureRequest, distro: str) -> Wishes:
 
 def _marked(marks: list[pytest.Mark]) -> dict[str, object]:
     """The arguments of all markers; the closest to the test wins."""
-    wished: dict[str, object] = {}
+    asked: dict[str, object] = {}
     for mark in reversed(marks):
         if mark.args:
             raise pytest.UsageError(f"@pytest.mark.rwt takes {', '.join(_KEYS)} by name, not {mark.args!r}")
@@ -80,22 +80,22 @@ def _marked(marks: list[pytest.Mark]) -> dict[str, object]:
                 near = difflib.get_close_matches(key, _KEYS, n=1)
                 instead = f"did you mean {near[0]}?" if near else f"known are {', '.join(_KEYS)}"
                 raise pytest.UsageError(f"@pytest.mark.rwt has no argument {key}; {instead}")
-        wished.update(mark.kwargs)
-    return wished
+        asked.update(mark.kwargs)
+    return asked
 
 
-def _folders(node: pytest.Item, wished: object) -> tuple[Path, ...]:
+def _folders(node: pytest.Item, asked: object) -> tuple[Path, ...]:
     """Folders as the marker names them, relative to the test's file."""
-    several = wished if isinstance(wished, list | tuple) else (wished,)
+    several = asked if isinstance(asked, list | tuple) else (asked,)
     return tuple(node.path.parent / str(folder) for folder in several)
 
 
-def _settings(wished: object) -> Mapping[str, object]:
-    if not isinstance(wished, Mapping):
+def _settings(asked: object) -> Mapping[str, object]:
+    if not isinstance(asked, Mapping):
         raise pytest.UsageError(
-            f'@pytest.mark.rwt: settings={{"limits.connections": 2}} is expected, not {wished!r}'
+            f'@pytest.mark.rwt: settings={{"limits.connections": 2}} is expected, not {asked!r}'
         )
-    return wished
+    return asked
 
 
 def _ini_settings(config: pytest.Config) -> dict[str, object]:

@@ -8,6 +8,6 @@ from bench.latency import Seen, missed
 def test_the_bound_is_on_the_median_and_on_mjpeg_alone() -> None:
     quick = Seen("type=mjpeg", [40, 45, 60, 400, 500])
     slow = Seen("type=mjpeg&quality=95", [40, 45, 61, 62, 63])
-    film = Seen("type=vp8", [1500, 1600, 1700])
+    video = Seen("type=vp8", [1500, 1600, 1700])
     assert quick.median == 60
-    assert missed([quick, slow, film]) == ["type=mjpeg&quality=95: median 61 ms, bound 60 ms"]
+    assert missed([quick, slow, video]) == ["type=mjpeg&quality=95: median 61 ms, bound 60 ms"]

@@ -23,7 +23,7 @@ from rwt_protocol.codecs import png
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 
 #: Pictures, of which the first half second is the warm-up.
-FILM = 22
+VIDEO = 22
 
 
 def test_the_robot_has_52_frames_in_one_tree() -> None:
@@ -75,28 +75,28 @@ CHOSEN = ("MJPEG q90", "VP8 4 Mbit/s", "H.264 4 Mbit/s", "VP8 4 Mbit/s, rainbow"
 
 
 @pytest.fixture(scope="module")
-def films() -> dict[str, table2.Way]:
+def videos() -> dict[str, table2.Way]:
     """Less than a second, by some of the ways."""
     watched = {way.name: way for way in table2.ways() if way.name in CHOSEN}
-    table2.play(list(watched.values()), FILM)
+    table2.play(list(watched.values()), VIDEO)
     return watched
 
 
-def test_a_film_loses_little_and_saves_much(films: dict[str, table2.Way]) -> None:
-    jpeg, vp8, h264, rainbow, exact = (films[name] for name in CHOSEN)
+def test_a_video_loses_little_and_saves_much(videos: dict[str, table2.Way]) -> None:
+    jpeg, vp8, h264, rainbow, exact = (videos[name] for name in CHOSEN)
     assert max(map(np.max, exact.errors)) <= 0.501 * table2.METRES_PER_TILE / 765
     for way in (jpeg, vp8, h264):
-        assert way.rate(FILM) < 0.1 * table2.RAW
+        assert way.rate(VIDEO) < 0.1 * table2.RAW
         assert table2._errors(way)[1] < 0.1
         assert max(way.lost) < 0.01
     assert table2._errors(vp8)[0] < 0.85 * table2._errors(rainbow)[0]
 
 
-def test_table_2_counts_bytes_by_the_second(films: dict[str, table2.Way]) -> None:
+def test_table_2_counts_bytes_by_the_second(videos: dict[str, table2.Way]) -> None:
     way = table2.Way("VP8 9 Mbit/s", "type=vp8&bitrate=9000000", bytes=7 * 20_000, seconds=0.07)
     way.errors, way.lost = [np.array([0.003, 0.004], np.float32)], [0.25]
-    assert table2._row(way, FILM) == ("VP8 9 Mbit/s", "600", "98.7%", "3.5", "4.0", "25.00%", "10.0")
-    assert table2._missed([way, films["MJPEG q90"]], FILM) == ["VP8 9 Mbit/s: 600 KB/s, the paper 568"]
+    assert table2._row(way, VIDEO) == ("VP8 9 Mbit/s", "600", "98.7%", "3.5", "4.0", "25.00%", "10.0")
+    assert table2._missed([way, videos["MJPEG q90"]], VIDEO) == ["VP8 9 Mbit/s: 600 KB/s, the paper 568"]
 
 
 def test_the_rainbow_reads_the_same() -> None:

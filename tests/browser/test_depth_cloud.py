@@ -1,4 +1,4 @@
-"""What `ROS3D.DepthCloud` makes of depth and colour that come to it as one film."""
+"""What `ROS3D.DepthCloud` makes of depth and colour that come to it as one video."""
 
 from __future__ import annotations
 

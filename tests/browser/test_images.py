@@ -1,4 +1,4 @@
-"""Pictures and film of image topics, as browsers show them."""
+"""Pictures and video of image topics, as browsers show them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RED, GREEN, BLUE, WHITE = (255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255)
 def quarters(*colours: tuple[int, int, int]) -> dict[str, object]:
     """`sensor_msgs/Image` of four quarters: upper left, upper right, lower left, lower right.
 
-    A stripe of noise across the middle lets film flow: a player begins after so many bytes, and a picture
+    A stripe of noise across the middle lets video flow: a player begins after so many bytes, and a picture
     that never changes has hardly any.
     """
     upper_left, upper_right, lower_left, lower_right = colours
@@ -44,7 +44,7 @@ def quarters(*colours: tuple[int, int, int]) -> dict[str, object]:
     }
 
 
-#: Film has its own idea of green, and browsers have theirs of how to show it.
+#: Video has its own idea of green, and browsers have theirs of how to show it.
 _TOLERANCE = 75
 
 
@@ -80,7 +80,7 @@ async def test_the_demo_robots_camera(browser: Browser) -> None:
             assert np.abs(upper - lower).max() > 20
 
 
-async def test_the_viewers_page_plays_a_film_of_a_scene_that_stands_still(browser: Browser) -> None:
+async def test_the_viewers_page_plays_a_video_of_a_scene_that_stands_still(browser: Browser) -> None:
     async with stand("jazzy", browser.built) as robot:
         address = f"{robot.url}stream_viewer?topic=/camera/image_raw&type=vp8"
         async with browser.page(address, WIDTH, HEIGHT) as page:

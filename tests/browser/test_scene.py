@@ -10,7 +10,7 @@ import pytest
 
 from rwt_graph import Node
 from rwt_nodes.demo.arm.kinematics import ARM
-from rwt_nodes.mesh_files import Packages
+from rwt_nodes.mesh_files import MeshFiles
 from tests.browser.driver import Browser, near
 from tests.browser.stand import Stand, stand
 from tests.browser.test_map import FLOOR, SOLID
@@ -172,7 +172,7 @@ async def test_a_robot_with_meshes_is_drawn_where_its_frames_are(browser: Browse
     meshes.mkdir(parents=True)
     (meshes / "body.stl").write_bytes(stl_box(2.0, 1.0, 0.2))
     (meshes / "flag.dae").write_text(DAE)
-    async with stand("noetic", browser.built, robot=False, http=[Packages([tmp_path]).http]) as robot:
+    async with stand("noetic", browser.built, robot=False, http=[MeshFiles([tmp_path]).http]) as robot:
         robot.graph.parameters.set("/robot_description", URDF)
         frames = Frames(robot.node)
         async with browser.page(scene(robot, "robot")) as page:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rwt_nodes.demo.world.lens import Lens
-from rwt_nodes.mesh_files import Packages
+from rwt_nodes.mesh_files import MeshFiles
 from tests.browser.driver import Browser, Picture, Pixels
 from tests.browser.stand import stand
 
@@ -42,7 +42,7 @@ def hand(seen: Picture) -> float:
 
 
 async def test_the_husky_stands_there_in_its_colours_and_lifts_its_arm(browser: Browser) -> None:
-    http = [Packages(PACKAGE_FOLDERS).http]
+    http = [MeshFiles(PACKAGE_FOLDERS).http]
     async with stand("jazzy", browser.built, robot=False, http=http) as robot:
         husky = HuskyXArm(robot.graph, Lens(160, 120), camera_rate=1.0)
         async with browser.page(f"{robot.url}test/scene.html?{CLOSE}", 500, 400) as page:

@@ -82,7 +82,7 @@ async def test_what_was_kept_is_logged_first_and_not_again_after_a_gap(
     with open_recording([path]) as recording:
         found = [(each.topic, each.publish_time, each.log_time) for each in recording.messages()]
         assert found == [("/map_name", START, began), ("/count", began + 10**9, began + 10**9)]
-        kept = {topic.name: [qos.durability.value for qos in topic.offered] for topic in recording.topics}
+        kept = {topic.name: [qos.durability.value for qos in topic.offered_qos] for topic in recording.topics}
     assert kept == {"/count": [], "/map_name": ["transient_local"]}
 
 
@@ -101,7 +101,7 @@ async def test_topics_are_found_later_and_may_be_said_to_be_kept(tmp_path: Path)
         here.recorder.close()
         await until(lambda: named.subscriber_count == 0)
     with open_recording([path]) as recording:
-        assert recording.topics[0].offered[0].depth == 1
+        assert recording.topics[0].offered_qos[0].depth == 1
 
 
 async def test_a_look_without_a_connection_does_nothing(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import pytest
 
 from rwt_graph import GoalHandle, GoalRejected, GoalStatus, MemoryGraph, Node, SimulatedClock
 from rwt_nodes.demo.world.lens import Lens
-from rwt_nodes.mesh_files import Packages
+from rwt_nodes.mesh_files import MeshFiles
 from rwt_tf2 import Buffer, read_transform
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels for Linux only")
@@ -279,7 +279,7 @@ def test_colour_and_depth_show_the_same_things_where_they_are() -> None:
 
 
 def test_every_mesh_is_in_a_package_that_is_served() -> None:
-    packages = Packages(PACKAGE_FOLDERS)
+    packages = MeshFiles(PACKAGE_FOLDERS)
     meshes = {mesh.get("filename", "") for mesh in ET.fromstring(describe().urdf).iter("mesh")}
     assert len(meshes) > 10
     for mesh in meshes:

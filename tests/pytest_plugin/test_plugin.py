@@ -219,11 +219,11 @@ def test_a_fixture_of_a_module_shows_its_transcript_too(suite: Suite) -> None:
         """
         import pytest
         from rwt_client.blocking import connect
-        from rwt_pytest.environment import Wishes, open_world
+        from rwt_pytest.environment import Options, open_environment
 
         @pytest.fixture(scope="module")
         def lab():
-            with open_world(Wishes(virtual=True)) as world:
+            with open_environment(Options(virtual=True)) as world:
                 yield world
 
         def test_fails(lab):

@@ -12,7 +12,7 @@ from rwt_testing.script.control import ScriptControl
 from rwt_testing.script.file import FaultScript
 from rwt_testing.script.robot import inject
 from rwt_testing.virtual_time import advance, settle
-from rwt_testing.wire.faults import Treatment
+from rwt_testing.wire.faults import FaultAction
 
 pytestmark = pytest.mark.anyio
 
@@ -130,22 +130,22 @@ async def test_goals_that_are_rejected_or_go_on(tmp_path: Path, graph: ObservedG
 
 
 @pytest.mark.parametrize(
-    ("script", "treatment"),
+    ("script", "action"),
     [
-        (FaultScript(drop="/x"), Treatment(0, 0.0, "(dropped by a fault)")),
-        (FaultScript(delay="/x", seconds=2.0), Treatment(1, 2.0, "(delayed by 2 s)")),
-        (FaultScript(duplicate="/x", copies=3), Treatment(3, 0.0, "(3 times)")),
-        (FaultScript(drop="/x", op="advertise"), Treatment()),
-        (FaultScript(drop="/x", to="server"), Treatment()),
-        (FaultScript(drop="/x", every=2), Treatment()),
-        (FaultScript(drop="/x", count=0), Treatment()),
-        (FaultScript(drop="/y"), Treatment()),
+        (FaultScript(drop="/x"), FaultAction(0, 0.0, "(dropped by a fault)")),
+        (FaultScript(delay="/x", seconds=2.0), FaultAction(1, 2.0, "(delayed by 2 s)")),
+        (FaultScript(duplicate="/x", copies=3), FaultAction(3, 0.0, "(3 times)")),
+        (FaultScript(drop="/x", op="advertise"), FaultAction()),
+        (FaultScript(drop="/x", to="server"), FaultAction()),
+        (FaultScript(drop="/x", every=2), FaultAction()),
+        (FaultScript(drop="/x", count=0), FaultAction()),
+        (FaultScript(drop="/y"), FaultAction()),
     ],
 )
-def test_faults_of_a_script(script: FaultScript, treatment: Treatment) -> None:
+def test_faults_of_a_script(script: FaultScript, action: FaultAction) -> None:
     faults = Faults(lambda code, reason: 0)
     inject(faults, (script,))
-    assert faults.treat("client", [("publish", "/x")]) == treatment
+    assert faults.action_for("client", [("publish", "/x")]) == action
 
 
 def test_refusals_and_slow_readers_of_a_script() -> None:

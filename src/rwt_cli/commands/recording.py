@@ -69,10 +69,10 @@ def _run_recover(arguments: argparse.Namespace) -> int:
         raise CommandError(str(error)) from error
     count = sum(topic.count or 0 for topic in found.topics)
     print(f"{count} messages of {len(found.topics)} topics in {arguments.output}")
-    if found.salvage is None:
+    if found.recovery is None:
         print(f"{arguments.file} was complete", file=sys.stderr)
     else:
-        lost = f"{found.salvage.damaged} damaged chunks and {found.salvage.lost_bytes} bytes at the end"
+        lost = f"{found.recovery.damaged} damaged chunks and {found.recovery.lost_bytes} bytes at the end"
         print(f"{lost} could not be read", file=sys.stderr)
     return 0
 
@@ -91,7 +91,7 @@ def described(recording: Recording) -> dict[str, object]:
                 "type": topic.type,
                 "encoding": topic.encoding,
                 "count": topic.count,
-                "latched": any(qos.durability.value == "transient_local" for qos in topic.offered),
+                "latched": any(qos.durability.value == "transient_local" for qos in topic.offered_qos),
             }
             for topic in recording.topics
         ],
@@ -115,7 +115,7 @@ def text_of(recording: Recording) -> str:
     width = max((len(topic.name) for topic in recording.topics), default=0)
     for topic in recording.topics:
         count = "?" if topic.count is None else topic.count
-        lines.append(f"{count:>9}  {topic.name:<{width}}  {topic.type}{_latched(topic.offered)}")
+        lines.append(f"{count:>9}  {topic.name:<{width}}  {topic.type}{_latched(topic.offered_qos)}")
     return "\n".join(lines)
 
 

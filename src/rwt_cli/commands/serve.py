@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from rwt.workers.worker import Seat
     from rwt_graph.api import Graph
     from rwt_nodes.demo import DemoRobot
-    from rwt_nodes.mesh_files import Packages
+    from rwt_nodes.mesh_files import MeshFiles
 
 _EXAMPLES = """\
 examples:
@@ -194,13 +194,13 @@ def _registry(settings: Settings) -> Registry:
     return registry
 
 
-def _mesh_files(settings: Settings) -> Packages:
+def _mesh_files(settings: Settings) -> MeshFiles:
     """The files of the packages that are to be served."""
-    from rwt_nodes.mesh_files import Packages, PackagesError  # Its code is read only where it runs.
+    from rwt_nodes.mesh_files import MeshFiles, MeshFilesError  # Its code is read only where it runs.
 
     try:
-        return Packages(settings.packages)
-    except PackagesError as error:
+        return MeshFiles(settings.packages)
+    except MeshFilesError as error:
         raise CommandError(f"--packages {error}", exit_code=2) from error
 
 

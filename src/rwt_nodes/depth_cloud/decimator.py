@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph import Graph, Node
 from rwt_graph.qos import SENSOR_DATA
-from rwt_nodes.depth_cloud.latest_only import Closable, NewestWork
+from rwt_nodes.depth_cloud.latest_only import Closable, LatestOnly
 from rwt_nodes.depth_cloud.parameters import Number
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class CloudDecimator:
         STRIDE.declare(self._node, stride, self._set_stride)
         VOXEL.declare(self._node, voxel, self._set_voxel)
         clouds = self._node.advertise(topic or f"{source}/decimated", _CLOUD, SENSOR_DATA)
-        self._work: NewestWork[Payload] = NewestWork(self._node, clouds, self._thin, self._listen)
+        self._work: LatestOnly[Payload] = LatestOnly(self._node, clouds, self._thin, self._listen)
 
     def close(self) -> None:
         """Leave the graph."""

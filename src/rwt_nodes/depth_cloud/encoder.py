@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph import Graph, Node, Sample
 from rwt_graph.qos import SENSOR_DATA
-from rwt_nodes.depth_cloud.latest_only import Closable, NewestWork
+from rwt_nodes.depth_cloud.latest_only import Closable, LatestOnly
 from rwt_nodes.depth_cloud.parameters import Number
 from rwt_nodes.video.header_stamp import stamp_ns
 
@@ -79,7 +79,7 @@ class DepthCloudEncoder:
         self._slop_ns = round(slop * _NANOSECONDS)
         self._latest: dict[str, tuple[int, Payload]] = {}
         pictures = self._node.advertise(topic, _IMAGE, SENSOR_DATA)
-        self._work: NewestWork[tuple[Payload, Payload]] = NewestWork(
+        self._work: LatestOnly[tuple[Payload, Payload]] = LatestOnly(
             self._node, pictures, self._encode, self._listen
         )
 

@@ -27,7 +27,7 @@ class Closable(Protocol):
         """End it."""
 
 
-class NewestWork(Generic[T]):
+class LatestOnly(Generic[T]):
     """Turns inputs into messages in a worker thread, one at a time; of what comes meanwhile the newest waits.
 
     Args:

@@ -11,7 +11,7 @@ rest, up to the second, in the far one. A tile spreads its part over 0 … 765, 
 which is all that a reader looks at. `ROS3D.DepthCloud` adds them in its vertex shader, takes the far tile
 where the near one is above 0.99, and leaves out what is white in the validity mask.
 
-Other encoders fill blue, then green, then red. That is a rainbow along each slope, and films have half the
+Other encoders fill blue, then green, then red. That is a rainbow along each slope, and videos have half the
 resolution for colour. Here the three share the sum as evenly as it goes: the tile is grey, a reader reads the
 same, and after the same codec depths are about half as wrong, in fewer bytes.
 """

@@ -99,7 +99,7 @@ class Publications:
             self.skipped[topic.name] = str(error)
             return
         name = self._remap.get(topic.name, topic.name)
-        publisher = self._participant.advertise(name, message, combined(topic.offered))
+        publisher = self._participant.advertise(name, message, combined(topic.offered_qos))
         self._by_topic[topic.name, topic.type] = _Publication(publisher, message, read)
 
     def publish(self, message: RecordedMessage) -> bool:

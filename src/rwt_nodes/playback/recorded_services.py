@@ -47,7 +47,7 @@ class RecordedServices:
         except InterfaceError as error:
             logger.warning("calls of %s are not answered: %s", name, error)
             return
-        answers = _Answers(name, service)
+        answers = _RecordedCalls(name, service)
         for message in self._recording.messages([topic.name]):
             answers.learn(topic, event, message)
         if answers.known and self._graph.service(name) is None:
@@ -58,7 +58,7 @@ class RecordedServices:
         self._participant.close()
 
 
-class _Answers:
+class _RecordedCalls:
     """What one service answered, by the CDR of the request."""
 
     def __init__(self, name: str, service: ServiceType) -> None:

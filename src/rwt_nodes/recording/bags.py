@@ -66,7 +66,7 @@ class BagRecording(Recording):
             "ros1" if self._is_ros1 else "cdr",
             text,
             connection.msgcount,
-            _offered(connection),
+            _offered_qos(connection),
         )
 
     def messages(
@@ -84,7 +84,7 @@ class BagRecording(Recording):
         """Nothing is open between readings."""
 
 
-def _offered(connection: Connection) -> tuple[QoS, ...]:
+def _offered_qos(connection: Connection) -> tuple[QoS, ...]:
     extension = connection.ext
     if isinstance(extension, ConnectionExtRosbag1):
         return (LATCHED,) if extension.latching else ()

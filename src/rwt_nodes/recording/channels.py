@@ -54,17 +54,17 @@ class ChannelForm:
 
 
 def channel_form(
-    topic: str, message: MessageType, encoding: Encoding, offered: tuple[QoS, ...] = ()
+    topic: str, message: MessageType, encoding: Encoding, offered_qos: tuple[QoS, ...] = ()
 ) -> ChannelForm:
     """The channel of one topic.
 
     Args:
-        offered: what its publishers offer, where that is known.
+        offered_qos: what its publishers offer, where that is known.
     """
     registry = message.registry
     distro = registry.distro
     text = registry.full_text(message)
-    metadata = {"offered_qos_profiles": qos_text(offered)} if distro.has_qos else _latching(offered)
+    metadata = {"offered_qos_profiles": qos_text(offered_qos)} if distro.has_qos else _latching(offered_qos)
     if distro.type_hash == "rihs01":
         metadata["topic_type_hash"] = message.rihs01
     else:
@@ -77,15 +77,15 @@ def channel_form(
     return ChannelForm(topic, name, schema, text.encode(), distro.serialisation, metadata)
 
 
-def _latching(offered: tuple[QoS, ...]) -> dict[str, str]:
+def _latching(offered_qos: tuple[QoS, ...]) -> dict[str, str]:
     """What ROS 1 says instead of quality of service."""
-    latched = any(qos.durability is Durability.TRANSIENT_LOCAL for qos in offered)
+    latched = any(qos.durability is Durability.TRANSIENT_LOCAL for qos in offered_qos)
     return {"latching": "1"} if latched else {}
 
 
-def qos_text(offered: tuple[QoS, ...]) -> str:
+def qos_text(offered_qos: tuple[QoS, ...]) -> str:
     """`offered_qos_profiles` as rosbag2 writes it: a YAML list of profiles."""
-    return "".join(_profile(qos) for qos in offered)
+    return "".join(_profile(qos) for qos in offered_qos)
 
 
 def _profile(qos: QoS) -> str:

@@ -24,7 +24,7 @@ from mcap.summary import Summary
 from rwt_interfaces.distro import JAZZY, NOETIC, Distro, closest_distro
 from rwt_nodes.recording.channels import DEFINITION, ChannelForm, Encoding
 from rwt_nodes.recording.errors import RecordingUnreadable
-from rwt_nodes.recording.recorded_qos import offered_of
+from rwt_nodes.recording.recorded_qos import read_offered_qos
 from rwt_nodes.recording.recording import (
     MessageEncoding,
     RecordedMessage,
@@ -51,7 +51,7 @@ _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Salvage:
+class RecoveryReport:
     """What a walk through a file without a usable index has found.
 
     Attributes:
@@ -71,7 +71,7 @@ class McapRecording(Recording):
     """One MCAP file.
 
     Attributes:
-        salvage: set when the file has no index, and was searched.
+        recovery: set when the file has no index, and was searched.
         index: the file's, or the one that was found by searching.
 
     Raises:
@@ -81,11 +81,11 @@ class McapRecording(Recording):
     def __init__(self, path: Path) -> None:
         self.paths = (path,)
         self._path = path
-        self.salvage: Salvage | None = None
+        self.recovery: RecoveryReport | None = None
         self._file = _opened(path)
         try:
             self.index = self._indexed()
-            self.complete = self.salvage is None
+            self.complete = self.recovery is None
             self._describe()
         except BaseException:
             self._file.close()
@@ -100,8 +100,8 @@ class McapRecording(Recording):
             summary = None
         counted = None if summary is None else summary.statistics
         if summary is None or counted is None or (counted.message_count and not summary.chunk_indexes):
-            self.salvage = salvage(self._file, self._path)
-            return self.salvage.summary
+            self.recovery = recovery(self._file, self._path)
+            return self.recovery.summary
         return summary
 
     def _describe(self) -> None:
@@ -142,7 +142,7 @@ class McapRecording(Recording):
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> Iterator[_Found]:
         """The messages as the file has them, with their channels."""
-        if self.salvage is not None and self.salvage.is_loose:
+        if self.recovery is not None and self.recovery.is_loose:
             return iter(self._loose(file, topics, start_ns, end_ns))
         if not self.index.chunk_indexes:
             return iter(())
@@ -207,7 +207,7 @@ def _topic(channel: records.Channel, schema: records.Schema | None, count: int) 
     if schema is not None and schema.encoding in ("ros2msg", "ros1msg"):
         definition = schema.data.decode("utf-8", "replace")
     name = "" if schema is None else schema.name
-    return RecordedTopic(channel.topic, name, encoding, definition, count, offered_of(channel.metadata))
+    return RecordedTopic(channel.topic, name, encoding, definition, count, read_offered_qos(channel.metadata))
 
 
 # -- files without an index ----------------------------------------------------------------------------------
@@ -248,7 +248,7 @@ def _record(opcode: int, content: bytes, complaint: str) -> records.McapRecord:
         raise RecordingUnreadable(complaint) from error
 
 
-def salvage(file: IO[bytes], path: Path) -> Salvage:
+def recovery(file: IO[bytes], path: Path) -> RecoveryReport:
     """Make the index of a file by reading all of it.
 
     Raises:
@@ -275,7 +275,7 @@ def salvage(file: IO[bytes], path: Path) -> Salvage:
     times = [chunk.message_start_time for chunk in summary.chunk_indexes] + loose
     times += [chunk.message_end_time for chunk in summary.chunk_indexes]
     summary.statistics = _statistics(summary, counts, times)
-    return Salvage(summary, damaged, file.seek(0, SEEK_END) - whole, bool(loose))
+    return RecoveryReport(summary, damaged, file.seek(0, SEEK_END) - whole, bool(loose))
 
 
 def _note(summary: Summary, found: list[records.McapRecord], counts: dict[int, int]) -> None:
@@ -348,4 +348,4 @@ def _copy(recording: McapRecording, file: IO[bytes], writer: RecordingWriter) ->
         writer.write(recorded, message.log_time, message.publish_time, message.data)
 
 
-__all__ = ["MAGIC", "McapRecording", "Salvage", "recover", "salvage", "walk"]
+__all__ = ["MAGIC", "McapRecording", "RecoveryReport", "recover", "recovery", "walk"]

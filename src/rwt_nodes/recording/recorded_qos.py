@@ -15,7 +15,7 @@ _ENTRY: Final = re.compile(r"^[- ] +(history|depth|reliability|durability): *\"?
 _MOST: Final = 1_000_000
 
 
-def offered_of(metadata: dict[str, str]) -> tuple[QoS, ...]:
+def read_offered_qos(metadata: dict[str, str]) -> tuple[QoS, ...]:
     """The profiles in a channel's metadata: those of rosbag2, numbers or words, or ROS 1's latching.
 
     Whatever is written there, something sensible comes out: what is not understood is the default.
@@ -37,17 +37,17 @@ def _profile(entries: dict[str, str]) -> QoS:
     )
 
 
-def combined(offered: tuple[QoS, ...]) -> QoS:
-    """One publisher's profile that keeps what all of `offered` kept: a recording is played by one publisher.
+def combined(offered_qos: tuple[QoS, ...]) -> QoS:
+    """The profile of the one publisher that plays what several published: it keeps what any of them kept.
 
     Transient-local if any of them was, and then as deep as those together.
     """
-    kept = [qos for qos in offered if qos.durability is Durability.TRANSIENT_LOCAL]
+    kept = [qos for qos in offered_qos if qos.durability is Durability.TRANSIENT_LOCAL]
     if not kept:
-        return offered[0] if offered else QoS()
+        return offered_qos[0] if offered_qos else QoS()
     history = History.KEEP_ALL if any(qos.history is History.KEEP_ALL for qos in kept) else History.KEEP_LAST
     depth = min(sum(max(1, qos.depth) for qos in kept), _MOST)
     return QoS(history, depth, kept[0].reliability, Durability.TRANSIENT_LOCAL)
 
 
-__all__ = ["combined", "offered_of"]
+__all__ = ["combined", "read_offered_qos"]

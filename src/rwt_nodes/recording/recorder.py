@@ -120,9 +120,9 @@ class Recorder:
     def channel_of(self, sample: Sample) -> RecordedChannel:
         """A channel for the topic and type of a sample."""
         info = self._graph.topic(sample.topic)
-        offered = () if info is None else tuple(publisher.qos for publisher in info.publishers)
+        offered_qos = () if info is None else tuple(publisher.qos for publisher in info.publishers)
         return self.writer.add_channel(
-            channel_form(sample.topic, sample.payload.type, self._encoding, offered)
+            channel_form(sample.topic, sample.payload.type, self._encoding, offered_qos)
         )
 
     def stop(self) -> None:

@@ -29,7 +29,7 @@ class RecordedTopic:
         encoding: how its messages are written.
         definition: the type's definition with those it contains (API-06); empty where it was not recorded.
         count: messages; None where the file does not say.
-        offered: what its publishers offered, where that is known.
+        offered_qos: what its publishers offered_qos, where that is known.
     """
 
     name: str
@@ -37,7 +37,7 @@ class RecordedTopic:
     encoding: MessageEncoding
     definition: str = ""
     count: int | None = None
-    offered: tuple[QoS, ...] = ()
+    offered_qos: tuple[QoS, ...] = ()
 
 
 class RecordedMessage(Struct, frozen=True, gc=False):
@@ -170,9 +170,11 @@ def merged_topics(topics: list[RecordedTopic]) -> tuple[RecordedTopic, ...]:
             found[topic.name, topic.type] = topic
             continue
         count = None if known.count is None or topic.count is None else known.count + topic.count
-        offered = known.offered + tuple(qos for qos in topic.offered if qos not in known.offered)
+        offered_qos = known.offered_qos + tuple(
+            qos for qos in topic.offered_qos if qos not in known.offered_qos
+        )
         found[topic.name, topic.type] = RecordedTopic(
-            known.name, known.type, known.encoding, known.definition, count, offered
+            known.name, known.type, known.encoding, known.definition, count, offered_qos
         )
     return tuple(sorted(found.values(), key=lambda topic: (topic.name, topic.type)))
 

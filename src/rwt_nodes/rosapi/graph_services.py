@@ -20,7 +20,7 @@ Answer = dict[str, object]
 _ACTIONLIB = ("cancel", "feedback", "goal", "result", "status")
 
 
-class GraphQuestions:
+class GraphServices:
     """Handlers of the services that ask about the running graph."""
 
     def __init__(self, graph: Graph) -> None:

@@ -6,9 +6,9 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
 from rwt_graph.program.node import Node
-from rwt_nodes.rosapi.graph_services import GraphQuestions
-from rwt_nodes.rosapi.parameter_services import ParameterQuestions
-from rwt_nodes.rosapi.type_services import TypeQuestions
+from rwt_nodes.rosapi.graph_services import GraphServices
+from rwt_nodes.rosapi.parameter_services import ParameterServices
+from rwt_nodes.rosapi.type_services import TypeServices
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
@@ -38,9 +38,9 @@ class Rosapi:
 
     def _table(self, graph: Graph) -> dict[str, tuple[str, Handler]]:
         """Service name → type and handler."""
-        live = GraphQuestions(graph)
-        types = TypeQuestions(graph.registry)
-        params = ParameterQuestions(self._node)
+        live = GraphServices(graph)
+        types = TypeServices(graph.registry)
+        params = ParameterServices(self._node)
         table: dict[str, tuple[str, Handler]] = {
             "topics": ("Topics", live.topics),
             "topics_for_type": ("TopicsForType", live.topics_for_type),

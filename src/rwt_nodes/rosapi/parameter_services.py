@@ -15,7 +15,7 @@ Answer = dict[str, object]
 _DESCRIPTION = "robot_description"
 
 
-class ParameterQuestions:
+class ParameterServices:
     """Handlers of the parameter services. Names are `/node:name` on ROS 2 and `/name` on ROS 1 (API-08).
 
     On ROS 2 a failure is told in `successful` and `reason`; ROS 1's types lack them, so it fails the call.

@@ -18,7 +18,7 @@ Answer = dict[str, object]
 T = TypeVar("T")
 
 
-class TypeQuestions:
+class TypeServices:
     """Handlers of the services that ask about types; an unknown type fails the call."""
 
     def __init__(self, registry: Registry) -> None:

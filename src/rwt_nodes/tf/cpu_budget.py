@@ -14,7 +14,7 @@ _NEWEST: Final = 0.2
 """How much the last turn counts in what a turn usually takes: one that was held up must not slow a stream."""
 
 
-class Pace:
+class CpuBudget:
     """Lets one stream rest after its turns, as long as its part of :data:`SHARE` wants it.
 
     Args:

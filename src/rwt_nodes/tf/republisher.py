@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import anyio
 
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node, ServiceFailed
-from rwt_nodes.tf.cpu_budget import Pace
+from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
 from rwt_nodes.tf.source import listen
 from rwt_nodes.tf.streams import GoalStream, TopicStream
-from rwt_nodes.tf.transform_filters import MissingFrames, select
+from rwt_nodes.tf.transform_filters import MissingFrames, make_filter
 from rwt_tf2 import stamp_ns
 from rwt_tf2.times import NANOSECONDS
 
@@ -86,8 +86,8 @@ class Tf2WebRepublisher:
         request = Request.read(goal.request)
         number = self._make_room()
         with anyio.CancelScope() as scope:
-            selection = select(request, self._missing())
-            stream = GoalStream(self._node, self._buffer, selection, self._pace(), goal, scope.cancel)
+            filter_ = make_filter(request, self._missing())
+            stream = GoalStream(self._node, self._buffer, filter_, self._budget(), goal, scope.cancel)
             self._streams[number] = stream
             timer = self._node.create_timer(request.period, stream.tick)
             try:
@@ -110,9 +110,9 @@ class Tf2WebRepublisher:
             raise ServiceFailed(f"timeout must not be negative, got {timeout:g} s")
         number = self._make_room()
         publisher = self._node.advertise(f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", TopicStream.QOS)
-        selection = select(request, self._missing())
+        filter_ = make_filter(request, self._missing())
         ended = partial(self._streams.pop, number, None)
-        stream = TopicStream(self._node, self._buffer, selection, self._pace(), publisher, timeout, ended)
+        stream = TopicStream(self._node, self._buffer, filter_, self._budget(), publisher, timeout, ended)
         self._streams[number] = stream
         stream.start(request.period)
         return {"topic_name": publisher.topic}
@@ -126,8 +126,8 @@ class Tf2WebRepublisher:
             )
         return next(self._numbers)
 
-    def _pace(self) -> Pace:
-        return Pace(self._node.clock.monotonic, lambda: len(self._streams))
+    def _budget(self) -> CpuBudget:
+        return CpuBudget(self._node.clock.monotonic, lambda: len(self._streams))
 
     def _missing(self) -> MissingFrames:
         return MissingFrames(self._node.log.error, self._node.clock.monotonic)

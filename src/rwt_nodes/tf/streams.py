@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable
 from typing import Final
 
 from rwt_graph import ActionGoal, Durability, Node, QoS, Timer, TopicPublisher
-from rwt_nodes.tf.cpu_budget import Pace
-from rwt_nodes.tf.transform_filters import Selection
+from rwt_nodes.tf.cpu_budget import CpuBudget
+from rwt_nodes.tf.transform_filters import TransformFilter
 from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
 
 UNHEARD: Final = 10.0
@@ -46,16 +46,16 @@ class GoalStream:
         self,
         node: Node,
         buffer: Buffer,
-        selection: Selection,
-        pace: Pace,
+        filter_: TransformFilter,
+        budget: CpuBudget,
         goal: ActionGoal,
         end: Callable[[], None],
     ) -> None:
         self.reason = ""
-        self._pace = pace
+        self._budget = budget
         self._clock = node.clock
         self._buffer = buffer
-        self._selection = selection
+        self._filter = filter_
         self._goal = goal
         self._end = end
         self._heard_at = self._clock.monotonic()
@@ -64,15 +64,15 @@ class GoalStream:
         """Send what is due, if anything (TFR-06)."""
         now = self._clock.monotonic()
         if not self._goal.feedback_wanted:
-            self._selection.forget()
+            self._filter.forget()
             if now - self._heard_at >= UNHEARD:
                 self.stop(f"nobody took the feedback for {UNHEARD:g} s")
             return
         self._heard_at = now
-        self._pace.turn(self._send)
+        self._budget.turn(self._send)
 
     def _send(self) -> None:
-        due = self._selection.due(self._buffer, self._clock.time_ns())
+        due = self._filter.due(self._buffer, self._clock.time_ns())
         if due:
             self._goal.publish_feedback(to_message(due))
 
@@ -95,16 +95,16 @@ class TopicStream:
         self,
         node: Node,
         buffer: Buffer,
-        selection: Selection,
-        pace: Pace,
+        filter_: TransformFilter,
+        budget: CpuBudget,
         publisher: TopicPublisher,
         timeout: float,
         ended: Callable[[], object],
     ) -> None:
         self._node = node
         self._buffer = buffer
-        self._selection = selection
-        self._pace = pace
+        self._filter = filter_
+        self._budget = budget
         self._publisher = publisher
         self._timeout = timeout
         self._ended = ended
@@ -120,16 +120,16 @@ class TopicStream:
         now = self._node.clock.monotonic()
         subscribers = self._publisher.subscriber_count
         if subscribers > self._subscribers:
-            self._selection.forget()
+            self._filter.forget()
         self._subscribers = subscribers
         if subscribers:
             self._subscribed_at = now
-            self._pace.turn(self._publish)
+            self._budget.turn(self._publish)
         elif now - self._subscribed_at >= self._timeout:
             self.stop("")
 
     def _publish(self) -> None:
-        due = self._selection.due(self._buffer, self._node.clock.time_ns())
+        due = self._filter.due(self._buffer, self._node.clock.time_ns())
         if due:
             self._publisher.publish(to_message(due))
 

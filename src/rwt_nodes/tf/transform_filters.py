@@ -14,7 +14,7 @@ GRACE: Final = 2.0
 """Seconds that a frame may be missing before somebody is told: the first transforms take a moment."""
 
 
-class Selection(Protocol):
+class TransformFilter(Protocol):
     """Remembers what one client has been sent, and finds what is due."""
 
     def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
@@ -46,12 +46,12 @@ class MissingFrames:
             self._said.discard(frame)
 
 
-def select(request: Request, missing: MissingFrames) -> Selection:
-    """The selection that a request asks for."""
-    return SeenFromTarget(request, missing) if request.target else ChangesOfTree(request, missing)
+def make_filter(request: Request, missing: MissingFrames) -> TransformFilter:
+    """The filter that a request asks for."""
+    return TargetFrameFilter(request, missing) if request.target else TreeFilter(request, missing)
 
 
-class SeenFromTarget:
+class TargetFrameFilter:
     """Each source frame as seen from the target (TFR-02), sent again when it has moved (TFR-04).
 
     A frame that cannot be had is left out, also the first time: the original then sends a transform of zeros
@@ -105,7 +105,7 @@ def half_angle(a: Transform, b: Transform) -> float:
     return math.acos(max(-1.0, min(1.0, dot(a.rotation, b.rotation))))
 
 
-class ChangesOfTree:
+class TreeFilter:
     """Each frame in its own parent, sent again only when it makes a difference to where frames are.
 
     A robot that drives moves one transform of its tree, and every frame as seen from the map. What the client

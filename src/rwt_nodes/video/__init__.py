@@ -1,4 +1,4 @@
-"""Pictures and film of image topics over HTTP, as `web_video_server` serves them."""
+"""Pictures and video of image topics over HTTP, as `web_video_server` serves them."""
 
 from rwt_nodes.video.server import WebVideoServer
 

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_nodes.video.encoders.encoded import Encoded, Encoder
     from rwt_nodes.video.stream_metrics import Counts
-    from rwt_nodes.video.stream_request import Wish
+    from rwt_nodes.video.stream_request import StreamRequest
 
 logger = logging.getLogger("rwt_nodes.video")
 
-#: Pictures of a film that may wait for a viewer. A picture by itself never waits: the next replaces it.
+#: Pictures of a video that may wait for a viewer. A picture by itself never waits: the next replaces it.
 _MOST_WAITING: Final = 4
 #: Seconds from one key picture that a slow viewer needs to the next; they are large, and everybody gets them.
 _KEY_PAUSE: Final = 0.5
@@ -49,7 +49,7 @@ class Viewer:
         self.failure: VideoError | None = None
 
     @property
-    def hungry(self) -> bool:
+    def can_accept(self) -> bool:
         """Whether a picture that is made now would not have to wait behind old ones."""
         waiting = self._waiting
         return not waiting or (waiting[-1].track is not None and len(waiting) < _MOST_WAITING)
@@ -96,11 +96,11 @@ class Viewer:
 
 
 class Broadcast:
-    """What equal wishes share: the subscription, the encoder and the pictures.
+    """What equal requests share: the subscription, the encoder and the pictures.
 
     Args:
         node: whose subscription it is.
-        wish: what is wanted, of the very topic to subscribe to.
+        request: what is wanted, of the very topic to subscribe to.
         make_encoder: makes the encoder, in a worker thread: it loads libraries.
         limiter: bounds the worker threads of all broadcasts.
         counts: what is counted.
@@ -114,14 +114,14 @@ class Broadcast:
     def __init__(
         self,
         node: Node,
-        wish: Wish,
+        request: StreamRequest,
         make_encoder: Callable[[], Encoder],
         limiter: anyio.CapacityLimiter,
         counts: Counts,
         on_end: Callable[[Broadcast], None],
         now: Callable[[], float] = anyio.current_time,
     ) -> None:
-        self.wish = wish
+        self.request = request
         self.counts = counts
         self.viewers: list[Viewer] = []
         self._now = now
@@ -138,9 +138,9 @@ class Broadcast:
         self._key_at = now()
         self._wake = anyio.Event()
         self._over = False
-        node.graph.spawn(self._run, f"pictures of {wish.topic}")
+        node.graph.spawn(self._run, f"pictures of {request.topic}")
         # Last: what is kept for late joiners comes at once.
-        self._subscription = node.subscribe(wish.topic, qos=wish.qos, on_sample=self._take)
+        self._subscription = node.subscribe(request.topic, qos=request.qos, on_sample=self._take)
 
     def join(self) -> Viewer:
         """A new viewer, who gets the last picture at once if there is one."""
@@ -149,7 +149,7 @@ class Broadcast:
         if self._shown is not None and self._shown.track is None:
             viewer.put(self._shown)
         elif self._last is not None:
-            # A film is entered at a key picture, and the topic may be silent: the last one is made again.
+            # A video is entered at a key picture, and the topic may be silent: the last one is made again.
             self._key_wanted = True
             self._newest = self._newest or self._last
         self.look()
@@ -199,7 +199,7 @@ class Broadcast:
     async def _run(self) -> None:
         while not self._over:
             payload = self._newest
-            if payload is None or not any(viewer.hungry for viewer in self.viewers):
+            if payload is None or not any(viewer.can_accept for viewer in self.viewers):
                 await self._wake.wait()
                 self._wake = anyio.Event()
                 continue
@@ -209,7 +209,7 @@ class Broadcast:
             except VideoError as error:
                 self._unreadable(error)
             except Exception:
-                logger.exception("the pictures of %s could not be encoded", self.wish.topic)
+                logger.exception("the pictures of %s could not be encoded", self.request.topic)
                 self.counts.failed += 1
                 self.end(VideoError("internal error"))
             else:
@@ -221,7 +221,7 @@ class Broadcast:
         if self.counts.complaint != str(error):
             # Once: viewers who come again and again must not fill the log.
             self.counts.complaint = str(error)
-            self._log.warning(f"{self.wish.topic}: {error}")
+            self._log.warning(f"{self.request.topic}: {error}")
         if self._shown is None:
             self.end(error)
 

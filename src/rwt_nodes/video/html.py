@@ -15,23 +15,23 @@ _VIEWER = """<!doctype html>
 {element}
 """
 
-_FILM = """<video src="{source}" autoplay muted playsinline oncanplay="this.play()"></video>
+_VIDEO = """<video src="{source}" autoplay muted playsinline oncanplay="this.play()"></video>
 <script>
-// autoplay alone waits until the player believes that it could play to the end: of a live film that is late.
+// autoplay alone waits until the player believes that it could play to the end: of a live video that is late.
 // A browser gathers some seconds before it begins, and would stay behind: play faster until caught up.
-const film = document.querySelector("video");
-film.onprogress = film.ontimeupdate = () => {{
-  const parts = film.buffered;
-  const behind = parts.length ? parts.end(parts.length - 1) - film.currentTime : 0;
-  film.playbackRate = behind > 1 ? 2 : behind > 0.4 ? 1.2 : 1;
+const video = document.querySelector("video");
+video.onprogress = video.ontimeupdate = () => {{
+  const parts = video.buffered;
+  const behind = parts.length ? parts.end(parts.length - 1) - video.currentTime : 0;
+  video.playbackRate = behind > 1 ? 2 : behind > 0.4 ? 1.2 : 1;
 }};
 </script>"""
 
 
-def viewer_page(topic: str, query: str, *, film: bool) -> bytes:
+def viewer_page(topic: str, query: str, *, video: bool) -> bytes:
     """The page of `/stream_viewer`: it shows `/stream` with the same query."""
     source = escape(f"/stream?{query}")
-    element = _FILM.format(source=source) if film else f'<img src="{source}" alt="{escape(topic)}">'
+    element = _VIDEO.format(source=source) if video else f'<img src="{source}" alt="{escape(topic)}">'
     return _VIEWER.format(topic=escape(topic), element=element).encode()
 
 

@@ -1,4 +1,4 @@
-"""The bodies of answers: parts of a picture each, or a film."""
+"""The bodies of HTTP responses: a multipart stream of pictures, or a video."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def timestamp(picture: Encoded) -> str:
     return f"{seconds}.{rest:06d}"
 
 
-async def film(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """A film that begins with the viewer's first picture, at its time 0."""
+async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
+    """A video that begins with the viewer's first picture, at its time 0."""
     viewer = join()
     try:
         container: Webm | Mp4 | None = None
@@ -58,7 +58,7 @@ async def film(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
         while (picture := await viewer.next()) is not None:
             opening = b""
             if container is None:
-                assert picture.track is not None  # Films are made of nothing else.
+                assert picture.track is not None  # Videos are made of nothing else.
                 container, began = _container(picture.track), picture.at_ms
                 opening = container.header()
             part = opening + container.picture(picture.data, picture.at_ms - began, key=picture.key)

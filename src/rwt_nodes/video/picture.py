@@ -1,4 +1,4 @@
-"""A message's picture as a wish wants it. Imported by encoders only."""
+"""A message's picture as a request wants it. Imported by encoders only."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from rwt_nodes.video.topics import COMPRESSED
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
-    from rwt_nodes.video.stream_request import Wish
+    from rwt_nodes.video.stream_request import StreamRequest
 
 
-def read_picture(payload: Payload, wish: Wish) -> Bytes:
+def read_picture(payload: Payload, request: StreamRequest) -> Bytes:
     """The picture in its size.
 
     Raises:
@@ -20,4 +20,4 @@ def read_picture(payload: Payload, wish: Wish) -> Bytes:
     """
     message: Any = payload.value()
     compressed = payload.type.name == COMPRESSED
-    return shaped(read_compressed(message) if compressed else read_raw(message), wish)
+    return shaped(read_compressed(message) if compressed else read_raw(message), request)

@@ -1,4 +1,4 @@
-"""The node that serves pictures and film: the pages, and who shares which encoder."""
+"""The node that serves pictures and video: the pages, and who shares which encoder."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from rwt_nodes.video.encoders.mp4 import TYPE as MP4
 from rwt_nodes.video.encoders.webm import TYPE as WEBM
 from rwt_nodes.video.errors import RequestRefused
 from rwt_nodes.video.html import topic_list, viewer_page
-from rwt_nodes.video.http_streams import MULTIPART, film, multipart, timestamp
-from rwt_nodes.video.stream_metrics import Tally
-from rwt_nodes.video.stream_request import Film, Wish, read_wish
+from rwt_nodes.video.http_streams import MULTIPART, multipart, timestamp, video_stream
+from rwt_nodes.video.stream_metrics import StreamMetrics
+from rwt_nodes.video.stream_request import StreamRequest, Video, read_request
 from rwt_nodes.video.topics import (
     COMPRESSED,
     INFO,
@@ -70,8 +70,8 @@ class WebVideoServer:
         self._node = Node(graph, NAME)
         self._most_viewers = most_viewers
         self._most_encoders = most_encoders
-        self._broadcasts: dict[Wish, Broadcast] = {}
-        self._tally = Tally()
+        self._broadcasts: dict[StreamRequest, Broadcast] = {}
+        self._stream_metrics = StreamMetrics()
         # A thread for each core: more would only take turns.
         self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
         pages = (("/stream", self._stream), ("/stream_viewer", self._viewer), ("/snapshot", self._snapshot))
@@ -95,7 +95,7 @@ class WebVideoServer:
 
     def _metrics(self) -> Iterator[MetricFamily]:
         """What is counted, for `/metrics`."""
-        return self._tally.families(self._broadcasts.values())
+        return self._stream_metrics.families(self._broadcasts.values())
 
     # -- pages ---------------------------------------------------------------------------------------------
 
@@ -111,38 +111,38 @@ class WebVideoServer:
             return HttpResponse(f"{refused}\n".encode(), refused.status, headers=_NO_CACHE)
 
     async def _stream(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        wish = await self._settled(read_wish(request.query), reader)
-        self._check_room(wish)
-        counts = self._tally.of(wish.topic, wish.type)
-        join = partial(self._join, wish)
-        if not isinstance(wish.coding, Film):
+        stream = await self._settled(read_request(request.query), reader)
+        self._check_room(stream)
+        counts = self._stream_metrics.of(stream.topic, stream.type)
+        join = partial(self._join, stream)
+        if not isinstance(stream.coding, Video):
             return HttpResponse(multipart(join, counts), content_type=MULTIPART, headers=_NO_CACHE)
-        media_type = MP4 if wish.type == "h264" else WEBM
-        return HttpResponse(film(join, counts), content_type=media_type, headers=_NO_CACHE)
+        media_type = MP4 if stream.type == "h264" else WEBM
+        return HttpResponse(video_stream(join, counts), content_type=media_type, headers=_NO_CACHE)
 
     async def _viewer(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        wish = read_wish(request.query)
-        _check_codec(wish)
-        if not reader.may_subscribe(wish.topic):
-            raise RequestRefused(403, f"you may not subscribe to {wish.topic}")
-        page = viewer_page(wish.topic, request.query, film=isinstance(wish.coding, Film))
+        stream = read_request(request.query)
+        _check_codec(stream)
+        if not reader.may_subscribe(stream.topic):
+            raise RequestRefused(403, f"you may not subscribe to {stream.topic}")
+        page = viewer_page(stream.topic, request.query, video=isinstance(stream.coding, Video))
         return HttpResponse(page, content_type="text/html; charset=utf-8", headers=_NO_CACHE)
 
     async def _snapshot(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        wish = read_wish(request.query)
-        if isinstance(wish.coding, Film):
-            raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {wish.type}")
-        wish = await self._settled(wish, reader)
-        self._check_room(wish)
-        picture = await self._one_picture(wish)
+        stream = read_request(request.query)
+        if isinstance(stream.coding, Video):
+            raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
+        stream = await self._settled(stream, reader)
+        self._check_room(stream)
+        picture = await self._one_picture(stream)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
-        counts = self._tally.of(wish.topic, wish.type)
+        counts = self._stream_metrics.of(stream.topic, stream.type)
         counts.sent += 1
         counts.sent_bytes += len(picture.data)
         return HttpResponse(picture.data, content_type=picture.media_type, headers=headers)
 
-    async def _one_picture(self, wish: Wish) -> Encoded:
-        viewer, picture = self._join(wish), None
+    async def _one_picture(self, stream: StreamRequest) -> Encoded:
+        viewer, picture = self._join(stream), None
         try:
             with anyio.move_on_after(PATIENCE):
                 picture = await viewer.next()
@@ -151,65 +151,65 @@ class WebVideoServer:
         if picture is not None:
             return picture
         if viewer.failure is not None:
-            raise RequestRefused(422, f"{wish.topic}: {viewer.failure}")
-        raise RequestRefused(504, f"no picture came on {wish.topic} within {PATIENCE:g} s")
+            raise RequestRefused(422, f"{stream.topic}: {viewer.failure}")
+        raise RequestRefused(504, f"no picture came on {stream.topic} within {PATIENCE:g} s")
 
     # -- sharing -------------------------------------------------------------------------------------------
 
-    async def _settled(self, wish: Wish, reader: Reader) -> Wish:
-        """The wish with the topic that it means, waiting a little for one that is not there yet.
+    async def _settled(self, stream: StreamRequest, reader: Reader) -> StreamRequest:
+        """The stream with the topic that it means, waiting a little for one that is not there yet.
 
         Raises:
             RequestRefused: there is none, or it may not be shown.
         """
-        _check_codec(wish)
+        _check_codec(stream)
         graph = self._node.graph
         until = anyio.current_time() + PATIENCE
-        while (topic := meant_topic(graph, wish, reader)) is None:
+        while (topic := meant_topic(graph, stream, reader)) is None:
             if anyio.current_time() >= until:
-                raise not_found(graph, wish.topic, reader)
+                raise not_found(graph, stream.topic, reader)
             await anyio.sleep(_LOOK_EVERY)
-        return on_topic(graph, wish, topic)
+        return on_topic(graph, stream, topic)
 
-    def _check_room(self, wish: Wish) -> None:
+    def _check_room(self, stream: StreamRequest) -> None:
         viewers = sum(len(broadcast.viewers) for broadcast in self._broadcasts.values())
         if viewers >= self._most_viewers:
             raise RequestRefused(503, f"{viewers} viewers are looking already (limits.video_viewers)")
-        if wish not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
+        if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
             many = len(self._broadcasts)
             raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
-    def _join(self, wish: Wish) -> Viewer:
-        """A viewer of what is wished for; the first one starts the encoder."""
-        broadcast = self._broadcasts.get(wish)
+    def _join(self, stream: StreamRequest) -> Viewer:
+        """A viewer of what is asked for; the first one starts the encoder."""
+        broadcast = self._broadcasts.get(stream)
         if broadcast is None:
-            counts = self._tally.of(wish.topic, wish.type)
+            counts = self._stream_metrics.of(stream.topic, stream.type)
             broadcast = Broadcast(
-                self._node, wish, partial(_make_encoder, wish), self._limiter, counts, self._ended
+                self._node, stream, partial(_make_encoder, stream), self._limiter, counts, self._ended
             )
-            self._broadcasts[wish] = broadcast
+            self._broadcasts[stream] = broadcast
         return broadcast.join()
 
     def _ended(self, broadcast: Broadcast) -> None:
-        if self._broadcasts.get(broadcast.wish) is broadcast:
-            del self._broadcasts[broadcast.wish]
+        if self._broadcasts.get(broadcast.request) is broadcast:
+            del self._broadcasts[broadcast.request]
 
 
-def _check_codec(wish: Wish) -> None:
-    if isinstance(wish.coding, Film) and importlib.util.find_spec("av") is None:
+def _check_codec(stream: StreamRequest) -> None:
+    if isinstance(stream.coding, Video) and importlib.util.find_spec("av") is None:
         raise RequestRefused(
             501,
-            f"{wish.type} needs PyAV on the server: pip install 'robot-web-tools[video]';"
+            f"{stream.type} needs PyAV on the server: pip install 'robot-web-tools[video]';"
             " mjpeg and png need nothing",
         )
 
 
-def _make_encoder(wish: Wish) -> Encoder:
+def _make_encoder(stream: StreamRequest) -> Encoder:
     """Runs in a worker thread, for the libraries are loaded here."""
-    if isinstance(wish.coding, Film):
-        from rwt_nodes.video.encoders.video import FilmEncoder
+    if isinstance(stream.coding, Video):
+        from rwt_nodes.video.encoders.video import VideoEncoder
 
-        return FilmEncoder(wish, wish.coding)
-    from rwt_nodes.video.encoders.image import StillEncoder
+        return VideoEncoder(stream, stream.coding)
+    from rwt_nodes.video.encoders.image import ImageEncoder
 
-    return StillEncoder(wish, wish.coding)
+    return ImageEncoder(stream, stream.coding)

@@ -39,7 +39,7 @@ class Counts:
     complaint: str = ""
 
 
-class Tally:
+class StreamMetrics:
     """The counts of every stream that there has been."""
 
     def __init__(self) -> None:
@@ -57,7 +57,7 @@ class Tally:
         viewers: dict[tuple[str, str], int] = {}
         encoders: dict[tuple[str, str], int] = {}
         for broadcast in broadcasts:
-            key = (broadcast.wish.topic, broadcast.wish.type)
+            key = (broadcast.request.topic, broadcast.request.type)
             viewers[key] = viewers.get(key, 0) + len(broadcast.viewers)
             encoders[key] = encoders.get(key, 0) + 1
         for name, help_, now in (

@@ -55,8 +55,8 @@ class Png:
 
 
 @dataclass(frozen=True, slots=True)
-class Film:
-    """Pictures as film.
+class Video:
+    """Pictures as video.
 
     Attributes:
         codec: `vp8`, `vp9` or `h264`.
@@ -77,12 +77,12 @@ class Film:
     preset: str = ""
 
 
-Coding = Jpeg | Png | Film
+Coding = Jpeg | Png | Video
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
-    """What a viewer wants to see. Equal wishes are served by one encoder.
+class StreamRequest:
+    """What a viewer wants to see. Equal requests are served by one encoder.
 
     Attributes:
         topic: absolute name.
@@ -107,7 +107,7 @@ class Wish:
     @property
     def type(self) -> str:
         """The word for it in a request."""
-        if isinstance(self.coding, Film):
+        if isinstance(self.coding, Video):
             return self.coding.codec
         return "png" if isinstance(self.coding, Png) else "mjpeg"
 
@@ -128,7 +128,7 @@ class Wish:
         )
 
 
-def read_wish(query: str) -> Wish:
+def read_request(query: str) -> StreamRequest:
     """What a query string asks for; keys that nobody knows are left alone (`token`, `_t` against caches).
 
     Raises:
@@ -142,7 +142,7 @@ def read_wish(query: str) -> Wish:
     width, height = _size(given, "width"), _size(given, "height")
     if (width or 0) * (height or 0) > MOST_AREA:
         raise RequestRefused(400, f"`width` {width} by `height` {height} is more than {MOST_AREA} pixels")
-    return Wish(
+    return StreamRequest(
         topic=topic if topic.startswith("/") else f"/{topic}",
         coding=_coding(type_, given),
         width=width,
@@ -160,7 +160,7 @@ def _coding(type_: str, given: Mapping[str, str]) -> Coding:
     if type_ == "png":
         return Png(_number(given, "quality", 0, 9, 3))
     default_bitrate = None if type_ == "h264" else 100_000
-    film = Film(
+    video = Video(
         type_,
         bitrate=_number(given, "bitrate", 1000, 100_000_000) if "bitrate" in given else default_bitrate,
         qmin=_number(given, "qmin", 0, 63, 10),
@@ -169,9 +169,9 @@ def _coding(type_: str, given: Mapping[str, str]) -> Coding:
         quality=_choice(given, "quality", ("realtime", "good", "best"), "realtime") if type_ == "vp8" else "",
         preset=_choice(given, "preset", PRESETS, "ultrafast") if type_ == "h264" else "",
     )
-    if film.qmin > film.qmax:
-        raise RequestRefused(400, f"`qmin` {film.qmin} is more than `qmax` {film.qmax}")
-    return film
+    if video.qmin > video.qmax:
+        raise RequestRefused(400, f"`qmin` {video.qmin} is more than `qmax` {video.qmax}")
+    return video
 
 
 def _size(given: Mapping[str, str], name: str) -> int | None:

@@ -1,4 +1,4 @@
-"""Which topics hold pictures, and which of them a wish means."""
+"""Which topics hold pictures, and which of them a request means."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from rwt_nodes.video.errors import RequestRefused
-from rwt_nodes.video.stream_request import Wish
+from rwt_nodes.video.stream_request import StreamRequest
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
@@ -32,7 +32,7 @@ def topics_of(graph: Graph, type: str, reader: Reader) -> list[str]:
     )
 
 
-def meant_topic(graph: Graph, wish: Wish, reader: Reader) -> str | None:
+def meant_topic(graph: Graph, stream: StreamRequest, reader: Reader) -> str | None:
     """The topic to listen to; None while there is none.
 
     As image_transport names them, a camera's compressed pictures are below its raw ones. They are taken when
@@ -41,18 +41,18 @@ def meant_topic(graph: Graph, wish: Wish, reader: Reader) -> str | None:
     Raises:
         RequestRefused: 403 for a topic that may not be seen, 400 for one that holds no pictures.
     """
-    if not reader.may_subscribe(wish.topic):
-        raise RequestRefused(403, f"you may not subscribe to {wish.topic}")
-    own = type_of(graph, wish.topic)
-    below = "compressedDepth" if wish.transport == "compressedDepth" else "compressed"
-    compressed = f"{wish.topic}/{below}"
+    if not reader.may_subscribe(stream.topic):
+        raise RequestRefused(403, f"you may not subscribe to {stream.topic}")
+    own = type_of(graph, stream.topic)
+    below = "compressedDepth" if stream.transport == "compressedDepth" else "compressed"
+    compressed = f"{stream.topic}/{below}"
     has_compressed = type_of(graph, compressed) == COMPRESSED and reader.may_subscribe(compressed)
-    wants_compressed = wish.prefers_compressed or wish.transport != "raw"
+    wants_compressed = stream.prefers_compressed or stream.transport != "raw"
     if has_compressed and (wants_compressed or own is None):
         return compressed
     if own not in (RAW, COMPRESSED, None):
-        raise RequestRefused(400, f"{wish.topic} is a {own}; pictures are {RAW} and {COMPRESSED}")
-    return wish.topic if own is not None else None
+        raise RequestRefused(400, f"{stream.topic} is a {own}; pictures are {RAW} and {COMPRESSED}")
+    return stream.topic if own is not None else None
 
 
 def not_found(graph: Graph, topic: str, reader: Reader) -> RequestRefused:
@@ -61,7 +61,7 @@ def not_found(graph: Graph, topic: str, reader: Reader) -> RequestRefused:
     return RequestRefused(404, f"there is no topic {topic}; image topics are: {', '.join(known) or 'none'}")
 
 
-def on_topic(graph: Graph, wish: Wish, topic: str) -> Wish:
-    """The wish with what the choice of the topic has settled, so that equal ones are equal."""
-    passes_on = wish.prefers_compressed and type_of(graph, topic) == COMPRESSED
-    return replace(wish, topic=topic, transport="raw", prefers_compressed=passes_on)
+def on_topic(graph: Graph, stream: StreamRequest, topic: str) -> StreamRequest:
+    """The request with what the choice of the topic has settled, so that equal ones are equal."""
+    passes_on = stream.prefers_compressed and type_of(graph, topic) == COMPRESSED
+    return replace(stream, topic=topic, transport="raw", prefers_compressed=passes_on)

@@ -29,7 +29,7 @@ class What(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Treatment:
+class FaultAction:
     """What becomes of one message.
 
     Attributes:
@@ -43,7 +43,7 @@ class Treatment:
     remark: str = ""
 
 
-UNHARMED = Treatment()
+PASS = FaultAction()
 
 
 class Fault:
@@ -83,7 +83,7 @@ class Fault:
         self._every = every
         self._seen = 0
 
-    def strikes(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> bool:
+    def matches(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> bool:
         """Whether it touches a message now."""
         if self._to not in ("both", to) or not any(map(self._is_about, subjects)):
             return False
@@ -225,21 +225,21 @@ class Faults:
     def __bool__(self) -> bool:
         return bool(self._faults)
 
-    def treat(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> Treatment:
+    def action_for(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> FaultAction:
         """What becomes of a message now."""
         copies, delay, remarks = 1, 0.0, []
         for fault in self._faults:
-            if fault.what in (What.REFUSE, What.SLOW_READER) or not fault.strikes(to, subjects):
+            if fault.what in (What.REFUSE, What.SLOW_READER) or not fault.matches(to, subjects):
                 continue
             if fault.what is What.DROP:
-                return Treatment(0, 0.0, "(dropped by a fault)")
+                return FaultAction(0, 0.0, "(dropped by a fault)")
             if fault.what is What.DELAY:
                 delay += fault.amount
                 remarks.append(f"delayed by {fault.amount:g} s")
             else:
                 copies *= int(fault.amount)
                 remarks.append(f"{int(fault.amount)} times")
-        return Treatment(copies, delay, f"({', '.join(remarks)})") if remarks else UNHARMED
+        return FaultAction(copies, delay, f"({', '.join(remarks)})") if remarks else PASS
 
     def refusal(self) -> int | None:
         """The HTTP status with which a connection is refused now; None lets it in."""
@@ -255,4 +255,4 @@ class Faults:
         return min(rates, default=None)
 
 
-__all__ = ["Fault", "Faults", "Subject", "To", "Treatment", "What"]
+__all__ = ["Fault", "Faults", "Subject", "To", "FaultAction", "What"]

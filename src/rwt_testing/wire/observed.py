@@ -16,8 +16,8 @@ from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.ops import Direction, Op
 from rwt_protocol.session import Refusal, Session
 from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, FlowRules
-from rwt_testing.wire.faults import UNHARMED, Faults, Subject, Treatment
-from rwt_testing.wire.slow_reader import PacedQueue
+from rwt_testing.wire.faults import PASS, FaultAction, Faults, Subject
+from rwt_testing.wire.slow_reader import SlowReader
 from rwt_testing.wire.transcript import Transcript, shown_bytes, shown_frame
 from rwt_transports.api import OversizeAware
 from rwt_transports.errors import Refused
@@ -136,17 +136,17 @@ class _ObservedEndpoint:
         wire = self._wire
         # A fragment is about nothing until its last piece, so it is read even when nothing is wrong now.
         subjects = _subjects(self._session.decode(data, binary, time.monotonic()))
-        treatment = wire.faults.treat("server", subjects) if wire.faults else UNHARMED
-        wire.transcript.message(self._number, "→", shown_bytes(data, binary), treatment.remark)
-        if treatment is UNHARMED:
+        action = wire.faults.action_for("server", subjects) if wire.faults else PASS
+        wire.transcript.message(self._number, "→", shown_bytes(data, binary), action.remark)
+        if action is PASS:
             self._inner.receive(data, binary)
             return
         kept = bytes(data)
-        for _ in range(treatment.copies):
-            if treatment.delay <= 0:
+        for _ in range(action.copies):
+            if action.delay <= 0:
                 self._inner.receive(kept, binary)
             else:
-                wire.clock.call_later(treatment.delay, partial(self._receive_late, kept, binary))
+                wire.clock.call_later(action.delay, partial(self._receive_late, kept, binary))
 
     def _receive_late(self, data: bytes, binary: bool) -> None:
         if not self._over:
@@ -172,7 +172,7 @@ class _ObservedSink:
         self.inner = inner
         self.number = number
         self.over = False
-        self.paced = PacedQueue(wire.clock, lambda: wire.faults.pace)
+        self.slow_reader = SlowReader(wire.clock, lambda: wire.faults.pace)
         self._session = wire.session(Direction.TO_CLIENT)
 
     def send(self, frame: Frame) -> None:
@@ -201,32 +201,32 @@ class _ObservedSink:
         """Write down one message and let the faults have their way."""
         if self.over:
             return
-        treatment = self.wire.faults.treat("client", subjects) if self.wire.faults else UNHARMED
-        self.wire.transcript.message(self.number, "←", shown_frame(frame), treatment.remark)
-        if treatment is UNHARMED:
+        action = self.wire.faults.action_for("client", subjects) if self.wire.faults else PASS
+        self.wire.transcript.message(self.number, "←", shown_frame(frame), action.remark)
+        if action is PASS:
             self._now(flow, send)
         else:
-            self._treated(treatment, flow, send)
+            self._act(action, flow, send)
 
-    def _treated(self, treatment: Treatment, flow: _ObservedFlow | None, send: Callable[[], None]) -> None:
-        for _ in range(treatment.copies):
-            if treatment.delay <= 0:
+    def _act(self, action: FaultAction, flow: _ObservedFlow | None, send: Callable[[], None]) -> None:
+        for _ in range(action.copies):
+            if action.delay <= 0:
                 self._now(flow, send)
             else:
-                self.wire.clock.call_later(treatment.delay, partial(self._now, flow, send))
+                self.wire.clock.call_later(action.delay, partial(self._now, flow, send))
 
     def _now(self, flow: _ObservedFlow | None, send: Callable[[], None]) -> None:
         if self.over:
             return
-        if self.paced.idle and self.wire.faults.pace is None:
+        if self.slow_reader.idle and self.wire.faults.pace is None:
             send()
         elif flow is None:
-            self.paced.put(send)
+            self.slow_reader.put(send)
         else:
-            self.paced.put(send, flow, flow.rules.depth, flow.on_drop)
+            self.slow_reader.put(send, flow, flow.rules.depth, flow.on_drop)
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        self.paced.flush()
+        self.slow_reader.flush()
         self.inner.close(code, reason)
 
     @property

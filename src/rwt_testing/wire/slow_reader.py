@@ -25,7 +25,7 @@ class _Waiting:
     on_drop: Callable[[DropReason], None] | None
 
 
-class PacedQueue:
+class SlowReader:
     """Lets messages go on at the pace of a slow reader, in order.
 
     Args:
@@ -94,4 +94,4 @@ class PacedQueue:
             self._waiting.popleft().send()
 
 
-__all__ = ["PacedQueue"]
+__all__ = ["SlowReader"]

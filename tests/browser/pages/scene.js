@@ -49,7 +49,7 @@ const show = {
       pointSize: 4,
     });
     if (!cloud.isMjpeg) {
-      // DepthCloud looks at new pictures only when the player could play to the end, and of a live film Chromium
+      // DepthCloud looks at new pictures only when the player could play to the end, and of a live video Chromium
       // seldom believes that.
       const renew = () => {
         cloud.texture.needsUpdate = true;

@@ -33,7 +33,7 @@ ROOM = World(
 
 def _depths(world: World, pose: Pose) -> Any:
     view = View(world, Lens(), HEIGHT)
-    return view.depths(view.look(pose)) / 1000
+    return view.depths(view.cast_rays(pose)) / 1000
 
 
 def test_depth_is_measured_along_the_axis() -> None:
@@ -66,13 +66,13 @@ def test_what_is_too_near_or_too_far_is_unknown() -> None:
 @pytest.mark.parametrize("heading", [0.0, 0.4, math.pi / 2, 2.5, math.pi, -1.9, -math.pi / 2])
 def test_the_picture_and_the_depths_show_the_same_walls(heading: float) -> None:
     view = View(house(), Lens(), HEIGHT)
-    sight = view.look(Pose(-3.4, -2.5, heading))
-    colours, depths = view.colours(sight), view.depths(sight)
+    hits = view.cast_rays(Pose(-3.4, -2.5, heading))
+    colours, depths = view.colours(hits), view.depths(hits)
     assert colours.shape == (480, 640, 3)
     assert depths.shape == (480, 640)
     # At the horizon there are only walls: their texture is no grey, and their depth is the column's.
-    near = (sight.depth > 0.4) & (sight.depth < FARTHEST - 0.1)
-    assert depths[240][near] / 1000 == pytest.approx(sight.depth[near], abs=2e-3)
+    near = (hits.depth > 0.4) & (hits.depth < FARTHEST - 0.1)
+    assert depths[240][near] / 1000 == pytest.approx(hits.depth[near], abs=2e-3)
     spread = np.ptp(colours[240].astype(int), axis=1)
     assert (spread > 5).all()
 

@@ -15,7 +15,7 @@ import pytest
 from rwt_graph import ParameterRejected
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 from rwt_nodes.depth_cloud.encoder import CROP_SIZE
-from rwt_nodes.depth_cloud.latest_only import NewestWork
+from rwt_nodes.depth_cloud.latest_only import LatestOnly
 from rwt_nodes.depth_cloud.picture import decode_picture
 from tests.nodes.video.conftest import image
 
@@ -187,7 +187,7 @@ async def test_work_is_in_a_thread_on_the_newest_and_ends_with_the_node(studio: 
         proceed.acquire(timeout=20)
         return {"data": str(item)}
 
-    work: NewestWork[int] = NewestWork(node, results, slowly, lambda: ())
+    work: LatestOnly[int] = LatestOnly(node, results, slowly, lambda: ())
     heard = studio.heard("/results")
     work.offer(1)
     await studio.until(lambda: begun.acquire(blocking=False))

@@ -215,8 +215,8 @@ def test_a_damaged_chunk_is_left_out(tmp_path: Path, whole: Path) -> None:
     place = content.index(b"DDDDDDDD")
     path.write_bytes(content[:place] + b"?" + content[place + 1 : -40])
     with McapRecording(path) as recording:
-        assert recording.salvage is not None
-        assert recording.salvage.damaged == 1
+        assert recording.recovery is not None
+        assert recording.recovery.damaged == 1
         assert [each.log_time for each in recording.messages()] == [0, 1, 2, 6, 7, 8]
 
 
@@ -225,10 +225,10 @@ def test_recover_makes_a_complete_file(tmp_path: Path, whole: Path) -> None:
     content = whole.read_bytes()
     path.write_bytes(content[: len(content) // 2])
     found = recover(path, to)
-    assert found.salvage is not None
+    assert found.recovery is not None
     with McapRecording(to) as recording:
         assert recording.complete
-        assert recording.salvage is None
+        assert recording.recovery is None
     with pytest.raises(RecordingNotWritten):
         recover(path, to)
     assert len(rows(to)) == 3
@@ -308,6 +308,6 @@ def test_what_was_written_before_the_disk_was_full_is_readable(
     assert writer.dropped == 1
     with McapRecording(path) as recording:
         assert not recording.complete
-        assert recording.salvage is not None
-        assert recording.salvage.lost_bytes == 0
+        assert recording.recovery is not None
+        assert recording.recovery.lost_bytes == 0
         assert [each.log_time for each in recording.messages()] == [0, 1, 2, 3, 4, 5]

@@ -25,7 +25,7 @@ from rwt_nodes.recording import (
     open_recording,
 )
 from rwt_nodes.recording.channels import qos_text
-from rwt_nodes.recording.recorded_qos import combined, offered_of
+from rwt_nodes.recording.recorded_qos import combined, read_offered_qos
 from tests.nodes.recording.robots import OWN, graph_at, rows
 
 
@@ -64,7 +64,7 @@ PROFILES = st.builds(
 
 @given(st.lists(PROFILES, max_size=4).map(tuple))
 def test_offered_profiles_read_back(profiles: tuple[QoS, ...]) -> None:
-    assert offered_of({"offered_qos_profiles": qos_text(profiles)}) == profiles
+    assert read_offered_qos({"offered_qos_profiles": qos_text(profiles)}) == profiles
 
 
 def test_profiles_in_words_are_read_as_newer_versions_of_rosbag2_write_them() -> None:
@@ -73,15 +73,15 @@ def test_profiles_in_words_are_read_as_newer_versions_of_rosbag2_write_them() ->
         "  deadline:\n    sec: 9223372036\n    nsec: 854775807\n- history: keep_all\n  depth: 0\n"
     )
     first = QoS(depth=1, reliability=Reliability.BEST_EFFORT, durability=Durability.TRANSIENT_LOCAL)
-    assert offered_of({"offered_qos_profiles": text}) == (first, QoS(history=History.KEEP_ALL, depth=0))
-    assert offered_of({"latching": "1"}) == (LATCHED,)
+    assert read_offered_qos({"offered_qos_profiles": text}) == (first, QoS(history=History.KEEP_ALL, depth=0))
+    assert read_offered_qos({"latching": "1"}) == (LATCHED,)
 
 
 @given(st.text(alphabet="- history:depth0129\n reliablydu_'\"", max_size=200))
 @example("- depth: 99999999999999999999999\n")
 @example("- depth: -1\n  durability: 77\n")
 def test_whatever_is_noted_there_are_profiles(text: str) -> None:
-    for profile in offered_of({"offered_qos_profiles": text}):
+    for profile in read_offered_qos({"offered_qos_profiles": text}):
         assert 0 <= profile.depth <= 1_000_000
 
 

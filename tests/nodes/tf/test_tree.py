@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt_nodes.tf.request import Request
-from rwt_nodes.tf.transform_filters import ChangesOfTree, MissingFrames
+from rwt_nodes.tf.transform_filters import MissingFrames, TreeFilter
 from rwt_tf2 import Buffer, StampedTransform, Transform
 from tests.nodes.tf.conftest import Asking, Lab, places, settle
 
@@ -26,9 +26,9 @@ TREE = {
 GOAL: dict[str, object] = {"angular_thres": ANGULAR, "trans_thres": LINEAR, "rate": 10.0}
 
 
-def changes(*sources: str, linear: float = LINEAR, angular: float = ANGULAR) -> ChangesOfTree:
+def changes(*sources: str, linear: float = LINEAR, angular: float = ANGULAR) -> TreeFilter:
     missing = MissingFrames(lambda text: None, lambda: 0.0)
-    return ChangesOfTree(Request("", sources, angular, linear, 0.1), missing)
+    return TreeFilter(Request("", sources, angular, linear, 0.1), missing)
 
 
 def children(due: list[StampedTransform]) -> list[str]:
@@ -70,22 +70,22 @@ async def test_a_goal_without_a_target_gets_the_tree(lab: Lab, page: Asking) -> 
 
 def test_what_is_far_out_is_as_exact_as_the_rest() -> None:
     """A turn too small to matter at the shoulder moves the hand, two metres out, by more than is allowed."""
-    arm, selection = Arm(), changes()
-    selection.due(arm.buffer, 0)
+    arm, filter_ = Arm(), changes()
+    filter_.due(arm.buffer, 0)
     arm.move({"shoulder": Transform.from_rpy((1.0, 0.0, 0.0), 0.0, 0.0, 0.004)})
-    assert children(selection.due(arm.buffer, 0)) == []
+    assert children(filter_.due(arm.buffer, 0)) == []
     arm.move({"shoulder": Transform.from_rpy((1.0, 0.0, 0.0), 0.0, 0.0, 0.006)})
-    assert children(selection.due(arm.buffer, 0)) == ["shoulder"]
+    assert children(filter_.due(arm.buffer, 0)) == ["shoulder"]
 
 
 def test_small_changes_on_the_way_go_together() -> None:
-    arm, selection = Arm(), changes()
-    selection.due(arm.buffer, 0)
+    arm, filter_ = Arm(), changes()
+    filter_.due(arm.buffer, 0)
     for frame in ("odom", "base"):
         arm.move({frame: Transform((1.004, 0.0, 0.0))})
-        assert children(selection.due(arm.buffer, 0)) == []
+        assert children(filter_.due(arm.buffer, 0)) == []
     arm.move({"shoulder": Transform((1.004, 0.0, 0.0))})
-    assert children(selection.due(arm.buffer, 0)) == ["odom", "base", "shoulder"]
+    assert children(filter_.due(arm.buffer, 0)) == ["odom", "base", "shoulder"]
 
 
 def test_frames_asked_for_come_with_those_above_them() -> None:
@@ -95,19 +95,19 @@ def test_frames_asked_for_come_with_those_above_them() -> None:
 
 
 def test_a_new_parent_is_a_change() -> None:
-    arm, selection = Arm(), changes()
-    selection.due(arm.buffer, 0)
+    arm, filter_ = Arm(), changes()
+    filter_.due(arm.buffer, 0)
     arm.buffer.set_transform(StampedTransform("map", "camera", 10**9, Transform((1.0, 0.0, 0.0))))
-    assert children(selection.due(arm.buffer, 0)) == ["camera"]
+    assert children(filter_.due(arm.buffer, 0)) == ["camera"]
 
 
 def test_thresholds_of_zero_send_every_change_and_nothing_else() -> None:
-    arm, selection = Arm(), changes(linear=0.0, angular=0.0)
-    assert len(selection.due(arm.buffer, 0)) == len(TREE)
+    arm, filter_ = Arm(), changes(linear=0.0, angular=0.0)
+    assert len(filter_.due(arm.buffer, 0)) == len(TREE)
     arm.move({"hand": Transform((1.0, 1e-9, 0.0)), "camera": Transform((1.0, 0.0, 0.0))})
-    assert children(selection.due(arm.buffer, 0)) == ["hand"]
-    selection.forget()
-    assert len(selection.due(arm.buffer, 0)) == len(TREE)
+    assert children(filter_.due(arm.buffer, 0)) == ["hand"]
+    filter_.forget()
+    assert len(filter_.due(arm.buffer, 0)) == len(TREE)
 
 
 SMALL = st.floats(-0.02, 0.02)
@@ -131,12 +131,12 @@ def poses(buffer: Buffer) -> Iterator[tuple[str, Transform]]:
 @settings(max_examples=60, deadline=None)
 @given(STEPS)
 def test_a_client_is_never_off_by_more_than_the_thresholds(steps: list[dict[str, Any]]) -> None:
-    arm, selection, client = Arm(), changes(), Buffer()
+    arm, filter_, client = Arm(), changes(), Buffer()
     for step in [{}, *steps]:
         arm.move(
             {frame: Transform.from_rpy((1 + x, y, z), *turn) for frame, (x, y, z, *turn) in step.items()}
         )
-        for stamped in selection.due(arm.buffer, 0):
+        for stamped in filter_.due(arm.buffer, 0):
             client.set_transform(stamped)
         held = dict(poses(client))
         for frame, pose in poses(arm.buffer):

@@ -15,8 +15,8 @@ from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_nodes.video.broadcast import Broadcast, Viewer
 from rwt_nodes.video.encoders.encoded import Encoded, Track
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.stream_metrics import MOST_STREAMS, Counts, Tally
-from rwt_nodes.video.stream_request import read_wish
+from rwt_nodes.video.stream_metrics import MOST_STREAMS, Counts, StreamMetrics
+from rwt_nodes.video.stream_request import read_request
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
@@ -36,7 +36,7 @@ TRACK = Track("vp8", 2, 2)
 class CountingEncoder:
     """Makes of each picture its first byte; a picture of a 255 is unreadable, one of a 254 is left out."""
 
-    film: bool
+    video: bool
     keys: list[bool] = field(default_factory=list)
     threads: set[int] = field(default_factory=set)
 
@@ -49,7 +49,7 @@ class CountingEncoder:
             raise PictureUnreadable("torn")
         if data == b"\xfe":
             return None
-        return Encoded(data, 0, at_ms, track=TRACK if self.film else None, key=key or not self.film)
+        return Encoded(data, 0, at_ms, track=TRACK if self.video else None, key=key or not self.video)
 
 
 @dataclass
@@ -80,15 +80,15 @@ async def _settle() -> None:
         await anyio.sleep(0.001)
 
 
-async def _studio(query: str, film: bool) -> AsyncIterator[Studio]:
+async def _studio(query: str, video: bool) -> AsyncIterator[Studio]:
     clock = SimulatedClock()
     async with MemoryGraph(clock=clock) as graph:
         camera, node = Node(graph, "camera"), Node(graph, "server")
         pictures = camera.advertise("/a", "sensor_msgs/Image")
-        encoder, counts, ended = CountingEncoder(film), Counts(), list[Broadcast]()
+        encoder, counts, ended = CountingEncoder(video), Counts(), list[Broadcast]()
         broadcast = Broadcast(
             node,
-            read_wish(query),
+            read_request(query),
             lambda: encoder,
             anyio.CapacityLimiter(2),
             counts,
@@ -105,13 +105,13 @@ async def _studio(query: str, film: bool) -> AsyncIterator[Studio]:
 
 @pytest.fixture
 async def stills(anyio_backend: str) -> AsyncIterator[Studio]:
-    async for studio in _studio("topic=/a", film=False):
+    async for studio in _studio("topic=/a", video=False):
         yield studio
 
 
 @pytest.fixture
-async def film(anyio_backend: str) -> AsyncIterator[Studio]:
-    async for studio in _studio("topic=/a&type=vp8", film=True):
+async def video(anyio_backend: str) -> AsyncIterator[Studio]:
+    async for studio in _studio("topic=/a&type=vp8", video=True):
         yield studio
 
 
@@ -209,80 +209,80 @@ async def test_an_unreadable_first_picture_is_the_end_and_a_later_one_is_left_ou
     assert [record.getMessage() for record in caplog.records].count("/a: torn") == 1
 
 
-async def test_an_unreadable_first_picture(film: Studio) -> None:
-    viewer = film.broadcast.join()
-    film.publish(255)
+async def test_an_unreadable_first_picture(video: Studio) -> None:
+    viewer = video.broadcast.join()
+    video.publish(255)
     assert await _next(viewer) is None
     assert str(viewer.failure) == "torn"
-    assert film.ended == [film.broadcast]
+    assert video.ended == [video.broadcast]
 
 
-# -- film --------------------------------------------------------------------------------------------------
+# -- video --------------------------------------------------------------------------------------------------
 
 
-async def test_a_film_begins_with_a_key_picture_for_everybody(film: Studio) -> None:
-    one = film.broadcast.join()
-    film.publish(0)
+async def test_a_video_begins_with_a_key_picture_for_everybody(video: Studio) -> None:
+    one = video.broadcast.join()
+    video.publish(0)
     assert await _next(one) == 0
-    film.publish(1)
+    video.publish(1)
     assert await _next(one) == 1
-    two = film.broadcast.join()
+    two = video.broadcast.join()
     # The last picture is made again as a key picture, for the camera may be silent.
     assert (await _next(two), await _next(one)) == (1, 1)
-    film.publish(2)
+    video.publish(2)
     assert (await _next(two), await _next(one)) == (2, 2)
-    assert film.encoder.keys == [True, False, True, False]
+    assert video.encoder.keys == [True, False, True, False]
 
 
-async def test_a_slow_viewer_of_a_film_gets_fewer_pictures_and_no_gap(film: Studio) -> None:
-    viewer = film.broadcast.join()
+async def test_a_slow_viewer_of_a_video_gets_fewer_pictures_and_no_gap(video: Studio) -> None:
+    viewer = video.broadcast.join()
     for number in range(4):
-        film.publish(number)
-        await _eventually(lambda number=number: film.counts.encoded == number + 1)  # type: ignore[misc]  # default
+        video.publish(number)
+        await _eventually(lambda number=number: video.counts.encoded == number + 1)  # type: ignore[misc]  # default
     for number in range(4, 20):
-        film.publish(number)
+        video.publish(number)
     assert [await _next(viewer) for _ in range(4)] == [0, 1, 2, 3]
     assert await _next(viewer) == 19
-    assert film.counts.dropped == 0
-    assert film.encoder.keys.count(True) == 1
+    assert video.counts.dropped == 0
+    assert video.encoder.keys.count(True) == 1
 
 
-async def test_a_slow_viewer_beside_a_fast_one_goes_on_at_the_next_key_picture(film: Studio) -> None:
-    slow, fast = film.broadcast.join(), film.broadcast.join()
+async def test_a_slow_viewer_beside_a_fast_one_goes_on_at_the_next_key_picture(video: Studio) -> None:
+    slow, fast = video.broadcast.join(), video.broadcast.join()
     for number in range(5):
-        film.publish(number)
+        video.publish(number)
         assert await _next(fast) == number
     # The slow one's queue was full: it is empty now, and a key picture is made, but not at once.
-    assert film.counts.dropped == 5
-    film.publish(5)
+    assert video.counts.dropped == 5
+    video.publish(5)
     assert await _next(fast) == 5
-    film.clock.advance(0.6)
-    film.publish(6)
+    video.clock.advance(0.6)
+    video.publish(6)
     assert await _next(fast) == 6
-    film.publish(7)
+    video.publish(7)
     assert await _next(fast) == 7
-    assert film.encoder.keys == [True, False, False, False, False, False, True, False]
+    assert video.encoder.keys == [True, False, False, False, False, False, True, False]
     assert (await _next(slow), await _next(slow)) == (6, 7)
 
 
-async def test_a_key_picture_takes_the_place_of_what_waits(film: Studio) -> None:
-    slow, fast = film.broadcast.join(), film.broadcast.join()
+async def test_a_key_picture_takes_the_place_of_what_waits(video: Studio) -> None:
+    slow, fast = video.broadcast.join(), video.broadcast.join()
     for number in range(3):
-        film.publish(number)
+        video.publish(number)
         assert await _next(fast) == number
-    third = film.broadcast.join()
+    third = video.broadcast.join()
     assert await _next(third) == 2
     assert await _next(slow) == 2
-    assert film.counts.dropped == 3
+    assert video.counts.dropped == 3
 
 
-async def test_a_picture_that_the_codec_leaves_out_is_missed_by_nobody(film: Studio) -> None:
-    viewer = film.broadcast.join()
-    film.publish(0)
+async def test_a_picture_that_the_codec_leaves_out_is_missed_by_nobody(video: Studio) -> None:
+    viewer = video.broadcast.join()
+    video.publish(0)
     assert await _next(viewer) == 0
-    film.publish(254)
-    await _eventually(lambda: film.counts.skipped == 1)
-    film.publish(1)
+    video.publish(254)
+    await _eventually(lambda: video.counts.skipped == 1)
+    video.publish(1)
     assert await _next(viewer) == 1
 
 
@@ -290,7 +290,7 @@ async def test_a_picture_that_the_codec_leaves_out_is_missed_by_nobody(film: Stu
 
 
 def test_counts_are_kept_apart_up_to_a_bound() -> None:
-    tally = Tally()
+    tally = StreamMetrics()
     for number in range(MOST_STREAMS + 10):
         tally.of(f"/t{number}", "mjpeg").encoded += 1
     assert tally.of("/t3", "mjpeg").encoded == 1

@@ -21,7 +21,7 @@ from rwt_nodes.video.encoders.pixels import (
     without_alpha,
 )
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.stream_request import read_wish
+from rwt_nodes.video.stream_request import read_request
 from tests.nodes.video.conftest import image, payload, scene
 
 RGB = scene()
@@ -204,9 +204,9 @@ def test_half_of_a_picture_is_refused() -> None:
 
 
 def test_sizes_and_half_turns() -> None:
-    turned = shaped(RGB, read_wish("topic=/a&invert"))
+    turned = shaped(RGB, read_request("topic=/a&invert"))
     assert np.array_equal(turned, np.rot90(RGB, 2))
-    smaller = shaped(RGB, read_wish("topic=/a&width=32"))
+    smaller = shaped(RGB, read_request("topic=/a&width=32"))
     assert smaller.shape == (48, 32, 3)
     assert np.abs(smaller[:, 8].astype(int) - RGB[:, 16]).mean() < 8
     assert resized(RGB, 64, 48) is not None

@@ -188,7 +188,7 @@ async def test_a_stream_of_jpegs_as_web_video_server_sends_it(theatre: Theatre) 
 
 
 @pytest.mark.parametrize("type_", ["vp8", "vp9", "h264"])
-async def test_a_film_that_plays_from_where_a_viewer_came_in(theatre: Theatre, type_: str) -> None:
+async def test_a_video_that_plays_from_where_a_viewer_came_in(theatre: Theatre, type_: str) -> None:
     target = f"/stream?topic=/cam/image&type={type_}&qmax=20&bitrate=2000000"
 
     def shown(body: bytes) -> list[Any]:
@@ -381,7 +381,7 @@ async def test_a_picture_that_cannot_be_shown_is_said_so(theatre: Theatre) -> No
     assert b'/odd: encoding "nv99" cannot be shown; known are rgb8' in answer.body
 
 
-async def test_film_without_pyav_names_the_extra(theatre: Theatre, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_video_without_pyav_names_the_extra(theatre: Theatre, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     for page in ("stream", "stream_viewer"):
         answer = await theatre.gets(f"/{page}?topic=/cam/image&type=vp8")
@@ -461,7 +461,7 @@ async def test_the_index_lists_cameras_with_their_topics(theatre: Theatre) -> No
     assert '<a href="/snapshot?topic=/cam/depth/image">Snapshot</a>' in index
 
 
-async def test_a_viewer_page_shows_film_in_a_video_and_escapes_what_it_is_given(theatre: Theatre) -> None:
+async def test_a_viewer_page_shows_video_in_a_video_and_escapes_what_it_is_given(theatre: Theatre) -> None:
     page = (await theatre.gets("/stream_viewer?topic=/cam/image&type=vp8&bitrate=5000")).body.decode()
     assert '<video src="/stream?topic=/cam/image&amp;type=vp8&amp;bitrate=5000" autoplay muted' in page
     assert 'oncanplay="this.play()"' in page

@@ -1,7 +1,7 @@
 """The action `/navigate_to_pose`: from a goal to a robot that stands there.
 
 The driving is done in :meth:`Navigation.steer`, once a control step, so that it needs no task of its own; the
-action's coroutine only waits for the end of its trip.
+action's coroutine only waits for the end of its task.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rwt_nodes.demo.world.pose import ORIGIN, Pose
 ACTION = "nav2_msgs/NavigateToPose"
 #: Seconds between two feedbacks.
 _FEEDBACK_EVERY = 0.2
-#: Seconds of standing still on the way after which the trip is given up.
+#: Seconds of standing still on the way after which the task is given up.
 _PATIENCE = 5.0
 #: Metres from the way, after somebody else has driven, at which a new one is planned.
 _REPLAN_AT = 0.4
@@ -46,7 +46,7 @@ class NavigateRequest(Protocol):
 
 
 @dataclass(slots=True)
-class _Trip:
+class _NavigationTask:
     """One goal on its way."""
 
     goal: ActionGoal
@@ -72,65 +72,65 @@ class Navigation:
         self._drive = drive
         self._planner = planner
         self._odom_origin = odom_origin
-        self._trip: _Trip | None = None
+        self._task: _NavigationTask | None = None
         self._plans = node.advertise("plan", "nav_msgs/Path")
         node.advertise_action("navigate_to_pose", ACTION, self._execute, accept=self._accept)
 
     @property
     def active(self) -> bool:
         """Whether a goal is being driven to."""
-        return self._trip is not None
+        return self._task is not None
 
     def steer(self, overridden: bool) -> Velocity:
-        """How to drive now; `overridden` while somebody drives by hand, which only pauses the trip."""
-        trip = self._trip
-        if trip is None:
+        """How to drive now; `overridden` while somebody drives by hand, which only pauses the task."""
+        task = self._task
+        if task is None:
             return STANDSTILL
-        if trip.goal.cancel_requested:
+        if task.goal.cancel_requested:
             if overridden or self._drive.velocity.is_zero:
                 self._finish(GoalStatus.CANCELED)
             return STANDSTILL
         if not self._drive.enabled:
             self._finish(GoalStatus.ABORTED, "the motors are disabled; call /enable_motors")
             return STANDSTILL
-        self._give_feedback(trip)
+        self._give_feedback(task)
         if overridden:
-            trip.still_since = None
+            task.still_since = None
             return STANDSTILL
-        return self._follow(trip)
+        return self._follow(task)
 
     def abort(self, reason: str) -> None:
         """Give up the active goal, if there is one."""
         self._finish(GoalStatus.ABORTED, reason)
 
-    def _follow(self, trip: _Trip) -> Velocity:
+    def _follow(self, task: _NavigationTask) -> Velocity:
         pose = self._drive.pose
-        if trip.follower.arrived(pose) and self._drive.velocity.is_zero:
+        if task.follower.arrived(pose) and self._drive.velocity.is_zero:
             self._finish(GoalStatus.SUCCEEDED)
             return STANDSTILL
-        if self._is_stuck(trip):
+        if self._is_stuck(task):
             self._finish(GoalStatus.ABORTED, "the robot is stuck")
             return STANDSTILL
-        if trip.follower.off_track(pose) > _REPLAN_AT:
+        if task.follower.off_track(pose) > _REPLAN_AT:
             try:
-                trip.follower = self._plan(trip.follower.goal)
+                task.follower = self._plan(task.follower.goal)
             except NoWay as error:
                 self._finish(GoalStatus.ABORTED, str(error))
                 return STANDSTILL
-        return trip.follower.steer(pose)
+        return task.follower.steer(pose)
 
     def _finish(self, status: GoalStatus, reason: str = "") -> None:
-        if self._trip is not None:
-            self._trip.end(status, reason)
-            self._trip = None
+        if self._task is not None:
+            self._task.end(status, reason)
+            self._task = None
 
-    def _is_stuck(self, trip: _Trip) -> bool:
+    def _is_stuck(self, task: _NavigationTask) -> bool:
         now = self._node.clock.monotonic()
         if self._drive.bumped or self._drive.velocity.is_zero:
-            if trip.still_since is None:
-                trip.still_since = now
-            return now - trip.still_since > _PATIENCE
-        trip.still_since = None
+            if task.still_since is None:
+                task.still_since = now
+            return now - task.still_since > _PATIENCE
+        task.still_since = None
         return False
 
     def _accept(self, request: NavigateRequest) -> bool | str:
@@ -161,17 +161,17 @@ class Navigation:
             follower = self._plan(origin.after(messages.read_pose(request.pose.pose)))
         except NoWay as error:
             raise GoalAborted(self._result(str(error)), str(error)) from error
-        trip = self._trip = _Trip(goal, follower, self._node.clock.monotonic())
+        task = self._task = _NavigationTask(goal, follower, self._node.clock.monotonic())
         try:
-            await trip.ended.wait()
+            await task.ended.wait()
         finally:
             # Whatever ends the wait, a robot without a goal must not drive on.
-            if self._trip is trip:
-                self._trip = None
-        if trip.status is GoalStatus.CANCELED:
+            if self._task is task:
+                self._task = None
+        if task.status is GoalStatus.CANCELED:
             raise GoalCanceled(self._result("canceled"))
-        if trip.status is GoalStatus.ABORTED:
-            raise GoalAborted(self._result(trip.reason), trip.reason)
+        if task.status is GoalStatus.ABORTED:
+            raise GoalAborted(self._result(task.reason), task.reason)
         return self._result("")
 
     def _plan(self, target: Pose) -> PathFollower:
@@ -185,22 +185,22 @@ class Navigation:
         poses = [{"header": header, "pose": messages.pose(Pose(x, y, target.heading))} for x, y in corners]
         self._plans.publish({"header": header, "poses": poses})
 
-    def _give_feedback(self, trip: _Trip) -> None:
+    def _give_feedback(self, task: _NavigationTask) -> None:
         now = self._node.clock.monotonic()
         # A step may come a hair early by rounding; half a step of slack keeps the rate.
-        if now - trip.last_feedback < _FEEDBACK_EVERY - 0.025:
+        if now - task.last_feedback < _FEEDBACK_EVERY - 0.025:
             return
-        trip.last_feedback = now
-        pose, remaining = self._drive.pose, trip.follower.remaining(self._drive.pose)
+        task.last_feedback = now
+        pose, remaining = self._drive.pose, task.follower.remaining(self._drive.pose)
         speed = max(abs(self._drive.velocity.linear), self._drive.limits.speed / 2)
         stamp = self._node.clock.time_ns()
-        trip.goal.publish_feedback(
+        task.goal.publish_feedback(
             {
                 "current_pose": {
                     "header": messages.header(stamp, frame(self._node, MAP)),
                     "pose": messages.pose(pose),
                 },
-                "navigation_time": messages.time(round((now - trip.started) * 1e9)),
+                "navigation_time": messages.time(round((now - task.started) * 1e9)),
                 "estimated_time_remaining": messages.time(round(remaining / speed * 1e9)),
                 "number_of_recoveries": 0,
                 "distance_remaining": remaining,

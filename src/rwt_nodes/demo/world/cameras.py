@@ -92,13 +92,13 @@ class CameraPublisher:
             from rwt_nodes.demo.world.view import View  # loads numpy
 
             self._view = View(self._world, self._lens, self._mount.z)
-        sight = self._view.look(pose)
-        depths = self._view.depths(sight) if self._is_heard(self._depths, self._points) else None
+        hits = self._view.cast_rays(pose)
+        depths = self._view.depths(hits) if self._is_heard(self._depths, self._points) else None
         if depths is not None and self._depths.subscriber_count:
             self._depths.publish(self._image(header, "16UC1", 2, depths.tobytes()))
         if not self._is_heard(self._colours, self._jpegs, self._points):
             return
-        colours = self._view.colours(sight)
+        colours = self._view.colours(hits)
         if self._colours.subscriber_count:
             self._colours.publish(self._image(header, "rgb8", 3, colours.tobytes()))
         if self._jpegs.subscriber_count:

@@ -44,7 +44,7 @@ _COLOURS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class RayHits:
     """The nearest solid thing in each column of a picture.
 
     Attributes:
@@ -80,7 +80,7 @@ class View:
         self._atlas = _atlas()
         self._tiles, self._ceiling = self._level_surfaces()
 
-    def look(self, pose: Pose) -> Sight:
+    def cast_rays(self, pose: Pose) -> RayHits:
         """Cast a ray for each column of the picture from a camera at `pose`."""
         cos, sin = math.cos(pose.heading), math.sin(pose.heading)
         dx = (cos - self._slopes * sin).astype(np.float32)
@@ -90,23 +90,23 @@ class View:
             _hit_pillar(pillar, number, pose, (dx, dy), (depth, along, colour))
         shade = np.minimum(depth * np.float32(_SHADES / _DARKEST), _SHADES - 1).astype(np.int32)
         strip = (along * _ALONG).astype(np.int32) % _ALONG
-        return Sight(pose, depth, ((colour % len(_COLOURS) * _SHADES + shade) * _ALONG + strip) * _UP)
+        return RayHits(pose, depth, ((colour % len(_COLOURS) * _SHADES + shade) * _ALONG + strip) * _UP)
 
-    def colours(self, sight: Sight) -> NDArray[np.uint8]:
+    def colours(self, hits: RayHits) -> NDArray[np.uint8]:
         """The picture, rows x columns x red, green, blue."""
-        above = np.multiply.outer(self._rises, sight.depth)
+        above = np.multiply.outer(self._rises, hits.depth)
         above += np.float32(self._height)
         above *= np.float32(_UP / CEILING)
         texel = above.astype(np.int32)
         outside = (above < 0) | (texel >= _UP)
-        texel += sight.texel
+        texel += hits.texel
         picture = self._atlas.take(texel, mode="clip")
-        np.copyto(picture, self._surroundings(sight), where=outside)
+        np.copyto(picture, self._surroundings(hits), where=outside)
         return np.ascontiguousarray(picture.view(np.uint8).reshape(*picture.shape, 4)[:, :, :3])
 
-    def depths(self, sight: Sight) -> NDArray[np.uint16]:
+    def depths(self, hits: RayHits) -> NDArray[np.uint16]:
         """Millimetres along the viewing axis, rows x columns; 0 where nothing is measured (REP 118)."""
-        metres = np.minimum(self._planes[:, None], sight.depth)
+        metres = np.minimum(self._planes[:, None], hits.depth)
         metres[(metres < NEAREST) | (metres > FARTHEST)] = 0
         return (metres * np.float32(1000) + np.float32(0.5)).astype(np.uint16)
 
@@ -116,13 +116,13 @@ class View:
         tiles = [_packed(light[:, None] * np.array(colour)) for colour in ((150, 140, 130), (110, 105, 100))]
         return np.stack(tiles), _packed(light[:, None] * np.array((215, 220, 225)))
 
-    def _surroundings(self, sight: Sight) -> NDArray[np.uint32]:
+    def _surroundings(self, hits: RayHits) -> NDArray[np.uint32]:
         """The picture without anything solid: the ceiling, and a floor of tiles that stay where they are."""
         rows, columns = len(self._rises), len(self._slopes)
         picture = np.empty((rows, columns), np.uint32)
         horizon = int(np.count_nonzero(self._rises >= 0))
         picture[:horizon] = self._ceiling[:horizon, None]
-        pose, reach = sight.pose, self._planes[horizon:]
+        pose, reach = hits.pose, self._planes[horizon:]
         cos, sin = math.cos(pose.heading), math.sin(pose.heading)
         # + 1000: truncation is then rounding down, whichever side of the origin a tile is on.
         x = np.multiply.outer(reach, ((cos - self._slopes * sin) / _TILE).astype(np.float32))

@@ -1,4 +1,4 @@
-"""How the colours of films are coded (ITU-T H.273): players would guess, and show green too dark."""
+"""How the colours of videos are coded (ITU-T H.273): players would guess, and show green too dark."""
 
 from typing import Final
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """What a player must know before the first picture of a film.
+    """What a player must know before the first picture of a video.
 
     Attributes:
         codec: `vp8`, `vp9` or `h264`.
@@ -34,8 +34,8 @@ class Encoded:
         data: the encoder's bytes.
         stamp_ns: the message's own time stamp, nanoseconds.
         at_ms: when it was encoded, milliseconds on a clock that never goes back.
-        media_type: of `data` by itself; empty for film.
-        track: of the film that it is part of; None for a picture by itself.
+        media_type: of `data` by itself; empty for video.
+        track: of the video that it is part of; None for a picture by itself.
         key: whether it can be shown without any other.
     """
 
@@ -56,7 +56,7 @@ class Encoder(Protocol):
         Args:
             payload: a `sensor_msgs/Image` or `sensor_msgs/CompressedImage`.
             at_ms: when, milliseconds on a clock that never goes back.
-            key: whether it must be one that a film can begin with.
+            key: whether it must be one that a video can begin with.
 
         Raises:
             PictureUnreadable: it cannot be shown.

@@ -10,7 +10,7 @@ from rwt_nodes.video.encoders.jpeg import encode_jpeg
 from rwt_nodes.video.encoders.pixels import Bytes, without_alpha
 from rwt_nodes.video.header_stamp import stamp_ns
 from rwt_nodes.video.picture import read_picture
-from rwt_nodes.video.stream_request import Jpeg, Png, Wish
+from rwt_nodes.video.stream_request import Jpeg, Png, StreamRequest
 from rwt_nodes.video.topics import COMPRESSED
 
 if TYPE_CHECKING:
@@ -23,25 +23,25 @@ _DEFAULT_QUALITY = 95
 _HIGHEST_LEVEL = 6
 
 
-class StillEncoder:
+class ImageEncoder:
     """Makes a JPEG or a PNG of each message, or passes on the one that it holds."""
 
-    def __init__(self, wish: Wish, coding: Jpeg | Png) -> None:
-        self._wish = wish
+    def __init__(self, request: StreamRequest, coding: Jpeg | Png) -> None:
+        self._request = request
         self._coding = coding
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded:
         """See :meth:`.encoded.Encoder.encode`; every picture can be shown without others."""
         stamp = stamp_ns(payload)
-        if payload.type.name == COMPRESSED and not self._wish.changes_pictures:
+        if payload.type.name == COMPRESSED and not self._request.changes_pictures:
             message: Any = payload.value()
             data = bytes(message.data)
             if data.startswith(_JPEG_MAGIC):
                 return Encoded(data, stamp, at_ms, "image/jpeg")
             # Only who asks for whatever there is takes anything but what was asked for.
-            if data.startswith(_PNG_MAGIC) and self._wish.prefers_compressed:
+            if data.startswith(_PNG_MAGIC) and self._request.prefers_compressed:
                 return Encoded(data, stamp, at_ms, "image/png")
-        pixels = read_picture(payload, self._wish)
+        pixels = read_picture(payload, self._request)
         if isinstance(self._coding, Png):
             return Encoded(_png(pixels, self._coding.level), stamp, at_ms, "image/png")
         quality = self._coding.quality or _DEFAULT_QUALITY

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.stream_request import MOST_PIXELS, Wish
+from rwt_nodes.video.stream_request import MOST_PIXELS, StreamRequest
 
 Bytes = NDArray[np.uint8]
 #: Samples as they come: rows x columns x values of a pixel, one or two bytes each, or floats.
@@ -117,11 +117,11 @@ def read_compressed(message: CompressedImage) -> Bytes:
     return np.asarray(shown)
 
 
-def shaped(pixels: Bytes, wish: Wish) -> Bytes:
-    """The picture in the size that is wished for, and the right way up."""
-    if wish.invert:
+def shaped(pixels: Bytes, request: StreamRequest) -> Bytes:
+    """The picture in the size that is asked for, and the right way up."""
+    if request.invert:
         pixels = pixels[::-1, ::-1]
-    return resized(pixels, wish.width or pixels.shape[1], wish.height or pixels.shape[0])
+    return resized(pixels, request.width or pixels.shape[1], request.height or pixels.shape[0])
 
 
 def resized(pixels: Bytes, width: int, height: int) -> Bytes:

@@ -1,4 +1,4 @@
-"""Film: VP8, VP9 and H.264 by PyAV (the extra `video`). Imported where somebody watches one."""
+"""Video: VP8, VP9 and H.264 by PyAV (the extra `video`). Imported where somebody watches one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rwt_nodes.video.encoders.pixels import Bytes, resized, without_alpha
 from rwt_nodes.video.errors import PictureUnreadable
 from rwt_nodes.video.header_stamp import stamp_ns
 from rwt_nodes.video.picture import read_picture
-from rwt_nodes.video.stream_request import Film, Wish
+from rwt_nodes.video.stream_request import StreamRequest, Video
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
@@ -39,20 +39,20 @@ _OPTIONS: Final = {
 _H264_QUALITY: Final = "20"
 
 
-class FilmEncoder:
-    """Makes one film of a topic's pictures, in the size of the first; see
+class VideoEncoder:
+    """Makes one video of a topic's pictures, in the size of the first; see
     :class:`rwt_nodes.video.encoders.encoded.Encoder`."""
 
-    def __init__(self, wish: Wish, film: Film) -> None:
-        self._wish = wish
-        self._film = film
+    def __init__(self, request: StreamRequest, video: Video) -> None:
+        self._request = request
+        self._video = video
         self._codec: VideoCodecContext | None = None
         self._track: Track | None = None
         self._last_ms = -1
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
         """See :meth:`rwt_nodes.video.encoders.encoded.Encoder.encode`."""
-        pixels = without_alpha(read_picture(payload, self._wish))
+        pixels = without_alpha(read_picture(payload, self._request))
         codec = self._codec or self._open(pixels)
         frame = VideoFrame.from_ndarray(
             resized(pixels, codec.width, codec.height), "rgb24" if pixels.ndim == 3 else "gray"
@@ -64,19 +64,19 @@ class FilmEncoder:
         try:
             packets = codec.encode(frame)
         except av.FFmpegError as error:
-            raise PictureUnreadable(f"{self._film.codec} refused a picture (code {error.errno})") from None
+            raise PictureUnreadable(f"{self._video.codec} refused a picture (code {error.errno})") from None
         if not packets:
             return None
         if self._track is None:
-            self._track = Track(self._film.codec, codec.width, codec.height, bytes(codec.extradata or b""))
+            self._track = Track(self._video.codec, codec.width, codec.height, bytes(codec.extradata or b""))
         (packet,) = packets
         return Encoded(bytes(packet), stamp_ns(payload), frame.pts, track=self._track, key=packet.is_keyframe)
 
     def _open(self, pixels: Bytes) -> VideoCodecContext:
-        film = self._film
-        codec = av.CodecContext.create(_ENCODERS[film.codec], "w")
+        video = self._video
+        codec = av.CodecContext.create(_ENCODERS[video.codec], "w")
         assert isinstance(codec, VideoCodecContext)
-        # Colours have half the resolution in these films: an odd row or column is left out.
+        # Colours have half the resolution in these videos: an odd row or column is left out.
         codec.width, codec.height = max(2, pixels.shape[1] & ~1), max(2, pixels.shape[0] & ~1)
         codec.pix_fmt = "yuv420p"
         codec.colorspace = colours.MATRIX
@@ -85,28 +85,28 @@ class FilmEncoder:
         codec.color_primaries = colours.PRIMARIES
         codec.time_base = _MILLISECONDS
         codec.framerate = Fraction(30)
-        codec.gop_size = film.gop
+        codec.gop_size = video.gop
         codec.max_b_frames = 0
         codec.flags |= Flags.low_delay
         # The threads of libvpx wait for each other without letting go of the processor: with others at work
         # on it a picture took twenty times as long on two threads as on one.
         codec.thread_count = 1
-        if film.codec == "h264":
+        if video.codec == "h264":
             codec.flags |= Flags.global_header  # the parameter sets apart, as MP4 wants them
-        if film.bitrate is not None:
-            codec.bit_rate = film.bitrate
-        codec.options = _options(film)
+        if video.bitrate is not None:
+            codec.bit_rate = video.bitrate
+        codec.options = _options(video)
         self._codec = codec
         return codec
 
 
-def _options(film: Film) -> dict[str, str]:
-    options = {**_OPTIONS[film.codec], "qmin": str(film.qmin), "qmax": str(film.qmax)}
-    if film.quality:
-        options["deadline"] = film.quality
-        options["cpu-used"] = "8" if film.quality == "realtime" else "2"
-    if film.preset:
-        options["preset"] = film.preset
-    if film.bitrate is None:
+def _options(video: Video) -> dict[str, str]:
+    options = {**_OPTIONS[video.codec], "qmin": str(video.qmin), "qmax": str(video.qmax)}
+    if video.quality:
+        options["deadline"] = video.quality
+        options["cpu-used"] = "8" if video.quality == "realtime" else "2"
+    if video.preset:
+        options["preset"] = video.preset
+    if video.bitrate is None:
         options["crf"] = _H264_QUALITY
     return options

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_nodes.mesh_files import Packages, PackagesError
+from rwt_nodes.mesh_files import MeshFiles, MeshFilesError
 from rwt_transports.http import HttpRequest, HttpResponse
 from tests.nodes.readers import SeesNothing
 
@@ -31,7 +31,7 @@ class Answer:
     tag: str
 
 
-async def get(packages: Packages, path: str, tag: str = "") -> Answer:
+async def get(packages: MeshFiles, path: str, tag: str = "") -> Answer:
     [route] = packages.http.routes
     assert route.path == "/packages/*"
     headers = {"if-none-match": tag} if tag else {}
@@ -64,15 +64,15 @@ def share(tmp_path: Path) -> Path:
 
 
 async def test_packages_are_found_by_their_manifest_or_their_folder(share: Path) -> None:
-    assert Packages([share]).names == ("arm", "rover")
-    assert Packages([share / "src/robots/rover_description"]).names == ("rover",)
+    assert MeshFiles([share]).names == ("arm", "rover")
+    assert MeshFiles([share / "src/robots/rover_description"]).names == ("rover",)
 
 
 async def test_of_two_packages_of_a_name_the_first_counts(share: Path, tmp_path: Path) -> None:
     other = tmp_path / "other/arm/hand.stl"
     other.parent.mkdir(parents=True)
     other.write_text("another")
-    packages = Packages([tmp_path / "other", share])
+    packages = MeshFiles([tmp_path / "other", share])
     assert (await get(packages, "/packages/arm/hand.stl")).body == b"another"
     assert (await get(packages, "/packages/arm/meshes/hand.STL")).status == 404
 
@@ -86,12 +86,12 @@ async def test_of_two_packages_of_a_name_the_first_counts(share: Path, tmp_path:
     ],
 )
 async def test_a_mesh_is_served_as_what_it_is(share: Path, path: str, body: bytes, content_type: str) -> None:
-    answer = await get(Packages([share]), path)
+    answer = await get(MeshFiles([share]), path)
     assert (answer.status, answer.body, answer.content_type) == (200, body, content_type)
 
 
 async def test_a_browser_that_has_it_already_is_told_so(share: Path) -> None:
-    packages = Packages([share])
+    packages = MeshFiles([share])
     first = await get(packages, "/packages/arm/meshes/hand.STL")
     again = await get(packages, "/packages/arm/meshes/hand.STL", first.tag)
     assert (again.status, again.body, again.tag) == (304, b"", first.tag)
@@ -103,7 +103,7 @@ async def test_a_browser_that_has_it_already_is_told_so(share: Path) -> None:
 async def test_a_large_mesh_comes_in_pieces_and_whole(share: Path) -> None:
     content = bytes(range(256)) * 3000
     (share / "arm/large.stl").write_bytes(content)
-    assert (await get(Packages([share]), "/packages/arm/large.stl")).body == content
+    assert (await get(MeshFiles([share]), "/packages/arm/large.stl")).body == content
 
 
 @pytest.mark.parametrize(
@@ -128,25 +128,25 @@ async def test_a_large_mesh_comes_in_pieces_and_whole(share: Path) -> None:
     ],
 )
 async def test_nothing_else_is_served(share: Path, path: str, status: int, said: str) -> None:
-    answer = await get(Packages([share]), path)
+    answer = await get(MeshFiles([share]), path)
     assert (answer.status, said in answer.body.decode()) == (status, True), answer
 
 
 async def test_a_workspace_of_links_is_served(share: Path, tmp_path: Path) -> None:
     (share / "arm/linked.stl").symlink_to(tmp_path / "outside.stl")
-    assert (await get(Packages([share]), "/packages/arm/linked.stl")).body == b"outside"
+    assert (await get(MeshFiles([share]), "/packages/arm/linked.stl")).body == b"outside"
 
 
 def test_links_in_a_circle_end(share: Path) -> None:
     (share / "src/again").symlink_to(share)
-    assert Packages([share]).names == ("arm", "rover")
+    assert MeshFiles([share]).names == ("arm", "rover")
 
 
 def test_a_folder_that_cannot_be_served_is_named(tmp_path: Path) -> None:
-    with pytest.raises(PackagesError, match=r"nowhere: cannot be read: No such file or directory"):
-        Packages([tmp_path / "nowhere"])
-    with pytest.raises(PackagesError, match=r"no packages; expected PACKAGE/meshes"):
-        Packages([tmp_path])
+    with pytest.raises(MeshFilesError, match=r"nowhere: cannot be read: No such file or directory"):
+        MeshFiles([tmp_path / "nowhere"])
+    with pytest.raises(MeshFilesError, match=r"no packages; expected PACKAGE/meshes"):
+        MeshFiles([tmp_path])
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +169,7 @@ def test_what_would_lead_elsewhere_on_windows_is_no_path(small_share: Path, path
         (small_share / "arm" / name).write_text("outside")
 
     async def ask() -> int:
-        return (await get(Packages([small_share]), f"/packages/arm/{path}")).status
+        return (await get(MeshFiles([small_share]), f"/packages/arm/{path}")).status
 
     assert anyio.run(ask) == 404
 
@@ -177,7 +177,7 @@ def test_what_would_lead_elsewhere_on_windows_is_no_path(small_share: Path, path
 @given(st.text(max_size=60) | _WAYS.map("/".join) | _WAYS.map("%2F".join))
 def test_no_path_leads_out_or_fails(small_share: Path, path: str) -> None:
     async def ask() -> None:
-        answer = await get(Packages([small_share]), f"/packages/arm/{path}")
+        answer = await get(MeshFiles([small_share]), f"/packages/arm/{path}")
         assert answer.body == b"inside" or answer.status in (403, 404)
 
     anyio.run(ask)

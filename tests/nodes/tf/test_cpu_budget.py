@@ -6,7 +6,7 @@ from itertools import count
 
 import pytest
 
-from rwt_nodes.tf.cpu_budget import SHARE, Pace
+from rwt_nodes.tf.cpu_budget import SHARE, CpuBudget
 from tests.nodes.tf.conftest import Asking, Lab, settle
 
 
@@ -27,9 +27,9 @@ class Worker:
 def ticks(seconds: float, turn: float, *, streams: int = 1, period: float = 0.01) -> Worker:
     """A stream that ticks for some seconds, each turn of which takes so long."""
     worker = Worker()
-    pace = Pace(lambda: worker.now, lambda: streams, lambda: worker.worked)
+    budget = CpuBudget(lambda: worker.now, lambda: streams, lambda: worker.worked)
     while worker.now < seconds:
-        pace.turn(lambda: worker.work(turn))
+        budget.turn(lambda: worker.work(turn))
         worker.now += period
     return worker
 
@@ -47,10 +47,10 @@ def test_a_stream_that_takes_little_does_not_rest() -> None:
 
 def test_one_turn_that_was_held_up_hardly_counts() -> None:
     worker = Worker()
-    pace = Pace(lambda: worker.now, lambda: 1, lambda: worker.worked)
-    pace.turn(lambda: worker.work(0.1))
+    budget = CpuBudget(lambda: worker.now, lambda: 1, lambda: worker.worked)
+    budget.turn(lambda: worker.work(0.1))
     worker.now += 0.1
-    pace.turn(lambda: worker.work(0.0))
+    budget.turn(lambda: worker.work(0.0))
     assert worker.turns == 2
 
 
@@ -60,13 +60,13 @@ async def test_a_goal_for_a_thousand_frames_a_hundred_times_a_second_rests(
 ) -> None:
     asked: list[object] = []
 
-    def due(selection: object, buffer: object, now_ns: int) -> list[object]:
-        asked.append(selection)
+    def due(filter_: object, buffer: object, now_ns: int) -> list[object]:
+        asked.append(filter_)
         return []
 
-    monkeypatch.setattr("rwt_nodes.tf.transform_filters.SeenFromTarget.due", due)
+    monkeypatch.setattr("rwt_nodes.tf.transform_filters.TargetFrameFilter.due", due)
     seconds = map(float, count())
-    monkeypatch.setattr(Pace.__init__, "__defaults__", (lambda: next(seconds),))
+    monkeypatch.setattr(CpuBudget.__init__, "__defaults__", (lambda: next(seconds),))
     frames = [f"f{number}" for number in range(1000)]
     page.send_goal(
         {

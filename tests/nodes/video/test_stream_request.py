@@ -10,39 +10,39 @@ from hypothesis import strategies as st
 
 from rwt_graph.qos import BEST_AVAILABLE, SENSOR_DATA
 from rwt_nodes.video.errors import RequestRefused
-from rwt_nodes.video.stream_request import TYPES, Film, Jpeg, Png, Wish, read_wish
+from rwt_nodes.video.stream_request import TYPES, Jpeg, Png, StreamRequest, Video, read_request
 
 
 def test_the_defaults_are_those_of_web_video_server() -> None:
-    assert read_wish("topic=/a") == Wish("/a", Jpeg(None))
-    assert read_wish("topic=/a&type=png").coding == Png(3)
-    assert read_wish("topic=/a&type=vp8").coding == Film("vp8", 100_000, 10, 42, 25, quality="realtime")
-    assert read_wish("topic=/a&type=vp9").coding == Film("vp9", 100_000, 10, 42, 25)
-    assert read_wish("topic=/a&type=h264").coding == Film("h264", None, 10, 42, 25, preset="ultrafast")
+    assert read_request("topic=/a") == StreamRequest("/a", Jpeg(None))
+    assert read_request("topic=/a&type=png").coding == Png(3)
+    assert read_request("topic=/a&type=vp8").coding == Video("vp8", 100_000, 10, 42, 25, quality="realtime")
+    assert read_request("topic=/a&type=vp9").coding == Video("vp9", 100_000, 10, 42, 25)
+    assert read_request("topic=/a&type=h264").coding == Video("h264", None, 10, 42, 25, preset="ultrafast")
 
 
 def test_everything_can_be_said() -> None:
-    wish = read_wish(
+    request = read_request(
         "topic=a/b&type=h264&width=320&height=240&invert&bitrate=500000&qmin=2&qmax=50&gop=10&preset=medium"
         "&qos_profile=sensor_data&default_transport=compressed&token=abc&_=1"
     )
-    film = Film("h264", 500_000, 2, 50, 10, preset="medium")
-    assert wish == Wish("/a/b", film, 320, 240, True, "compressed", False, "sensor_data")
-    assert wish.qos == SENSOR_DATA
-    assert read_wish("topic=/a").qos == BEST_AVAILABLE
+    video = Video("h264", 500_000, 2, 50, 10, preset="medium")
+    assert request == StreamRequest("/a/b", video, 320, 240, True, "compressed", False, "sensor_data")
+    assert request.qos == SENSOR_DATA
+    assert read_request("topic=/a").qos == BEST_AVAILABLE
 
 
 def test_what_does_not_matter_to_a_type_does_not_part_its_viewers() -> None:
-    assert read_wish("topic=/a&bitrate=5000&gop=3&preset=slow") == read_wish("topic=a&type=mjpeg")
-    assert read_wish("topic=/a&type=vp8&preset=slow") == read_wish("topic=/a&type=vp8&quality=realtime")
+    assert read_request("topic=/a&bitrate=5000&gop=3&preset=slow") == read_request("topic=a&type=mjpeg")
+    assert read_request("topic=/a&type=vp8&preset=slow") == read_request("topic=/a&type=vp8&quality=realtime")
 
 
 @pytest.mark.parametrize(
     "query", ["topic=/a&quality=80", "topic=/a&invert=", "topic=/a&width=3", "topic=/a&type=png"]
 )
 def test_what_changes_a_picture(query: str) -> None:
-    assert read_wish(query).changes_pictures
-    assert not read_wish("topic=/a&width=-1").changes_pictures
+    assert read_request(query).changes_pictures
+    assert not read_request("topic=/a&width=-1").changes_pictures
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_what_changes_a_picture(query: str) -> None:
 )  # fmt: skip
 def test_a_wrong_query_is_told_what_is_right(query: str, said: str) -> None:
     with pytest.raises(RequestRefused) as refused:
-        read_wish(query)
+        read_request(query)
     assert refused.value.status == 400
     assert said in str(refused.value)
 
@@ -76,7 +76,7 @@ def test_a_wrong_query_is_told_what_is_right(query: str, said: str) -> None:
 @given(st.text())
 def test_any_query_is_read_or_refused(query: str) -> None:
     try:
-        assert read_wish(query).topic.startswith("/")
+        assert read_request(query).topic.startswith("/")
     except RequestRefused as refused:
         assert refused.status == 400
 
@@ -91,14 +91,14 @@ _QUERY = st.fixed_dictionaries(
 @given(_QUERY)
 def test_whatever_is_read_is_in_its_bounds(query: dict[str, str]) -> None:
     try:
-        wish = read_wish(urlencode(query, quote_via=quote))
+        request = read_request(urlencode(query, quote_via=quote))
     except RequestRefused:
         return
-    assert all(size is None or 1 <= size <= 4096 for size in (wish.width, wish.height))
-    if isinstance(wish.coding, Film):
-        assert 0 <= wish.coding.qmin <= wish.coding.qmax <= 63
-        assert wish.coding.gop >= 1
-    elif isinstance(wish.coding, Png):
-        assert 0 <= wish.coding.level <= 9
+    assert all(size is None or 1 <= size <= 4096 for size in (request.width, request.height))
+    if isinstance(request.coding, Video):
+        assert 0 <= request.coding.qmin <= request.coding.qmax <= 63
+        assert request.coding.gop >= 1
+    elif isinstance(request.coding, Png):
+        assert 0 <= request.coding.level <= 9
     else:
-        assert wish.coding.quality is None or 1 <= wish.coding.quality <= 100
+        assert request.coding.quality is None or 1 <= request.coding.quality <= 100

@@ -1,4 +1,4 @@
-"""Films are what an independent decoder shows, from whichever key picture they begin at."""
+"""Videos are what an independent decoder shows, from whichever key picture they begin at."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_nodes.video.encoders.encoded import Encoded
-from rwt_nodes.video.encoders.image import StillEncoder
+from rwt_nodes.video.encoders.image import ImageEncoder
 from rwt_nodes.video.encoders.mp4 import Mp4, units
-from rwt_nodes.video.encoders.video import FilmEncoder
+from rwt_nodes.video.encoders.video import VideoEncoder
 from rwt_nodes.video.encoders.webm import Webm
 from rwt_nodes.video.http_streams import _container
-from rwt_nodes.video.stream_request import Film, Jpeg, Png, read_wish
+from rwt_nodes.video.stream_request import Jpeg, Png, Video, read_request
 from tests.nodes.video.conftest import image, payload, scene
 
 CODECS = ["vp8", "vp9", "h264"]
 
 
-def _film(
+def _video(
     query: str, pictures: list[Any], keys: tuple[int, ...] = (0,), encoding: str = "rgb8"
 ) -> list[Encoded]:
-    wish = read_wish(f"topic=/a&{query}")
-    assert isinstance(wish.coding, Film)
-    encoder = FilmEncoder(wish, wish.coding)
+    request = read_request(f"topic=/a&{query}")
+    assert isinstance(request.coding, Video)
+    encoder = VideoEncoder(request, request.coding)
     made = [
         encoder.encode(payload(image(picture, encoding)), 1000 + 40 * number, key=number in keys)
         for number, picture in enumerate(pictures)
@@ -37,10 +37,10 @@ def _film(
     return [picture for picture in made if picture is not None]
 
 
-def _written(film: list[Encoded]) -> bytes:
-    assert film[0].track is not None
-    container, began = _container(film[0].track), film[0].at_ms
-    parts = [container.picture(each.data, each.at_ms - began, key=each.key) for each in film]
+def _written(video: list[Encoded]) -> bytes:
+    assert video[0].track is not None
+    container, began = _container(video[0].track), video[0].at_ms
+    parts = [container.picture(each.data, each.at_ms - began, key=each.key) for each in video]
     return container.header() + b"".join(parts)
 
 
@@ -52,8 +52,8 @@ def _decoded(data: bytes) -> list[tuple[float | None, Any]]:
 @pytest.mark.parametrize("codec", CODECS)
 def test_every_picture_comes_at_its_time_and_looks_right(codec: str) -> None:
     pictures = [scene(2 * number) for number in range(12)]
-    film = _film(f"type={codec}&bitrate=2000000&qmax=20", pictures)
-    decoded = _decoded(_written(film))
+    video = _video(f"type={codec}&bitrate=2000000&qmax=20", pictures)
+    decoded = _decoded(_written(video))
     assert [time for time, _ in decoded] == pytest.approx([0.04 * number for number in range(12)])
     for (_, shown), picture in zip(decoded, pictures, strict=True):
         assert np.abs(shown.astype(int) - picture).mean() < 10
@@ -62,56 +62,56 @@ def test_every_picture_comes_at_its_time_and_looks_right(codec: str) -> None:
 @pytest.mark.parametrize("codec", CODECS)
 def test_no_picture_is_kept_back(codec: str) -> None:
     """Each is complete in the bytes up to itself, without waiting for the next."""
-    film = _film(f"type={codec}", [scene(number) for number in range(4)])
+    video = _video(f"type={codec}", [scene(number) for number in range(4)])
     for count in range(1, 5):
-        assert len(_decoded(_written(film[:count]))) == count
+        assert len(_decoded(_written(video[:count]))) == count
 
 
 @pytest.mark.parametrize("codec", CODECS)
-def test_a_film_can_be_entered_at_any_key_picture(codec: str) -> None:
+def test_a_video_can_be_entered_at_any_key_picture(codec: str) -> None:
     pictures = [scene(3 * number) for number in range(10)]
-    film = _film(f"type={codec}&bitrate=2000000&qmax=20", pictures, keys=(0, 6))
-    assert [each.key for each in film[5:8]] == [False, True, False]
-    decoded = _decoded(_written(film[6:]))
+    video = _video(f"type={codec}&bitrate=2000000&qmax=20", pictures, keys=(0, 6))
+    assert [each.key for each in video[5:8]] == [False, True, False]
+    decoded = _decoded(_written(video[6:]))
     assert [time for time, _ in decoded] == pytest.approx([0.0, 0.04, 0.08, 0.12])
     assert np.abs(decoded[0][1].astype(int) - pictures[6]).mean() < 10
 
 
 @pytest.mark.parametrize("codec", CODECS)
 def test_gaps_as_slow_viewers_have_them_keep_time(codec: str) -> None:
-    film = _film(f"type={codec}", [scene(number) for number in range(9)], keys=(0, 5))
-    times = [time for time, _ in _decoded(_written([*film[:2], *film[5:]]))]
+    video = _video(f"type={codec}", [scene(number) for number in range(9)], keys=(0, 5))
+    times = [time for time, _ in _decoded(_written([*video[:2], *video[5:]]))]
     assert times == pytest.approx([0.0, 0.04, 0.2, 0.24, 0.28, 0.32])
 
 
 @pytest.mark.parametrize("codec", CODECS)
 def test_odd_sizes_greys_and_alpha(codec: str) -> None:
     odd = scene(width=65, height=49)
-    (time, shown), *_ = _decoded(_written(_film(f"type={codec}&bitrate=2000000&qmax=20", [odd])))
+    (time, shown), *_ = _decoded(_written(_video(f"type={codec}&bitrate=2000000&qmax=20", [odd])))
     assert (time, shown.shape) == (0.0, (48, 64, 3))
     grey = scene()[:, :, 0]
-    ((_, shown),) = _decoded(_written(_film(f"type={codec}&qmax=20", [grey], encoding="mono8")))
+    ((_, shown),) = _decoded(_written(_video(f"type={codec}&qmax=20", [grey], encoding="mono8")))
     assert np.abs(shown[:, :, 1].astype(int) - grey).mean() < 10
     alpha = np.dstack((scene(), grey))
-    ((_, shown),) = _decoded(_written(_film(f"type={codec}&qmax=20", [alpha], encoding="rgba8")))
+    ((_, shown),) = _decoded(_written(_video(f"type={codec}&qmax=20", [alpha], encoding="rgba8")))
     assert shown.shape == (48, 64, 3)
 
 
 def test_the_size_of_the_first_picture_stays() -> None:
-    film = _film("type=vp8&height=24", [scene(), scene(width=100, height=10)])
-    assert [shown.shape for _, shown in _decoded(_written(film))] == [(24, 64, 3)] * 2
+    video = _video("type=vp8&height=24", [scene(), scene(width=100, height=10)])
+    assert [shown.shape for _, shown in _decoded(_written(video))] == [(24, 64, 3)] * 2
 
 
 @pytest.mark.parametrize("quality", ["realtime", "good", "best"])
 def test_the_qualities_of_vp8(quality: str) -> None:
-    assert _film(f"type=vp8&quality={quality}&gop=3", [scene(n) for n in range(5)])[3].key
+    assert _video(f"type=vp8&quality={quality}&gop=3", [scene(n) for n in range(5)])[3].key
 
 
-def test_a_lower_bitrate_makes_a_smaller_film() -> None:
+def test_a_lower_bitrate_makes_a_smaller_video() -> None:
     rng = np.random.default_rng(1)
     noise = [rng.integers(0, 255, (48, 64, 3), np.uint8) for _ in range(30)]
     low, high = (
-        sum(len(each.data) for each in _film(f"type=vp8&qmax=63&bitrate={rate}", noise))
+        sum(len(each.data) for each in _video(f"type=vp8&qmax=63&bitrate={rate}", noise))
         for rate in (50_000, 3_000_000)
     )
     assert low < high / 2
@@ -170,9 +170,9 @@ def test_units_are_found_whatever_their_start_codes(contents: list[bytes]) -> No
 
 
 def _still(query: str, message: dict[str, Any]) -> Encoded:
-    wish = read_wish(f"topic=/a&{query}")
-    assert isinstance(wish.coding, Jpeg | Png)
-    return StillEncoder(wish, wish.coding).encode(payload(message), 0, key=True)
+    request = read_request(f"topic=/a&{query}")
+    assert isinstance(request.coding, Jpeg | Png)
+    return ImageEncoder(request, request.coding).encode(payload(message), 0, key=True)
 
 
 def _shown(encoded: Encoded) -> Any:
