@@ -14,7 +14,7 @@ from rwt.server import serve
 from rwt_cli import COMMANDS, main, parser_for
 from rwt_cli.commands.topic.echo import ECHO
 from rwt_cli.console.output import Output
-from rwt_cli.console.yaml_reader import read_yaml
+from rwt_cli.console.yaml_text import read_yaml
 from rwt_cli.graph_lookup import absolute_name
 from rwt_client import connect
 from rwt_graph import MemoryGraph, Node

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from rwt_cli.console import yaml_writer
 from rwt_cli.console.message_argument import type_and_message, with_stamps
 from rwt_cli.console.message_format import Formatting, plain
 from rwt_cli.console.output import Output, note
@@ -156,10 +156,10 @@ class _Telling:
         self._output.line(f"Goal finished with status: {self._output.styled(status, _style(status))}")
 
     def _tell(self, heading: str, message_type: MessageType, message: Any) -> None:
-        value = plain(message_type, message)
-        lines = yaml_writer.block(value, "    ") if value else ("    {}",)
-        shown = "\n".join(lines)
-        self._output.line(f"{self._output.styled(heading, 'heading')}\n{shown}\n")
+        from rwt_cli.console.yaml_text import block
+
+        shown = textwrap.indent(block(plain(message_type, message)), "    ")
+        self._output.line(f"{self._output.styled(heading, 'heading')}\n{shown}")
 
 
 def _style(status: str) -> Any:

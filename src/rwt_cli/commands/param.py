@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt_cli.console import yaml_writer
 from rwt_cli.console.message_argument import STDIN, read_value
 from rwt_cli.console.output import Output
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError, did_you_mean
@@ -18,7 +17,7 @@ from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
 if TYPE_CHECKING:
-    from rwt_cli.console.yaml_reader import YamlValue
+    from rwt_cli.console.yaml_text import YamlValue
     from rwt_client import Robot
     from rwt_client.endpoints.parameters import ParameterValue
 
@@ -127,12 +126,14 @@ def _get_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _get(robot: Robot, arguments: Arguments, output: Output) -> None:
+    from rwt_cli.console.yaml_text import flow
+
     name = _addressed(robot, _given(arguments.node, arguments.parameter))
     value = await _get_value(robot, name)
     if output.json:
         output.record({"name": name, "value": value})
     elif arguments.hide_type:
-        output.line(yaml_writer.flow(value))
+        output.line(flow(value))
     else:
         output.line(f"{_kind(value)} value is: {_shown(value, output)}")
 
@@ -143,9 +144,11 @@ def _given(*words: str | None) -> list[str]:
 
 def _shown(value: ParameterValue, output: Output) -> str:
     """A value as the ``ros2`` tool prints it; on a terminal without what that would obey."""
+    from rwt_cli.console.yaml_text import flow
+
     if isinstance(value, str):
         return "\n".join(map(output.escape_terminal, value.split("\n")))
-    return str(value) if isinstance(value, bool) else yaml_writer.flow(value)
+    return str(value) if isinstance(value, bool) else flow(value)
 
 
 def _kind(value: ParameterValue) -> str:
@@ -206,6 +209,8 @@ def _dump_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
+    from rwt_cli.console.yaml_text import block
+
     node = absolute_name(arguments.node)
     names = await _of_node(robot, node)
     values = await gather([partial(robot.params.get, _full(robot, node, name), "") for name in names])
@@ -213,7 +218,7 @@ async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
     if output.json:
         output.record({"node": node, "parameters": flat})
         return
-    text = "".join(f"{line}\n" for line in yaml_writer.block({node: {PARAMETERS: _nested(flat)}}))
+    text = block({node: {PARAMETERS: _nested(flat)}})
     if arguments.output is None:
         output.text(text)
         return

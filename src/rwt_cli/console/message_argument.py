@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Final
 
-from rwt_cli.console.yaml_reader import YamlError, YamlValue, read_yaml
 from rwt_cli.errors import CALLED_WRONGLY, CommandError
 from rwt_interfaces.errors import InvalidName
 from rwt_interfaces.names import parse_type_name
@@ -13,6 +12,7 @@ from rwt_interfaces.names import parse_type_name
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rwt_cli.console.yaml_text import YamlValue
     from rwt_interfaces.structs import MessageType
 
 AUTO: Final = "auto"
@@ -29,6 +29,8 @@ def read_value(text: str, what: str) -> YamlValue:
     Raises:
         CommandError: it cannot be read; says where.
     """
+    from rwt_cli.console.yaml_text import YamlError, read_yaml  # takes a while, and `--help` needs none of it
+
     try:
         return read_yaml(text)
     except YamlError as error:

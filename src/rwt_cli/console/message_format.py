@@ -16,7 +16,7 @@ from rwt_cli.errors import CALLED_WRONGLY, CommandError, did_you_mean
 from rwt_interfaces import field_types as shapes
 
 if TYPE_CHECKING:
-    from rwt_cli.console.yaml_reader import YamlValue
+    from rwt_cli.console.yaml_text import YamlValue
     from rwt_interfaces.field_types import Shape
     from rwt_interfaces.structs import MessageType
 

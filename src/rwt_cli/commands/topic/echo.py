@@ -8,14 +8,13 @@ from itertools import repeat
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_cli.commands.topic.qos import add_qos_options, qos_from
-from rwt_cli.console import yaml_writer
 from rwt_cli.console.message_format import Formatting, csv_line, field_path, plain, plain_value
 from rwt_cli.console.output import Output
 from rwt_cli.graph_lookup import absolute_name, topic_type
 from rwt_cli.verbs import Arguments, Verb, count, count_or_none, hertz
 
 if TYPE_CHECKING:
-    from rwt_cli.console.yaml_reader import YamlValue
+    from rwt_cli.console.yaml_text import YamlValue
     from rwt_client import Robot
     from rwt_client.robot import SubscribeKeywords
     from rwt_interfaces.structs import MessageType
@@ -65,6 +64,8 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
     """What prints one message."""
+    from rwt_cli.console.yaml_text import block, flow
+
     formatting = _formatting(arguments, output)
     path = field_path(message_type, arguments.field) if arguments.field else None
 
@@ -80,10 +81,9 @@ def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> 
         elif arguments.csv:
             output.line(output.escape_terminal(csv_line(value)))
         elif arguments.flow_style:
-            output.text(f"{yaml_writer.flow(value)}\n---\n")
+            output.text(f"{flow(value)}\n---\n")
         else:
-            lines = "\n".join(yaml_writer.block(value))
-            output.text(f"{lines}\n{output.styled('---', 'faint')}\n")
+            output.text(f"{block(value)}{output.styled('---', 'faint')}\n")
 
     return tell
 
