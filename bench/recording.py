@@ -19,7 +19,6 @@ from statistics import median
 from mcap.writer import CompressionType, Writer
 
 from bench import messages
-from rwt_bridge.encodings import ENCODINGS
 from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
 from rwt_client.endpoints.remote_types import LiveTypes
 from rwt_client.wire.session import Line
@@ -27,6 +26,7 @@ from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Payload
 from rwt_interfaces.structs import MessageType
 from rwt_nodes.recording import ChannelForm, RecordingWriter, channel_form
+from rwt_protocol.codecs import CODECS
 from rwt_protocol.session import WireLimits
 
 ROUNDS = 5
@@ -75,7 +75,7 @@ def main() -> int:
 
 
 def _recording(load: Load, types: LiveTypes, message: MessageType, payloads: list[Payload]) -> float:
-    encode = ENCODINGS["cbor-raw"].encoder(load.stream.topic)
+    encode = CODECS["cbor-raw"].publish_encoder(load.stream.topic)
     frames = [encode(Sample(load.stream.topic, payload, STAMP, "/bench")).data for payload in payloads]
     form = channel_form(load.stream.topic, message, "ros")
 

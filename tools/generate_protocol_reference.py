@@ -31,8 +31,8 @@ from rwt_protocol.ops import (
     ServiceResponse,
 )
 from rwt_protocol.ops.base import Address, Expected
+from rwt_protocol.payloads import EMPTY
 from rwt_protocol.profiles import PROFILES
-from rwt_protocol.rawjson import EMPTY
 
 PAGE = Path(__file__).parent.parent / "docs" / "reference" / "protocol.md"
 BEGIN = "<!-- begin of what tools/generate_protocol_reference.py writes -->\n"

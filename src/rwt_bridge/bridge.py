@@ -12,7 +12,6 @@ from rwt_access.admission import Admission
 from rwt_access.audit import write
 from rwt_access.settings import SettingsError
 from rwt_bridge.connected_clients import Census
-from rwt_bridge.encodings import BSON, ENCODINGS, Encoding
 from rwt_bridge.ops import actions, services, topics
 from rwt_bridge.ops import auth as control
 from rwt_bridge.peer import Peer
@@ -23,6 +22,7 @@ from rwt_delivery.shared_publishers import Publications
 from rwt_graph.errors import GraphError
 from rwt_interfaces.errors import InterfaceError
 from rwt_protocol import ops
+from rwt_protocol.codecs import CODECS, Codec, Encoding, bson_codec, encoding_of
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.fragments import FragmentLimits
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from rwt_bridge.settings import BridgeSettings
     from rwt_graph.api import Graph
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.codecs import Codec
     from rwt_protocol.transport import Endpoint, PeerInfo, Sink
     from rwt_transports.relay.dial import RelayStatus
 
@@ -93,7 +92,8 @@ class Bridge:
         self._settings = settings
         self.limits = settings.limits
         self.admission = Admission(settings, time.time, graph.clock.monotonic)
-        self._codec = _one_codec(settings)
+        self._exclusive = CODECS["bson"] if settings.bson_only_mode else None
+        self._codec = _exclusive_codec(settings)
         self._fanouts: dict[str, Fanout] = {}
         self._peers: set[Peer] = set()
         self.dials: list[RelayStatus] = []
@@ -191,12 +191,7 @@ class Bridge:
 
     def encoding_of(self, compression: str) -> Encoding:
         """How a client that asks for `compression` gets its samples."""
-        return BSON if self.speaks_bson else ENCODINGS[compression]
-
-    @property
-    def speaks_bson(self) -> bool:
-        """Whether every message of every client is BSON (BSN-01)."""
-        return self._codec is not None
+        return self._exclusive or encoding_of(compression)
 
     def call_timeout(self, wished: float | None) -> float | None:
         """Seconds a service call may take: zero or less waits for ever, absent is the default (SRV-10)."""
@@ -230,8 +225,8 @@ def _wire_limits(settings: BridgeSettings) -> WireLimits:
     return WireLimits(settings.max_message_size, wished.max_depth, fragments)
 
 
-def _one_codec(settings: BridgeSettings) -> Codec | None:
-    """The encoding of every message, where the settings ask for one.
+def _exclusive_codec(settings: BridgeSettings) -> Codec | None:
+    """The codec of every message, where the settings ask for one encoding (BSN-01).
 
     Raises:
         SettingsError: it needs a package that is not installed.
@@ -239,10 +234,9 @@ def _one_codec(settings: BridgeSettings) -> Codec | None:
     if not settings.bson_only_mode:
         return None
     try:
-        from rwt_protocol.codecs.bson import BsonCodec  # an optional package
+        return bson_codec()
     except EncodingUnavailable as missing:
         raise SettingsError(f"`bson_only_mode`: {missing.reason}") from None
-    return BsonCodec()
 
 
 def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:

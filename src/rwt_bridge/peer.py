@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING
 from rwt_access.audit import is_written, one_line, write
 from rwt_access.log_rate import LogRate
 from rwt_access.quotas import message_rate, too_large
-from rwt_bridge.encodings import plain_message
 from rwt_bridge.ops.topics import release_publishers
 from rwt_delivery.counters import UNKNOWN
-from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.ops import OPS, ActionResult, CallService, SendActionGoal, ServiceResponse, Status
-from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal
 from rwt_transports.websocket.close_codes import POLICY
 
@@ -24,7 +21,6 @@ if TYPE_CHECKING:
     from rwt_bridge.ops.services import ClientCall, ProvidedService
     from rwt_bridge.ops.subscriptions import ClientSubscription
     from rwt_delivery.shared_publishers import Publication
-    from rwt_interfaces.payload import Payload
     from rwt_protocol.ops import Op
     from rwt_protocol.session import Session
     from rwt_protocol.transport import Frame, PeerInfo, Sink
@@ -150,12 +146,6 @@ class Peer:
         """Send a reply in the control lane, in pieces of `size` characters if that was asked for (FRG-20)."""
         for piece in self.session.cut(frame, size, id_):
             self.sink.send(piece)
-
-    def raw(self, payload: Payload) -> RawPayload:
-        """A message of the graph as the payload of an op for this client."""
-        if self.bridge.speaks_bson:
-            return Decoded(plain_message(payload))
-        return RawJson(payload.json())
 
     def warning(self, text: str) -> Frame | None:
         """A `status` about something that no op caused; None if this client does not want to hear it."""

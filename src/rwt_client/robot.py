@@ -35,7 +35,6 @@ from rwt_client.wire.future import Outcome
 from rwt_client.wire.session import Line
 from rwt_interfaces import NOETIC, Distro, InterfaceError
 from rwt_interfaces.distro import closest_distro
-from rwt_protocol.decoded import plain_value
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
     ActionFeedback,
@@ -50,7 +49,7 @@ from rwt_protocol.ops import (
     ServiceResponse,
     Status,
 )
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt_transports.background import TaskStarter
@@ -448,7 +447,7 @@ class Robot:
     async def _question(self, question: str, args: Mapping[str, object], patience: float | None) -> Any:
         request = RawJson(msgspec.json.encode(args))
         answer = await self._calls.call(f"{_ROSAPI}/{question}", request, patience)
-        return plain_value(answer)
+        return answer.plain()
 
     def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
         usual = SubscribeOptions()

@@ -9,12 +9,12 @@ from rwt_graph.errors import TypeConflict
 from rwt_protocol.transport import Frame
 
 if TYPE_CHECKING:
-    from rwt_bridge.encodings import Encoder, Encoding
     from rwt_delivery.counters import EncodingCounts, TopicCounts
     from rwt_delivery.throttle import Gate
     from rwt_graph.api import Participant, Sample, Subscription
     from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
+    from rwt_protocol.codecs import Encoding, PublishEncoder
 
 
 class _Encoded:
@@ -46,7 +46,9 @@ class Channel:
             after :meth:`settle`.
     """
 
-    def __init__(self, encode: Encoder, counts: EncodingCounts, monotonic: Callable[[], float]) -> None:
+    def __init__(
+        self, encode: PublishEncoder, counts: EncodingCounts, monotonic: Callable[[], float]
+    ) -> None:
         self._encode = encode
         self._monotonic = monotonic
         self._sent_at = float("-inf")
@@ -189,7 +191,7 @@ class Fanout:
         channel = self._channels.get(key)
         if channel is None:
             channel = self._channels[key] = Channel(
-                encoding.encoder(name), self.counts.encoding(encoding.name), self._clock.monotonic
+                encoding.publish_encoder(name), self.counts.encoding(encoding.name), self._clock.monotonic
             )
             self._active = tuple(self._channels.values())
         channel.add(gate)

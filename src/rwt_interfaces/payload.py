@@ -172,6 +172,15 @@ class Payload:
         """The message in ROS 1's own form, without a length prefix."""
         return self._made("ros1", self.type.to_ros1)
 
+    def plain(self) -> object:
+        """The message as dicts, lists and scalars, octets as bytes."""
+        return msgspec.to_builtins(self.value(), builtin_types=(bytes,), enc_hook=_plain_array)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the message in JSON."""
+        return len(self.json())
+
     def _made(self, form: str, encode: Callable[[msgspec.Struct], bytes]) -> bytes:
         if self._binary is None:
             self._binary = {}
@@ -215,3 +224,9 @@ class Payload:
             return self.type.json.decode(self._json)
         assert self._binary is not None  # A payload has its text, its message or its CDR from the start.
         return self.type.from_cdr(self._binary["cdr"])
+
+
+def _plain_array(array: object) -> object:
+    """A numpy array as a list: the only thing in a message that is not plain."""
+    to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
+    return to_list()

@@ -11,14 +11,13 @@ import msgspec
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from rwt_protocol.decoded import Decoded
 from rwt_protocol.ops import Op
 from rwt_protocol.ops.base import Expected
-from rwt_protocol.rawjson import RawJson, Shape
+from rwt_protocol.payloads import Decoded, JsonKind, RawJson
 
 _LONGEST_QUOTE: Final = 40
 
-_A_SHAPE: Final[dict[Shape, str]] = {
+_KIND: Final[dict[JsonKind, str]] = {
     "object": "an object",
     "array": "an array",
     "string": "a string",
@@ -45,17 +44,17 @@ def describe(value: object) -> str:
         return str(value) if abs(value) < 10**_LONGEST_QUOTE else "a very large integer"
     if isinstance(value, float):
         return repr(value) if math.isfinite(value) else "a number out of range"
-    return describe_shape(value)
+    return describe_kind(value)
 
 
-def describe_shape(value: object) -> str:
+def describe_kind(value: object) -> str:
     """The kind of a value that nobody has looked into yet."""
     if isinstance(value, Decoded):
-        return _A_SHAPE[value.shape]
+        return _KIND[value.kind]
     data = (
         value.data if isinstance(value, RawJson) else bytes(value) if isinstance(value, msgspec.Raw) else b"0"
     )
-    return _A_SHAPE[RawJson(data).shape]
+    return _KIND[RawJson(data).kind]
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -11,9 +11,9 @@ from pydantic import ValidationError
 
 from rwt_protocol.codecs.base import Members
 from rwt_protocol.codecs.envelope import UNDECODED
-from rwt_protocol.decoded import RawPayload, plain_value
 from rwt_protocol.ops import OPS, Direction, Op, OpSpec
 from rwt_protocol.ops.base import Opaque
+from rwt_protocol.payloads import RawPayload
 from rwt_protocol.profiles import Profile
 
 _Convert = Callable[[msgspec.Raw | RawPayload], object]
@@ -86,4 +86,4 @@ def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
 
 def _decoded(raw: msgspec.Raw | RawPayload) -> object:
     """The value of a member that is a payload in another op, and a text in this one."""
-    return msgspec.json.decode(raw) if isinstance(raw, msgspec.Raw) else plain_value(raw)
+    return msgspec.json.decode(raw) if isinstance(raw, msgspec.Raw) else raw.plain()

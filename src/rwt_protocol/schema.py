@@ -8,8 +8,8 @@ from pydantic import JsonValue
 from pydantic.json_schema import GenerateJsonSchema, models_json_schema
 
 from rwt_protocol.ops import OPS, Direction, OpSpec
+from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import COMPAT, Profile
-from rwt_protocol.rawjson import RawJson
 
 _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 

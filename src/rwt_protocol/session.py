@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -10,11 +10,12 @@ import msgspec
 from pydantic import ValidationError
 
 from rwt_protocol.codecs import CBOR, JSON, png
-from rwt_protocol.codecs.base import Codec, Fault, Members
+from rwt_protocol.codecs.base import Codec, DecodeFailure, Members
 from rwt_protocol.error_text import describe, explain, nearest
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
 from rwt_protocol.ops import ALIASES, OPS, Address, Direction, Fragment, Op, Png, SetLevel, Status
+from rwt_protocol.payloads import Encodable
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
 from rwt_protocol.transport import Frame
@@ -71,6 +72,12 @@ class Session:
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
         limits: what the peer may send.
         codec: the one encoding of every message both ways; None is JSON, with CBOR accepted beside it.
+
+    Attributes:
+        encode: one op as a frame; raises `MalformedPayload` if its payload came from another peer, and is not
+            JSON.
+        response: the reply to a call that succeeded, from the service, its response and the caller's id.
+        call: a call to a provider, from the service, its request and the id.
     """
 
     __slots__ = (
@@ -83,6 +90,9 @@ class Session:
         "_profile",
         "_readers",
         "_reassembly",
+        "call",
+        "encode",
+        "response",
     )
 
     def __init__(
@@ -97,6 +107,11 @@ class Session:
         self._max_size = limits.max_message_size
         self._max_depth = limits.max_depth
         self._codec = codec
+        outgoing = codec or JSON
+        # The codec's own methods: a method of the session in between would cost each message a call.
+        self.encode: Callable[[Op], Frame] = outgoing.encode
+        self.response: Callable[[str, Encodable, str | int | None], Frame] = outgoing.response
+        self.call: Callable[[str, Encodable, str | int], Frame] = outgoing.call
         self._inside = 0
         self._reassembly = Reassembly(limits.fragments)
         self._readers = readers(profile, direction)
@@ -124,14 +139,6 @@ class Session:
         if len(parts) == 1:
             return self._read(parts[0], now)
         return [read for part in parts for read in self._read(part, now)]
-
-    def encode(self, op: Op) -> Frame:
-        """One op as a frame.
-
-        Raises:
-            MalformedPayload: its payload came from another peer, and is not JSON.
-        """
-        return (self._codec or JSON).encode(op)
 
     def cut(
         self,
@@ -163,9 +170,9 @@ class Session:
         """Whether a `status` of that severity may be sent now (STA-02)."""
         return self._level is not None and level != "none" and _SEVERITY[level] >= _SEVERITY[self._level]
 
-    def _read(self, members: Members | Fault, now: float) -> Sequence[Op | Refusal]:
+    def _read(self, members: Members | DecodeFailure, now: float) -> Sequence[Op | Refusal]:
         """One message as its op; nothing when the session itself has done what it asks."""
-        if isinstance(members, Fault):
+        if isinstance(members, DecodeFailure):
             return (self._refusal(members.members, members.reason),)
         try:
             reader = self._readers[members["op"]]

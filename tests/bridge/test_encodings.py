@@ -7,6 +7,7 @@ import io
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +18,14 @@ from PIL import Image
 from rosbags.typesys import Stores, get_typestore
 
 from rwt.settings.models import Settings
-from rwt_bridge import bridge as bridge_module
-from rwt_bridge import encodings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.encodings import Encoder, Encoding
-from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
+from rwt_protocol import codecs
+from rwt_protocol.codecs import CODECS, Encoding, PublishEncoder
+from rwt_protocol.payloads import Sample
 from rwt_protocol.transport import Frame
 from tests.bridge.recording_client import Client
 
@@ -247,8 +247,8 @@ def test_one_encode_for_each_encoding_whatever_the_number_of_clients(
     encoded: list[str] = []
 
     def counting(encoding: Encoding) -> Encoding:
-        def encoder(topic: str) -> Encoder:
-            encode = encoding.encoder(topic)
+        def encoder(topic: str) -> PublishEncoder:
+            encode = encoding.publish_encoder(topic)
 
             def count(sample: Sample) -> Frame:
                 encoded.append(encoding.name)
@@ -256,10 +256,10 @@ def test_one_encode_for_each_encoding_whatever_the_number_of_clients(
 
             return count
 
-        return Encoding(encoding.name, encoding.precedence, encoder)
+        return replace(encoding, publish_encoder=encoder)
 
-    table = {name: counting(encoding) for name, encoding in encodings.ENCODINGS.items()}
-    monkeypatch.setattr(bridge_module, "ENCODINGS", table)
+    table = {name: counting(each) for name, each in CODECS.items() if each.exclusive is None}
+    monkeypatch.setattr(codecs, "CODECS", table)
     listeners = [connect() for _ in range(36)]
     for number, listener in enumerate(listeners):
         compression = list(table)[number % 4]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -12,11 +13,10 @@ from websockets.asyncio.client import connect as connect_websocket
 
 from rwt import Settings
 from rwt.server import serve
-from rwt_bridge import bridge as bridge_module
-from rwt_bridge import encodings
-from rwt_bridge.encodings import Encoder, Encoding
-from rwt_graph.api import Sample
 from rwt_graph.memory.graph import MemoryGraph
+from rwt_protocol import codecs
+from rwt_protocol.codecs import CODECS, PublishEncoder
+from rwt_protocol.payloads import Sample
 from rwt_protocol.transport import Frame
 from tests.bridge.recording_client import Client
 
@@ -25,10 +25,10 @@ from tests.bridge.recording_client import Client
 def encoded(monkeypatch: pytest.MonkeyPatch) -> list[Sample]:
     """Every sample that was encoded, in order."""
     samples: list[Sample] = []
-    real = encodings.JSON
+    real = CODECS["none"]
 
-    def encoder(topic: str) -> Encoder:
-        encode = real.encoder(topic)
+    def encoder(topic: str) -> PublishEncoder:
+        encode = real.publish_encoder(topic)
 
         def counting(sample: Sample) -> Frame:
             samples.append(sample)
@@ -36,7 +36,7 @@ def encoded(monkeypatch: pytest.MonkeyPatch) -> list[Sample]:
 
         return counting
 
-    monkeypatch.setattr(bridge_module, "ENCODINGS", {"none": Encoding("none", 0, encoder)})
+    monkeypatch.setattr(codecs, "CODECS", {"none": replace(real, publish_encoder=encoder)})
     return samples
 
 

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
-from rwt_protocol.codecs.bson import BsonCodec, document
-from rwt_protocol.decoded import Decoded
+from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.ops import Direction, Op, Publish
+from rwt_protocol.payloads import Decoded
 from rwt_protocol.session import Refusal, Session, WireLimits
 from tests.protocol.wire_examples import EXAMPLES, Example
 
@@ -39,7 +39,7 @@ def test_a_document_to_the_byte() -> None:
     inner = struct.pack("<i", 4 + len(octets) + 1) + octets + b"\0"
     rest = b"\x02op\0" + struct.pack("<i", 8) + b"publish\0" + topic + b"\x03msg\0" + inner + b"\0"
     whole = struct.pack("<i", 4 + len(rest)) + rest
-    assert document({"op": "publish", "topic": "/a", "msg": {"data": b"\0\xff"}}).data == whole
+    assert CODEC.frame({"op": "publish", "topic": "/a", "msg": {"data": b"\0\xff"}}).data == whole
     assert one(whole) == Publish(topic="/a", msg=Decoded({"data": b"\0\xff"}))
     for end in range(len(whole)):
         assert reason(whole[:end]).startswith("not BSON")
@@ -87,7 +87,7 @@ def test_depth_is_limited() -> None:
 
 def test_integers_that_bson_has_not_become_doubles() -> None:
     message = {"a": [2**64 - 1, {"b": -1}], "c": math.inf, "d": True}
-    assert bson.decode(document(message).data) == {"a": [2.0**64, {"b": -1}], "c": math.inf, "d": True}
+    assert bson.decode(CODEC.frame(message).data) == {"a": [2.0**64, {"b": -1}], "c": math.inf, "d": True}
 
 
 @given(st.binary(max_size=80), st.integers(0, 60))

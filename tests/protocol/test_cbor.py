@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 
 from rwt_protocol.codecs import CBOR
 from rwt_protocol.codecs.cbor import publish_frame, publish_prefix
-from rwt_protocol.decoded import Decoded
 from rwt_protocol.ops import Direction, Publish, ServiceResponse, Subscribe
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import Decoded, RawJson
 from rwt_protocol.session import Refusal, Session
 from tests.protocol.wire_examples import EXAMPLES, CborFrame
 

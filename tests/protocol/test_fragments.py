@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rwt_protocol.codecs import JSON
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.ops import Direction, Op, Publish, Status, Subscribe
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import RawJson
 from rwt_protocol.session import Refusal, Session, WireLimits
 from rwt_protocol.transport import Frame
 

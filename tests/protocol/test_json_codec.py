@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
-from rwt_protocol.codecs import JSON
-from rwt_protocol.codecs.json import call_frame, publish_frame, publish_prefix, response_frame
+from rwt_protocol.codecs import CBOR, JSON, Codec, bson_codec
+from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,
@@ -28,7 +30,7 @@ from rwt_protocol.ops import (
     Subscribe,
     Unsubscribe,
 )
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import Decoded, RawJson
 from rwt_protocol.session import Session
 
 P = RawJson(b'{"x": [1.0]}')
@@ -84,7 +86,7 @@ def test_a_payload_is_spliced_in_and_not_copied() -> None:
     payload = memoryview(b"{}")
     assert any(part is payload for part in JSON.encode(Publish(topic="/a", msg=RawJson(payload))).parts)
     assert any(part is payload for part in publish_frame(publish_prefix("/a"), payload).parts)
-    assert any(part is payload for part in response_frame("/s", payload).parts)
+    assert any(part is payload for part in JSON.response("/s", RawJson(payload)).parts)
 
 
 @given(st.text(), st.one_of(st.none(), st.text(), st.integers(-(2**63), 2**64 - 1)))
@@ -93,10 +95,41 @@ def test_the_fast_ways_write_the_same(name: str, mark: str | int | None) -> None
     quick = publish_frame(publish_prefix(name), payload.data)
     assert quick.data == JSON.encode(Publish(topic=name, msg=payload)).data
     response = ServiceResponse(service=name, values=payload, id=mark)
-    assert response_frame(name, payload.data, mark).data == JSON.encode(response).data
+    assert JSON.response(name, payload, mark).data == JSON.encode(response).data
     if mark is not None:
         call = CallService(service=name, args=payload, id=mark)
-        assert call_frame(name, payload.data, mark).data == JSON.encode(call).data
+        assert JSON.call(name, payload, mark).data == JSON.encode(call).data
+
+
+class _Typed:
+    """A message of a class that this package does not know."""
+
+    size = 7
+
+    def json(self) -> bytes:
+        return _TEXT
+
+    def plain(self) -> object:
+        return {"a": 1}
+
+
+_TEXT = b'{"a":1}'
+
+
+@pytest.mark.parametrize("codec", [JSON, CBOR, bson_codec()], ids=lambda codec: type(codec).__name__)
+def test_a_message_of_any_class_can_be_the_payload_of_an_op(codec: Codec) -> None:
+    typed, plain = _Typed(), Decoded({"a": 1})
+    feedback = ActionFeedback(action="/a", values=typed, id="i")
+    assert codec.encode(feedback).data == codec.encode(feedback.model_copy(update={"values": plain})).data
+    assert codec.response("/s", typed, 1).data == codec.response("/s", plain, 1).data
+    assert codec.call("/s", typed, 1).data == codec.call("/s", plain, 1).data
+    assert any(part is _TEXT for part in JSON.encode(feedback).parts)
+
+
+@pytest.mark.parametrize("other", [5, None, [], object(), _Typed])
+def test_nothing_else_can(other: Any) -> None:
+    with pytest.raises(ValidationError):
+        Publish(topic="/a", msg=other)
 
 
 _IDS = st.one_of(st.none(), st.text(), st.integers(-(2**63), 2**64 - 1))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.ops import OPS, Publish
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import RawJson
 from rwt_protocol.session import Refusal, Session
 from tests.protocol.wire_examples import text_of
 
@@ -33,7 +33,7 @@ def check_like_a_full_parse(data: bytes) -> None:
     if found is None:
         return
     members, payload = found
-    assert not payload.verified
+    assert not payload.is_validated
     try:
         value = json.loads(bytes(payload.data))
     except ValueError:
@@ -50,7 +50,7 @@ def check_like_a_full_parse(data: bytes) -> None:
 
 def _proven(payload: RawJson) -> Any:
     try:
-        return json.loads(bytes(payload.proven().data))
+        return json.loads(bytes(payload.json()))
     except MalformedPayload:
         return None
 
@@ -80,8 +80,8 @@ def test_usual_messages_are_cut_out_right(text: str) -> None:
         json.loads(bytes(payload.data))
         == json.loads(data)[next(k for k, v in members.items() if v is payload)]
     )
-    assert bytes(payload.proven().data) == bytes(payload.data)
-    assert payload.proven().verified
+    assert bytes(payload.json()) == bytes(payload.data)
+    assert payload.validated().is_validated
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_two_messages_in_a_large_frame_both_run() -> None:
 def test_a_cut_at_the_wrong_place_is_mended_by_the_proof(text: str, msg: object) -> None:
     (op,) = Session().decode(text.replace("FILL", FILL).encode(), False, 0.0)
     assert isinstance(op, Publish)
-    assert json.loads(bytes(text_of(op.msg).proven().data)) == msg
+    assert json.loads(bytes(text_of(op.msg).json())) == msg
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_what_the_proof_refuses(text: str, reason: str) -> None:
     (op,) = Session().decode(text.replace("FILL", FILL).encode(), False, 0.0)
     assert isinstance(op, Publish)
     with pytest.raises(MalformedPayload) as caught:
-        text_of(op.msg).proven()
+        text_of(op.msg).validated()
     assert caught.value.reason == reason
 
 
@@ -158,16 +158,16 @@ def test_utf8_is_checked_at_the_ends_at_once_and_in_the_payload_by_the_proof() -
     (op,) = Session().decode(data, False, 0.0)
     assert isinstance(op, Publish)
     with pytest.raises(MalformedPayload, match="not UTF-8, at byte 44"):
-        text_of(op.msg).proven()
+        text_of(op.msg).validated()
 
 
 def test_only_large_frames_are_left_unproven() -> None:
     data = b'{"op":"publish","topic":"/a","msg":{"data":"%s"}}'
-    for size, verified in ((LARGE - 60, True), (LARGE + 60, False)):
+    for size, is_validated in ((LARGE - 60, True), (LARGE + 60, False)):
         (op,) = Session().decode(data % (b"x" * size), False, 0.0)
         assert isinstance(op, Publish)
-        assert text_of(op.msg).verified is verified
-        assert isinstance(text_of(op.msg).data, bytes) is verified
+        assert text_of(op.msg).is_validated is is_validated
+        assert isinstance(text_of(op.msg).data, bytes) is is_validated
 
 
 _TEXT = st.text(alphabet='"\\{}[],:ab \n\u00e4', max_size=12)

@@ -154,7 +154,7 @@ def test_the_constants_that_python_writes_are_null() -> None:
     assert isinstance(op, Publish)
     assert op.topic == "NaN"
     assert text_of(op.msg).data == b'{"x":null,"y":[null,null],"z":"NaN, \\"Infinity"}'
-    assert text_of(op.msg).verified
+    assert text_of(op.msg).is_validated
 
 
 def test_sizes_and_depths_are_limited() -> None:
@@ -179,7 +179,7 @@ def test_a_nesting_bomb_is_refused(opening: bytes, prefix: bytes, closing: bool)
     for item in found:
         if isinstance(item, Publish):
             # Its payload was cut out unseen; a reader that wants it proven is told.
-            assert not text_of(item.msg).verified
+            assert not text_of(item.msg).is_validated
         else:
             assert isinstance(item, Refusal)
     assert len(found) == 1

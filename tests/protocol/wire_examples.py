@@ -7,9 +7,8 @@ from typing import Any
 
 import msgspec
 
-from rwt_protocol.decoded import RawPayload
 from rwt_protocol.ops import Direction
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import Encodable, RawJson
 
 
 class Example(msgspec.Struct, frozen=True):
@@ -55,7 +54,7 @@ class Examples(msgspec.Struct, frozen=True):
 EXAMPLES = msgspec.json.decode((Path(__file__).parent / "examples.json").read_bytes(), type=Examples)
 
 
-def text_of(payload: RawPayload) -> RawJson:
+def text_of(payload: Encodable) -> RawJson:
     """A payload that came as JSON."""
     assert isinstance(payload, RawJson)
     return payload

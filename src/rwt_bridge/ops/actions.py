@@ -53,8 +53,8 @@ class SentGoal:
     def _on_feedback(self, feedback: Payload) -> None:
         if not self._listening:
             return
-        peer, op = self._peer, self._op
-        self._answer(ActionFeedback(action=op.action, values=peer.raw(feedback), id=op.id))
+        op = self._op
+        self._answer(ActionFeedback(action=op.action, values=feedback, id=op.id))
 
     def _answer(self, answer: ActionFeedback | ActionResult) -> None:
         self._peer.send_if_small(answer, self._op.fragment_size)
@@ -79,7 +79,7 @@ class SentGoal:
             self._answer(
                 ActionResult(
                     action=op.action,
-                    values=peer.raw(outcome),
+                    values=outcome,
                     status=int(status),
                     result=True,
                     id=op.id,
@@ -149,7 +149,7 @@ class ProvidedAction:
             SendActionGoal(
                 action=self._name,
                 action_type=self._peer.bridge.graph.registry.type_name(self._type),
-                args=self._peer.raw(goal.goal),
+                args=goal.goal,
                 feedback=True,
                 id=id_,
             )

@@ -9,16 +9,15 @@ import msgspec
 
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_protocol.decoded import Decoded, RawPayload
-from rwt_protocol.error_text import describe_shape
+from rwt_protocol.error_text import describe_kind
 from rwt_protocol.errors import Refused
-from rwt_protocol.rawjson import EMPTY
+from rwt_protocol.payloads import EMPTY, Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 
-def payload_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[], int]) -> Payload:
+def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:
     """Check `raw` against `type`.
 
     Args:
@@ -33,32 +32,32 @@ def payload_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[],
     try:
         if isinstance(raw, Decoded):
             return _of_object(type, raw, where, now)
-        return Payload.from_json(type, raw.data, now)
+        return Payload.from_json(type, raw.data if isinstance(raw, RawJson) else raw.json(), now)
     except InvalidMessage as error:
-        if not isinstance(raw, Decoded) and not raw.verified:
+        if isinstance(raw, RawJson) and not raw.is_validated:
             # A large payload was cut out of its frame unseen; only a full parse says what is wrong with it.
-            return payload_of(type, raw.proven(), where, now)
+            return payload_of(type, raw.validated(), where, now)
         raise _refused(where, error) from None
 
 
 def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], int]) -> Payload:
-    if raw.shape != "object":
-        raise Refused(f"{where}: expected an object, got {describe_shape(raw)}")
+    if raw.kind != "object":
+        raise Refused(f"{where}: expected an object, got {describe_kind(raw)}")
     return Payload.from_value(type, raw.value, now)
 
 
-def arguments_of(type: MessageType, raw: RawPayload, where: str, now: Callable[[], int]) -> Payload:
+def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:
     """Check the arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
 
     Raises:
         Refused: as :func:`payload_of`.
     """
-    if raw.shape == "object":
+    if not isinstance(raw, RawJson | Decoded) or raw.kind == "object":
         return payload_of(type, raw, where, now)
     try:
         if isinstance(raw, Decoded):
-            return Payload.from_value(type, raw.value if raw.shape == "array" else {}, now)
-        return Payload.from_args(type, raw.proven().data, now)
+            return Payload.from_value(type, raw.value if raw.kind == "array" else {}, now)
+        return Payload.from_args(type, raw.json(), now)
     except InvalidMessage as error:
         raise _refused(where, error) from None
 
@@ -68,15 +67,15 @@ def _refused(where: str, error: InvalidMessage) -> Refused:
     return Refused(f"{path}: {error.reason}")
 
 
-def failure_text(values: RawPayload | str, instead: str) -> str:
+def failure_text(values: Encodable | str, instead: str) -> str:
     """What a provider said of its failure: a string as it is, anything else as JSON text (SVP-05)."""
     if isinstance(values, str):
         return values or instead
     if isinstance(values, Decoded):
         return msgspec.json.encode(values.value, enc_hook=repr).decode() if values.value else instead
-    return instead if values == EMPTY else bytes(values.proven().data).decode()
+    return instead if values == EMPTY else bytes(values.json()).decode()
 
 
-def object_or_empty(values: RawPayload | str) -> RawPayload:
+def object_or_empty(values: Encodable | str) -> Encodable:
     """A provider's values; some send a string where there is nothing to say (SVP-05)."""
     return EMPTY if isinstance(values, str) else values

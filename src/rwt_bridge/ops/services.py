@@ -9,9 +9,8 @@ from rwt_access.rosapi_filter import narrowed
 from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.errors import CallFailed
 from rwt_graph.names import resolve
-from rwt_protocol.codecs.json import call_frame, response_frame
 from rwt_protocol.errors import Refused
-from rwt_protocol.ops import CallService, ServiceResponse
+from rwt_protocol.ops import ServiceResponse
 
 if TYPE_CHECKING:
     from rwt_access.rosapi_filter import Narrow
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
     from rwt_protocol import ops
-    from rwt_protocol.transport import Frame
 
 #: Answered, abandoned calls are swept out of a provider's table when it has grown to this size.
 _SWEEP_AT = 256
@@ -48,20 +46,12 @@ class ClientCall:
         else:
             if self._narrow is not None:
                 outcome = self._narrow(outcome)
-            frame = self._answer(outcome)
+            frame = peer.session.response(self._service, outcome, self._id)
             reason = too_large(peer, frame, in_pieces=self._fragment_size is not None)
             if reason is None:
                 peer.send_cut(frame, self._fragment_size, self._id)
             else:
                 peer.send(ServiceResponse(service=self._service, values=reason, result=False, id=self._id))
-
-    def _answer(self, outcome: Payload) -> Frame:
-        peer = self._peer
-        if not peer.bridge.speaks_bson:
-            return response_frame(self._service, outcome.json(), self._id)
-        return peer.session.encode(
-            ServiceResponse(service=self._service, values=peer.raw(outcome), result=True, id=self._id)
-        )
 
 
 def on_call_service(peer: Peer, op: ops.CallService) -> None:
@@ -109,19 +99,13 @@ class ProvidedService:
             self._waiting = {id_: waiting for id_, waiting in self._waiting.items() if not waiting.done}
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
-        frame = self._request(call, id_)
+        frame = self._peer.session.call(self._name, call.request, id_)
         reason = too_large(self._peer, frame)
         if reason is not None:
             call.fail(f"the provider cannot be asked: {reason}")
             return
         self._waiting[id_] = call
         self._peer.sink.send(frame)
-
-    def _request(self, call: ServiceCall, id_: str) -> Frame:
-        peer = self._peer
-        if not peer.bridge.speaks_bson:
-            return call_frame(self._name, call.request.json(), id_)
-        return peer.session.encode(CallService(service=self._name, args=peer.raw(call.request), id=id_))
 
     def answer(self, op: ops.ServiceResponse) -> None:
         """Hand the client's answer to the caller (SVP-03 … SVP-06)."""

@@ -10,11 +10,11 @@ from rwt_delivery.drop_notices import Losses
 from rwt_delivery.throttle import Gate
 
 if TYPE_CHECKING:
-    from rwt_bridge.encodings import Encoding
     from rwt_bridge.peer import Peer
     from rwt_delivery.fanout import Channel, Fanout
     from rwt_interfaces.structs import MessageType
     from rwt_protocol import ops
+    from rwt_protocol.codecs import Encoding
 
 #: A throttle rate beyond this many milliseconds, three hundred centuries, is no longer than it.
 _LONGEST_THROTTLE = 10**15

@@ -11,7 +11,6 @@ from rwt_bridge.ops.subscriptions import ClientSubscription
 from rwt_graph.names import resolve
 from rwt_graph.qos import LATCHED
 from rwt_interfaces.validation.missing_fields import missing_fields
-from rwt_protocol.decoded import plain_value
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ def on_publish(peer: Peer, op: ops.Publish) -> None:
 
 def _warn_of_defaults(peer: Peer, op: ops.Publish, type: MessageType) -> None:
     """Tell a client that wants to hear it which fields it has left to their defaults (PUB-04)."""
-    missing = missing_fields(type, plain_value(op.msg))
+    missing = missing_fields(type, op.msg.plain())
     if missing:
         text = f"publish.msg: defaults were taken for what is missing: {', '.join(missing)}"
         peer.warn(text, op.id)

@@ -28,7 +28,7 @@ from rwt_protocol.ops import (
     SendActionGoal,
     UnadvertiseAction,
 )
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import Line

@@ -16,7 +16,7 @@ from rwt_client.errors import ConnectionLost, GoalFailed, MisfitMessage
 from rwt_client.wire.decoding import Message, MessageReader
 from rwt_client.wire.future import Outcome
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import Line

@@ -14,9 +14,8 @@ from rwt_client.errors import CallFailed, ClientError, ConnectionLost, MisfitMes
 from rwt_client.wire.decoding import request_of
 from rwt_client.wire.future import Outcome
 from rwt_interfaces import InvalidMessage
-from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import Line
@@ -40,7 +39,7 @@ class PendingCall:
 
     def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
         self.id = calls.line.next_id("call_service", service)
-        self.outcome: Outcome[RawPayload] = Outcome()
+        self.outcome: Outcome[Encodable] = Outcome()
         self._calls = calls
         self._service = service
         self._args = args
@@ -75,7 +74,7 @@ class Calls:
         timeout: float | None,
         *,
         repeat: bool = False,
-    ) -> RawPayload:
+    ) -> Encodable:
         """Call a service; gives the response as it came.
 
         Args:
@@ -109,12 +108,15 @@ class Calls:
             call.outcome.fail(CallFailed(failure_text(op.values, f"{op.service} failed and gave no reason")))
 
 
-def failure_text(values: RawPayload | str, otherwise: str) -> str:
+def failure_text(values: Encodable | str, otherwise: str) -> str:
     """Why something failed, in the server's words (SRV-05)."""
-    if isinstance(values, Decoded):
+    if isinstance(values, str):
+        text = values
+    elif isinstance(values, Decoded):
         text = msgspec.json.encode(values.value, enc_hook=repr).decode()
     else:
-        text = values if isinstance(values, str) else bytes(values.data).decode("utf-8", "replace")
+        data = values.data if isinstance(values, RawJson) else values.json()
+        text = bytes(data).decode("utf-8", "replace")
     return otherwise if text in ("", "{}", "null") else text
 
 

@@ -12,9 +12,8 @@ from rwt_client.errors import MisfitMessage
 from rwt_client.wire.arrays import ArrayKind, octets_of, to_numpy
 from rwt_client.wire.cbor import TypedArray
 from rwt_interfaces import InvalidMessage, Payload
-from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.errors import MalformedPayload
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -26,7 +25,7 @@ Cut = tuple[bytes, bytes]
 """What looks like a message's JSON text in a frame, and the frame: whoever decodes the one finds out whether
 it is, and otherwise reads the other. A tuple, because nearly every message comes so."""
 
-Arrived = Cut | RawPayload | dict[str, object]
+Arrived = Cut | Encodable | dict[str, object]
 """A message as it came: JSON text, or what a CBOR map held."""
 
 _REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InvalidMessage)
@@ -79,17 +78,17 @@ class MessageReader:
         except InvalidMessage as error:
             raise self._misfit(error) from None
 
-    def _from_text(self, arrived: RawJson) -> msgspec.Struct:
+    def _from_text(self, arrived: Encodable) -> msgspec.Struct:
         if self._trusted:
             try:
-                return self._decode(arrived.data)
+                return self._decode(arrived.data if isinstance(arrived, RawJson) else arrived.json())
             except _REJECTIONS:
                 return self._leniently(arrived)
         return self._leniently(arrived)
 
-    def _leniently(self, arrived: RawJson) -> msgspec.Struct:
+    def _leniently(self, arrived: Encodable) -> msgspec.Struct:
         try:
-            return Payload.from_json(self.type, arrived.proven().data).value()
+            return Payload.from_json(self.type, arrived.json()).value()
         except InvalidMessage as error:
             raise self._misfit(error) from None
         except MalformedPayload as error:
@@ -114,7 +113,7 @@ class MessageReader:
         return MisfitMessage(f"not {self.type.name}: {error}")
 
 
-def request_of(message_type: MessageType, args: RawPayload) -> Message:
+def request_of(message_type: MessageType, args: Encodable) -> Message:
     """The arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
 
     Raises:
@@ -124,7 +123,7 @@ def request_of(message_type: MessageType, args: RawPayload) -> Message:
     if isinstance(args, Decoded):
         given = args.value if isinstance(args.value, dict | list) else {}
         return Payload.from_value(message_type, given).value()
-    return Payload.from_args(message_type, args.proven().data).value()
+    return Payload.from_args(message_type, args.json()).value()
 
 
 class _Envelope(msgspec.Struct, gc=False):

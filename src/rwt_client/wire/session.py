@@ -20,11 +20,10 @@ from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
 from rwt_client.wire.decoding import Arrived
-from rwt_protocol.decoded import Decoded
 from rwt_protocol.errors import Level
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
+from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import COMPAT
-from rwt_protocol.rawjson import RawJson
 from rwt_protocol.session import Refusal, Session, WireLimits
 from rwt_protocol.transport import DropReason, Flow, PeerInfo, Sink
 
@@ -311,7 +310,7 @@ class Line:
     def _take_publish(self, op: Publish) -> None:
         destination = self._destinations.get(op.topic.encode())
         if destination is not None:
-            destination.deliver(op.msg, op.msg.size if isinstance(op.msg, Decoded) else len(op.msg.data))
+            destination.deliver(op.msg, op.msg.size)
 
     def _take_status(self, op: Status) -> None:
         """A complaint goes to the part it is about, and else to whoever listens to events (STA-03)."""

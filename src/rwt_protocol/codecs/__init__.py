@@ -1,14 +1,93 @@
-"""The encodings of the envelope. BSON is in :mod:`rwt_protocol.codecs.bson`, which needs another package."""
+"""The encodings of the envelope, and the table of them all."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Final
 
-from rwt_protocol.codecs.base import Codec
+from rwt_protocol.codecs import cbor, png
+from rwt_protocol.codecs.base import Codec, PublishEncoder
 from rwt_protocol.codecs.cbor import CborCodec
 from rwt_protocol.codecs.json import JsonCodec
 
 JSON: Final = JsonCodec()
 CBOR: Final = CborCodec()
 
-__all__ = ["CBOR", "JSON", "CborCodec", "Codec", "JsonCodec"]
+
+@dataclass(frozen=True, slots=True)
+class Encoding:
+    """One encoding of what is published, and perhaps of everything else.
+
+    Attributes:
+        name: as `compression` spells it.
+        precedence: the strongest of what a client asks for on one topic wins (SUB-08).
+        publish_encoder: from a topic's name, as the client spelled it, to an encoder for its samples.
+        binary: whether its frames are binary, which a transport of text cannot carry.
+        exclusive: makes the codec of every message of every client, where the settings ask for this encoding:
+            `compression` cannot. None where `compression` asks for it, and all that is not published is JSON.
+            It raises `EncodingUnavailable` if it needs a package that is not installed.
+    """
+
+    name: str
+    precedence: int
+    publish_encoder: Callable[[str], PublishEncoder]
+    binary: bool = False
+    exclusive: Callable[[], Codec] | None = None
+
+
+def _bson_publish_encoder(topic: str) -> PublishEncoder:
+    return bson_codec().publish_encoder(topic)
+
+
+def bson_codec() -> Codec:
+    """The codec of BSON.
+
+    Raises:
+        EncodingUnavailable: the package that it needs is not installed.
+    """
+    from rwt_protocol.codecs.bson import BsonCodec  # an optional package
+
+    return BsonCodec()
+
+
+CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(
+    {
+        encoding.name: encoding
+        for encoding in (
+            Encoding("none", 0, JSON.publish_encoder),
+            Encoding("png", 1, png.publish_encoder),
+            Encoding("cbor", 2, CBOR.publish_encoder, binary=True),
+            Encoding("cbor-raw", 3, cbor.raw_publish_encoder, binary=True),
+            Encoding(
+                "bson",
+                4,
+                _bson_publish_encoder,
+                binary=True,
+                exclusive=bson_codec,
+            ),
+        )
+    }
+)
+"""Every encoding, by its name in `compression`."""
+
+
+def encoding_of(compression: str) -> Encoding:
+    """What `compression` asks for; a word that it does not know asks for none (SUB-10)."""
+    found = CODECS.get(compression)
+    return CODECS["none"] if found is None or found.exclusive is not None else found
+
+
+__all__ = [
+    "CBOR",
+    "CODECS",
+    "JSON",
+    "CborCodec",
+    "Codec",
+    "Encoding",
+    "JsonCodec",
+    "PublishEncoder",
+    "bson_codec",
+    "encoding_of",
+]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
 from rwt_protocol.ops import Op
+from rwt_protocol.payloads import Encodable, Sample
 from rwt_protocol.transport import Frame
+
+PublishEncoder = Callable[[Sample], Frame]
+"""From a sample of one topic to its `publish` message, a frame that all subscribers share."""
 
 Members = dict[str, object]
 """The members of one message, nothing validated: scalars decoded, payloads as `msgspec.Raw`, `RawJson` or
@@ -15,7 +19,7 @@ Members = dict[str, object]
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class DecodeFailure:
     """Something in a frame that is not a message.
 
     Attributes:
@@ -30,11 +34,7 @@ class Fault:
 class Codec(Protocol):
     """The envelope in one encoding. Stateless; one instance serves every session."""
 
-    @property
-    def name(self) -> str:
-        """The encoding's name, as `compression` and settings write it."""
-
-    def split(self, data: bytes, max_depth: int) -> Sequence[Members | Fault]:
+    def split(self, data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
         """The messages in one frame, in order. Never raises.
 
         Args:
@@ -43,8 +43,17 @@ class Codec(Protocol):
         """
 
     def encode(self, op: Op) -> Frame:
-        """One op as a frame.
+        """One op as a frame. A payload is spliced in where the encoding of both is the same.
 
         Raises:
             MalformedPayload: its payload came from another peer, and is not JSON.
         """
+
+    def response(self, service: str, values: Encodable, id: str | int | None = None) -> Frame:
+        """The reply to a call that succeeded: what :meth:`encode` makes of it, sooner (SRV-01)."""
+
+    def call(self, service: str, args: Encodable, id: str | int) -> Frame:
+        """A call to a provider: what :meth:`encode` makes of it, sooner (SVP-01, SVP-02)."""
+
+    def publish_encoder(self, topic: str) -> PublishEncoder:
+        """An encoder for the samples of `topic`; what is the same in all of them is computed here, once."""

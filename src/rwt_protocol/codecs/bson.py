@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rwt_protocol.codecs.base import Fault, Members
-from rwt_protocol.codecs.object_codec import members_of, message_of
+from rwt_protocol.codecs.base import DecodeFailure, Members
+from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
 from rwt_protocol.errors import EncodingUnavailable
-from rwt_protocol.ops import Op
 from rwt_protocol.transport import Frame
 
 try:
@@ -28,41 +27,30 @@ _SMALLEST_LEVEL: Final = 7
 _INT64: Final = range(-(2**63), 2**63)
 
 
-class BsonCodec:
+class BsonCodec(ObjectCodec):
     """The BSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    name: Final = "bson"
-
-    def split(self, data: bytes, max_depth: int) -> Sequence[Members | Fault]:
+    def split(self, data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
         """The message in one frame. Never raises."""
         try:
             found = bson.decode(data)
         except (BSONError, ValueError, OverflowError, RecursionError):
-            return (Fault("not BSON: expected one document, neither malformed nor cut short"),)
+            return (DecodeFailure("not BSON: expected one document, neither malformed nor cut short"),)
         members = members_of(found, len(data))
         if len(data) > _SMALLEST_LEVEL * max_depth and _deeper_than(found, max_depth):
-            return (Fault(f"nested more than {max_depth} levels deep", members),)
+            return (DecodeFailure(f"nested more than {max_depth} levels deep", members),)
         return (members,)
 
-    def encode(self, op: Op) -> Frame:
-        """One op as a binary frame, its members in the order of the model.
+    def frame(self, message: Mapping[str, object]) -> Frame:
+        """A message as one document. Octets are binary of subtype 0, NaN and infinities are kept (BSN-01).
 
-        Raises:
-            MalformedPayload: its payload came from another peer, and is not JSON.
+        BSON has no unsigned 64-bit integers: one beyond the signed ones goes out as the nearest double.
         """
-        return document(message_of(op))
-
-
-def document(message: Mapping[str, object]) -> Frame:
-    """A message as one document. Octets are binary of subtype 0, NaN and infinities are kept (BSN-01).
-
-    BSON has no unsigned 64-bit integers: one beyond the signed ones goes out as the nearest double.
-    """
-    try:
-        data = bson.encode(message)
-    except OverflowError:
-        data = bson.encode({key: _within(value) for key, value in message.items()})
-    return Frame(data, binary=True)
+        try:
+            data = bson.encode(message)
+        except OverflowError:
+            data = bson.encode({key: _within(value) for key, value in message.items()})
+        return Frame(data, binary=True)
 
 
 def _within(value: object) -> object:

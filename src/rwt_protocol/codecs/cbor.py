@@ -7,13 +7,13 @@ decoded once, envelope and payload together: a payload is handed on as the plain
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING, Final, NoReturn
 
-from rwt_protocol.codecs.base import Fault, Members
-from rwt_protocol.codecs.object_codec import members_of, message_of
-from rwt_protocol.ops import Op
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
+from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
+from rwt_protocol.payloads import Sample
 from rwt_protocol.transport import Buffer, Frame
 
 if TYPE_CHECKING:
@@ -41,12 +41,10 @@ _FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258
 """Tags that the library would turn into dates, patterns, shared references and so on, which ROS has not."""
 
 
-class CborCodec:
+class CborCodec(ObjectCodec):
     """The CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    name: Final = "cbor"
-
-    def split(self, data: bytes, max_depth: int) -> Sequence[Members | Fault]:
+    def split(self, data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
         """The message in one binary frame. Never raises."""
         import cbor2  # only for those who use it
 
@@ -58,22 +56,37 @@ class CborCodec:
             )
             found = decoder.decode()
         except cbor2.CBORError:
-            return (Fault("not CBOR: malformed, nested too deeply, or with a tag that ROS has not"),)
+            return (DecodeFailure("not CBOR: malformed, nested too deeply, or with a tag that ROS has not"),)
         if stream.tell() != len(data):
-            return (Fault("not CBOR: more than one value in the frame"),)
+            return (DecodeFailure("not CBOR: more than one value in the frame"),)
         if not isinstance(found, dict):
-            return (Fault(f"expected a map, got {_KIND[data[0] >> 5]}"),)
+            return (DecodeFailure(f"expected a map, got {_KIND[data[0] >> 5]}"),)
         return (members_of(found, len(data)),)
 
-    def encode(self, op: Op) -> Frame:
-        """One op as a binary frame, its members in the order of the model.
-
-        Raises:
-            MalformedPayload: its payload came from another peer, and is not JSON.
-        """
+    def frame(self, message: Mapping[str, object]) -> Frame:
+        """A message as one map."""
         import cbor2  # only for those who use it
 
-        return Frame(cbor2.dumps(message_of(op)), binary=True)
+        return Frame(cbor2.dumps(message), binary=True)
+
+    def publish_encoder(self, topic: str) -> PublishEncoder:
+        """An encoder for the samples of `topic`; the message is CBOR already, and is spliced in."""
+        prefix = publish_prefix(topic)
+
+        def encode(sample: Sample) -> Frame:
+            return Frame(prefix, sample.payload.cbor(), binary=True)
+
+        return encode
+
+
+def raw_publish_encoder(topic: str) -> PublishEncoder:
+    """An encoder for the samples of `topic` as their robot serialises them (CBR-10 to CBR-12)."""
+    prefix = publish_prefix(topic)
+
+    def encode(sample: Sample) -> Frame:
+        return raw_publish_frame(prefix, sample.payload.serialised(), sample.stamp_ns)
+
+    return encode
 
 
 def publish_prefix(topic: str) -> bytes:

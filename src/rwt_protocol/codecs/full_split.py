@@ -8,7 +8,7 @@ from typing import Final
 
 import msgspec
 
-from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.codecs.base import DecodeFailure, Members
 from rwt_protocol.codecs.depth import deeper_than
 from rwt_protocol.codecs.envelope import DECODER
 
@@ -31,7 +31,7 @@ _KIND: Final = {
 }
 
 
-def split_whole(data: bytes, max_depth: int) -> Sequence[Members | Fault]:
+def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
     """The messages in one frame, in order. Never raises.
 
     The usual frame, one object and nothing else, takes one pass. Any other is read by :func:`_split_several`.
@@ -41,7 +41,7 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | Fault]:
             str(data, "utf-8")
         members = _decode(data)
     except UnicodeDecodeError as error:
-        return (Fault(f"not UTF-8, at byte {error.start}"),)
+        return (DecodeFailure(f"not UTF-8, at byte {error.start}"),)
     except (msgspec.DecodeError, RecursionError):
         return _split_several(data, max_depth)
     if len(data) > 2 * max_depth and deeper_than(data, max_depth):
@@ -49,11 +49,11 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | Fault]:
     return (members,)
 
 
-def _too_deep(max_depth: int, members: Members | None = None) -> Fault:
-    return Fault(f"nested more than {max_depth} levels deep (max_depth)", members or {})
+def _too_deep(max_depth: int, members: Members | None = None) -> DecodeFailure:
+    return DecodeFailure(f"nested more than {max_depth} levels deep (max_depth)", members or {})
 
 
-def _split_several(data: bytes, max_depth: int) -> list[Members | Fault]:
+def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]:
     """What a frame holds that is not one plain object: several, garbage, or JSON as Python writes it.
 
     Objects are taken in order, each on its own (ENV-10). Text between them that cannot begin an object or
@@ -61,14 +61,16 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | Fault]:
     array that is cut short or broken ends the frame: what stands inside it is never taken for a message,
     and nothing of it is kept for the next frame (ENV-09).
     """
-    found: list[Members | Fault] = []
+    found: list[Members | DecodeFailure] = []
     rest = data.strip(b" \t\r\n")
     if not rest:
-        return [Fault("the message is empty")]
+        return [DecodeFailure("the message is empty")]
     position, cleaned = 0, False
     while position < len(rest):
         if len(found) >= MOST_MESSAGES:
-            found.append(Fault(f"more than {MOST_MESSAGES} messages in one frame; the rest was dropped"))
+            found.append(
+                DecodeFailure(f"more than {MOST_MESSAGES} messages in one frame; the rest was dropped")
+            )
             break
         try:
             end = position + _end_of_value(memoryview(rest)[position:])
@@ -82,7 +84,7 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | Fault]:
             if rest[position] in b"{[":
                 found.append(_broken(error, rest[position:]))
                 break
-            found.append(Fault("not JSON: expected an object that starts with {"))
+            found.append(DecodeFailure("not JSON: expected an object that starts with {"))
             end = rest.find(b"{", position + 1)
             if end < 0:
                 break
@@ -111,12 +113,12 @@ def _end_of_value(view: memoryview) -> int:
     return len(view)
 
 
-def _broken(error: msgspec.DecodeError, text: bytes) -> Fault:
+def _broken(error: msgspec.DecodeError, text: bytes) -> DecodeFailure:
     if _SURROGATE.search(text):
-        return Fault("not JSON: malformed, or text that is not Unicode")
+        return DecodeFailure("not JSON: malformed, or text that is not Unicode")
     if "truncated" in str(error):
-        return Fault(f"not JSON: cut short after {len(text)} bytes")
-    return Fault("not JSON: an object or array is malformed")
+        return DecodeFailure(f"not JSON: cut short after {len(text)} bytes")
+    return DecodeFailure("not JSON: an object or array is malformed")
 
 
 def _without_constants(text: bytes) -> bytes:
@@ -130,15 +132,15 @@ def _without_constants(text: bytes) -> bytes:
     return _STRING_OR_CONSTANT.sub(lambda found: found[0] if found[0][:1] == b'"' else b"null", text)
 
 
-def _read_value(piece: bytes, max_depth: int) -> Members | Fault:
+def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
     """One JSON value, which is a message if it is an object."""
     if piece[:1] != b"{":
-        return Fault(f"expected an object, got {_KIND.get(piece[0], 'a number')}")
+        return DecodeFailure(f"expected an object, got {_KIND.get(piece[0], 'a number')}")
     try:
         members = _decode(piece)
     except (msgspec.DecodeError, UnicodeDecodeError):
         readable = _readable(piece)
-        return Fault(
+        return DecodeFailure(
             f"{readable.get('op', 'it')}: holds a number too large, or text that is not Unicode", readable
         )
     return _too_deep(max_depth, members) if deeper_than(piece, max_depth) else members

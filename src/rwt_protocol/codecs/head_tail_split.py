@@ -20,7 +20,7 @@ later decoded strictly as one JSON value in UTF-8:
   is not replaced by a later member of the same name.
 * If the slice is not one valid value, strict decoding refuses it. Then either the frame is not valid JSON, or
   the cut was wrong: a deeply nested member after the payload, a second message in the frame, or the token
-  ``NaN``. `RawJson.proven` parses the whole frame and tells these apart.
+  ``NaN``. `RawJson.validated` parses the whole frame and tells these apart.
 
 No step depends on the tail being found at the right place; a wrong place costs a second parse, never a wrong
 answer. UTF-8 is checked for the head and the tail here, and for the slice by its decoder.
@@ -34,11 +34,11 @@ from typing import Final
 
 import msgspec
 
-from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.codecs.base import DecodeFailure, Members
 from rwt_protocol.codecs.envelope import DECODER, PAYLOADS
 from rwt_protocol.codecs.full_split import split_whole
 from rwt_protocol.errors import MalformedPayload
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import RawJson
 
 LARGE: Final = 32 * 1024
 """Frames of more bytes than this are taken apart here first."""
@@ -62,7 +62,7 @@ _TAIL: Final = re.compile(
 
 
 def split_large(data: bytes, max_depth: int) -> Members | None:
-    """The members of the message in a large frame, its payload unverified; None if it cannot be told.
+    """The members of the message in a large frame, its payload not validated; None if it cannot be told.
 
     The nesting of the payload is not looked at either: the type that it is decoded as bounds it.
     """
@@ -83,8 +83,8 @@ def split_large(data: bytes, max_depth: int) -> Members | None:
     op = members.get("op")
     if not isinstance(op, str) or name not in PAYLOADS.get(op, ()):
         return None
-    prove = partial(_prove, data, name, envelope, max_depth)
-    members[name] = RawJson(memoryview(data)[begin:end], prove)
+    validate = partial(_validate, data, name, envelope, max_depth)
+    members[name] = RawJson(memoryview(data)[begin:end], validate)
     return members
 
 
@@ -97,7 +97,7 @@ def _read_envelope(envelope: bytes) -> Members | None:
         return None
 
 
-def _prove(data: bytes, name: str, envelope: bytes, max_depth: int) -> bytes:
+def _validate(data: bytes, name: str, envelope: bytes, max_depth: int) -> bytes:
     """The payload that a parse of the whole frame finds.
 
     Raises:
@@ -107,7 +107,7 @@ def _prove(data: bytes, name: str, envelope: bytes, max_depth: int) -> bytes:
     if len(found) != 1:
         raise MalformedPayload(f"a message of more than {LARGE} bytes must be alone in its frame")
     members = found[0]
-    if isinstance(members, Fault):
+    if isinstance(members, DecodeFailure):
         raise MalformedPayload(members.reason)
     raw = members[name]
     rest = {key: bytes(v) if isinstance(v, msgspec.Raw) else v for key, v in members.items() if key != name}

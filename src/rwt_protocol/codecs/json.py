@@ -12,25 +12,31 @@ from typing import Final
 import msgspec
 from pydantic import BaseModel
 
-from rwt_protocol.codecs.base import Fault, Members
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
 from rwt_protocol.codecs.envelope import DECODER, PAYLOADS, RELIED_ON
 from rwt_protocol.codecs.full_split import split_whole
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
-from rwt_protocol.decoded import Decoded
 from rwt_protocol.ops import OPS, Op
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.payloads import Encodable, Sample
 from rwt_protocol.transport import Buffer, Frame
 
 _decode: Final = DECODER.decode
-_encode: Final = msgspec.json.Encoder().encode
+
+
+def _plain_model(value: object) -> object:
+    """A model within an op, such as `Qos`, as plain objects."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(exclude_none=True)
+    raise TypeError(f"{type(value).__name__} has no JSON")
+
+
+_encode: Final = msgspec.json.Encoder(enc_hook=_plain_model).encode
 
 
 class JsonCodec:
     """The JSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    name: Final = "json"
-
-    def split(self, data: bytes, max_depth: int) -> Sequence[Members | Fault]:
+    def split(self, data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
         """The messages in one frame, in order. Never raises."""
         size = len(data)
         if size <= 2 * max_depth and data.isascii():
@@ -51,24 +57,41 @@ class JsonCodec:
         Written are the members that the model requires, that were given, payloads, and what readers rely on;
         a member that is None is left out.
         """
-        parts: list[Buffer] = []
-        text = b'{"op":' + _encode(op.op)
+        text, layout = _LAYOUT[type(op)]
         given = op.model_fields_set
-        for name, key, always in _LAYOUT[type(op)]:
-            value: object = getattr(op, name)
+        members = op.__dict__
+        parts: list[Buffer] = []
+        for name, key, always, is_payload in layout:
+            value = members[name]
             if value is None or not (always or name in given):
                 continue
             text += key
-            if isinstance(value, RawJson):
-                parts += (text, value.proven().data)
+            if is_payload and not isinstance(value, str):
+                parts += (text, value.json())
                 text = b""
-            elif isinstance(value, Decoded):
-                text += _encode(value.value)
             else:
-                text += _encode(
-                    value.model_dump(exclude_none=True) if isinstance(value, BaseModel) else value
-                )
+                text += _encode(value)
         return Frame(*parts, text + b"}")
+
+    def response(self, service: str, values: Encodable, id: str | int | None = None) -> Frame:
+        """The reply to a call that succeeded (SRV-01)."""
+        end = b',"result":true}' if id is None else b',"result":true,"id":' + _encode(id) + b"}"
+        head = b'{"op":"service_response","service":' + _encode(service) + b',"values":'
+        return Frame(head, values.json(), end)
+
+    def call(self, service: str, args: Encodable, id: str | int) -> Frame:
+        """A call to a provider (SVP-01, SVP-02)."""
+        head = b'{"op":"call_service","id":' + _encode(id) + b',"service":' + _encode(service) + b',"args":'
+        return Frame(head, args.json(), b"}")
+
+    def publish_encoder(self, topic: str) -> PublishEncoder:
+        """An encoder for the samples of `topic`."""
+        prefix = publish_prefix(topic)
+
+        def encode(sample: Sample) -> Frame:
+            return Frame(prefix, sample.payload.json(), b"}")
+
+        return encode
 
 
 def publish_prefix(topic: str) -> bytes:
@@ -81,26 +104,24 @@ def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
     return Frame(prefix, payload, b"}")
 
 
-def response_frame(service: str, values: Buffer, id: str | int | None = None) -> Frame:  # as on the wire
-    """The reply to a call that succeeded; `values` is JSON in UTF-8, and is spliced in (SRV-01)."""
-    end = b',"result":true}' if id is None else b',"result":true,"id":' + _encode(id) + b"}"
-    return Frame(b'{"op":"service_response","service":' + _encode(service) + b',"values":', values, end)
+_Layout = tuple[bytes, tuple[tuple[str, bytes, bool, bool], ...]]
 
 
-def call_frame(service: str, args: Buffer, id: str | int) -> Frame:  # as on the wire
-    """A call to a provider; `args` is JSON in UTF-8, and is spliced in (SVP-01, SVP-02)."""
-    head = b'{"op":"call_service","id":' + _encode(id) + b',"service":' + _encode(service) + b',"args":'
-    return Frame(head, args, b"}")
-
-
-def _layout(model: type[Op]) -> tuple[tuple[str, bytes, bool], ...]:
-    """Name, written key, and whether it is always written, of each member in the order of the wire."""
+def _layout(model: type[Op]) -> _Layout:
+    """How an op is written: its beginning; and of each member, in the order of the wire, its name, its key as
+    written, whether it is always written, and whether it is a payload."""
     fields = model.model_fields
-    name_of_op = str(fields["op"].default)
-    always = PAYLOADS[name_of_op] | RELIED_ON
+    op = str(fields["op"].default)
+    payloads = PAYLOADS[op]
     names = model.wire_order or tuple(name for name in fields if name != "op")
-    return tuple(
-        (name, f',"{name}":'.encode(), fields[name].is_required() or name in always) for name in names
+    return b'{"op":' + _encode(op), tuple(
+        (
+            name,
+            f',"{name}":'.encode(),
+            fields[name].is_required() or name in payloads | RELIED_ON,
+            name in payloads,
+        )
+        for name in names
     )
 
 

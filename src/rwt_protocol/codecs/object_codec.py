@@ -1,16 +1,17 @@
-"""Messages as plain objects: what CBOR and BSON, which decode a frame as a whole, have in common."""
+"""What CBOR and BSON have in common: a frame is decoded and encoded as a whole, from and to plain objects."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 from pydantic import BaseModel
 
-from rwt_protocol.codecs.base import Members
-from rwt_protocol.codecs.envelope import RELIED_ON, UNDECODED
-from rwt_protocol.decoded import Decoded, plain_value
-from rwt_protocol.ops import Op
-from rwt_protocol.rawjson import RawJson
+from rwt_protocol.codecs.base import Members, PublishEncoder
+from rwt_protocol.codecs.envelope import PAYLOADS, RELIED_ON, UNDECODED
+from rwt_protocol.ops import CallService, Op, ServiceResponse
+from rwt_protocol.payloads import Decoded, Encodable, Sample
+from rwt_protocol.transport import Frame
 
 
 def members_of(found: Mapping[object, object] | Mapping[str, object], size: int) -> Members:
@@ -22,16 +23,40 @@ def members_of(found: Mapping[object, object] | Mapping[str, object], size: int)
     }
 
 
-def message_of(op: Op) -> dict[str, object]:
-    """One op as plain objects, its members in the order of the model.
+class ObjectCodec(ABC):
+    """The way out of such an encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    Raises:
-        MalformedPayload: its payload came from another peer, and is not JSON.
-    """
-    message: dict[str, object] = {"op": op.op}
-    for name, value in op:
-        if isinstance(value, RawJson | Decoded):
-            message[name] = plain_value(value)
-        elif (name in op.model_fields_set or name in RELIED_ON) and value is not None:
-            message[name] = value.model_dump(exclude_none=True) if isinstance(value, BaseModel) else value
-    return message
+    @abstractmethod
+    def frame(self, message: Mapping[str, object]) -> Frame:
+        """One message as a binary frame."""
+
+    def encode(self, op: Op) -> Frame:
+        """One op as a binary frame, its members in the order of the model.
+
+        Raises:
+            MalformedPayload: its payload came from another peer, and is not JSON.
+        """
+        message: dict[str, object] = {"op": op.op}
+        payloads = PAYLOADS[op.op]
+        for name, value in op:
+            if name in payloads and not isinstance(value, str):
+                message[name] = value.plain()
+            elif (name in op.model_fields_set or name in RELIED_ON) and value is not None:
+                message[name] = value.model_dump(exclude_none=True) if isinstance(value, BaseModel) else value
+        return self.frame(message)
+
+    def response(self, service: str, values: Encodable, id: str | int | None = None) -> Frame:
+        """The reply to a call that succeeded (SRV-01)."""
+        return self.encode(ServiceResponse(service=service, values=values, result=True, id=id))
+
+    def call(self, service: str, args: Encodable, id: str | int) -> Frame:
+        """A call to a provider (SVP-01, SVP-02)."""
+        return self.encode(CallService(service=service, args=args, id=id))
+
+    def publish_encoder(self, topic: str) -> PublishEncoder:
+        """An encoder for the samples of `topic`."""
+
+        def encode(sample: Sample) -> Frame:
+            return self.frame({"op": "publish", "topic": topic, "msg": sample.payload.plain()})
+
+        return encode

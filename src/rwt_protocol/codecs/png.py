@@ -16,7 +16,10 @@ from functools import cache
 from io import BytesIO
 from typing import Final
 
+from rwt_protocol.codecs.base import PublishEncoder
+from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.errors import Refused
+from rwt_protocol.payloads import Sample
 from rwt_protocol.transport import Frame
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
@@ -50,6 +53,16 @@ def encode(frame: Frame) -> Frame:
     import pybase64  # only for those who use it
 
     return Frame(_HEAD, pybase64.b64encode(_picture(_ascii(frame.data))), _END)
+
+
+def publish_encoder(topic: str) -> PublishEncoder:
+    """An encoder for the samples of `topic`: the JSON message in the pixels of a picture (PNG-01)."""
+    prefix = publish_prefix(topic)
+
+    def in_picture(sample: Sample) -> Frame:
+        return encode(publish_frame(prefix, sample.payload.json()))
+
+    return in_picture
 
 
 def decode(data: str, max_size: int) -> bytes:

@@ -21,8 +21,8 @@ from rwt_protocol.ops.base import (
     Values,
 )
 from rwt_protocol.ops.control import refuse_with_status
-from rwt_protocol.ops.topics import CompressionName, OptionalCount
-from rwt_protocol.rawjson import EMPTY
+from rwt_protocol.ops.topics import OptionalCount
+from rwt_protocol.payloads import EMPTY
 
 
 class GoalStatus(IntEnum):
@@ -74,7 +74,7 @@ class SendActionGoal(Op):
     args: Arguments = EMPTY
     feedback: Flag = False
     fragment_size: OptionalCount = None
-    compression: CompressionName = "none"
+    compression: Text = "none"
 
 
 class CancelActionGoal(Op):

@@ -8,13 +8,19 @@ from enum import Enum
 from typing import Annotated, ClassVar
 
 import msgspec
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+)
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, core_schema
 
-from rwt_protocol.decoded import Decoded, RawPayload
 from rwt_protocol.errors import Level
-from rwt_protocol.rawjson import EMPTY, RawJson
+from rwt_protocol.payloads import EMPTY, Decoded, Encodable, RawJson, RawPayload
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +37,35 @@ class Opaque:
     Attributes:
         convert: makes the member's value from what the codec left of it.
         schema: the JSON Schema of what ROS puts there.
+        text: whether it may be a string, which is not undecoded.
     """
 
     convert: Callable[[msgspec.Raw | RawPayload], RawPayload | str]
     schema: Mapping[str, object]
+    text: bool = False
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.union_schema(
+            [
+                core_schema.is_instance_schema(RawJson),
+                core_schema.is_instance_schema(Decoded),
+                *([core_schema.str_schema(strict=True)] if self.text else []),
+                core_schema.no_info_plain_validator_function(_encodable),
+            ],
+            mode="left_to_right",
+        )
 
     def __get_pydantic_json_schema__(
         self, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         return dict(self.schema)
+
+
+def _encodable(value: object) -> object:
+    """Any other object that a codec can write."""
+    if isinstance(value, type) or not (hasattr(value, "json") and hasattr(value, "plain")):
+        raise ValueError("not a payload")
+    return value
 
 
 def opaque(raw: msgspec.Raw | RawPayload) -> RawPayload:
@@ -50,7 +76,7 @@ def opaque(raw: msgspec.Raw | RawPayload) -> RawPayload:
 def opaque_or_empty(raw: msgspec.Raw | RawPayload) -> RawPayload:
     """As :func:`opaque`; null is the same as an absent member (SRV-02, SVP-05)."""
     payload = opaque(raw)
-    return EMPTY if payload.shape == "null" else payload
+    return EMPTY if payload.kind == "null" else payload
 
 
 def opaque_or_text(raw: msgspec.Raw | RawPayload) -> RawPayload | str:
@@ -58,7 +84,7 @@ def opaque_or_text(raw: msgspec.Raw | RawPayload) -> RawPayload | str:
     payload = opaque_or_empty(raw)
     if isinstance(payload, Decoded):
         return payload.value if isinstance(payload.value, str) else payload
-    return msgspec.json.decode(payload.data, type=str) if payload.shape == "string" else payload
+    return msgspec.json.decode(payload.data, type=str) if payload.kind == "string" else payload
 
 
 def _whole_number(value: object) -> object:
@@ -88,13 +114,13 @@ Count = Annotated[
     Expected("a whole number, zero or more"),
 ]
 
-Message = Annotated[RawPayload, Opaque(opaque, {"type": "object"}), Expected("an object")]
+Message = Annotated[Encodable, Opaque(opaque, {"type": "object"}), Expected("an object")]
 Arguments = Annotated[
-    RawPayload, Opaque(opaque_or_empty, {"type": ["object", "array"]}), Expected("an object or an array")
+    Encodable, Opaque(opaque_or_empty, {"type": ["object", "array"]}), Expected("an object or an array")
 ]
 Values = Annotated[
-    RawPayload | str,
-    Opaque(opaque_or_text, {"type": ["object", "string"]}),
+    Encodable | str,
+    Opaque(opaque_or_text, {"type": ["object", "string"]}, text=True),
     Expected("an object, or a string that says what failed"),
 ]
 

@@ -20,8 +20,8 @@ from rwt_protocol.ops.base import (
     Values,
 )
 from rwt_protocol.ops.control import refuse_with_status
-from rwt_protocol.ops.topics import CompressionName, OptionalCount
-from rwt_protocol.rawjson import EMPTY
+from rwt_protocol.ops.topics import OptionalCount
+from rwt_protocol.payloads import EMPTY
 
 Timeout = Annotated[Annotated[float, Field(allow_inf_nan=False)] | None, Expected("a number of seconds")]
 
@@ -44,7 +44,7 @@ class CallService(Op):
     args: Arguments = EMPTY
     timeout: Timeout = None
     fragment_size: OptionalCount = None
-    compression: CompressionName = "none"
+    compression: Text = "none"
 
 
 class ServiceResponse(Op):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -19,21 +19,7 @@ from rwt_protocol.ops.base import (
     Whole,
 )
 from rwt_protocol.ops.control import refuse_with_status
-from rwt_protocol.rawjson import EMPTY
-
-Compression = Literal["none", "png", "cbor", "cbor-raw"]
-
-COMPRESSIONS: Final = frozenset({"none", "png", "cbor", "cbor-raw"})
-
-
-def _known_compression(value: object) -> object:
-    """A string that names no compression asks for none (SUB-10)."""
-    return "none" if isinstance(value, str) and value not in COMPRESSIONS else value
-
-
-CompressionName = Annotated[
-    Compression, BeforeValidator(_known_compression, json_schema_input_type=str), Expected("a string")
-]
+from rwt_protocol.payloads import EMPTY
 
 
 def _lower(value: object) -> object:
@@ -138,7 +124,7 @@ class Subscribe(Op):
         throttle_rate: least time between two messages, in milliseconds; 0 and less: none (SUB-12, THR-09).
         queue_length: messages kept while throttled, the newest first to stay (THR-03).
         fragment_size: split what is longer than this many characters (FRG-20); None and 0: do not.
-        compression: how messages are encoded (SUB-08).
+        compression: how messages are encoded (SUB-08); an unknown word stands for `none` (SUB-10).
     """
 
     op: Literal["subscribe"] = "subscribe"
@@ -147,7 +133,7 @@ class Subscribe(Op):
     throttle_rate: Whole = 0
     queue_length: Count = 0
     fragment_size: OptionalCount = None
-    compression: CompressionName = "none"
+    compression: Text = "none"
     qos: OptionalQos = None
 
 

@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt_access.settings import SettingsError
+from rwt_protocol.codecs import bson_codec
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.ops import Direction, Op
 from rwt_protocol.session import Refusal, Session
@@ -103,10 +104,9 @@ class ObservedWire:
 
 def _bson() -> Codec:
     try:
-        from rwt_protocol.codecs.bson import BsonCodec  # an optional package
+        return bson_codec()
     except EncodingUnavailable as missing:
         raise SettingsError(f"`bson_only_mode`: {missing.reason}") from None
-    return BsonCodec()
 
 
 def _subjects(items: Sequence[Op | Refusal]) -> list[Subject]:

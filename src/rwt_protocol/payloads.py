@@ -1,0 +1,196 @@
+"""Payloads of ops: undecoded or unchecked as they arrive, and what may take their place on the way out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final, Literal, Protocol
+
+import msgspec
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from rwt_protocol.transport import Buffer
+
+JsonKind = Literal["object", "array", "string", "number", "boolean", "null"]
+
+_KIND_BY_FIRST_BYTE: Final[Mapping[int, JsonKind]] = {
+    ord("{"): "object",
+    ord("["): "array",
+    ord('"'): "string",
+    ord("t"): "boolean",
+    ord("f"): "boolean",
+    ord("n"): "null",
+}
+_KIND_BY_TYPE: Final[Mapping[type, JsonKind]] = {
+    dict: "object",
+    list: "array",
+    str: "string",
+    bool: "boolean",
+    type(None): "null",
+}
+
+_encode: Final = msgspec.json.Encoder().encode
+
+
+class Encodable(Protocol):
+    """What an op may hold as its payload: every codec can write it. `RawJson` and `Decoded` are two.
+
+    A message of a known type is another, whatever class it has: its bytes are spliced into the op, and are
+    encoded once however many ops they go into.
+    """
+
+    @property
+    def size(self) -> int:
+        """Bytes of the payload, as far as they are counted."""
+
+    def json(self) -> Buffer:
+        """The payload as one JSON value in UTF-8.
+
+        Raises:
+            MalformedPayload: it is text of another peer, and is not JSON.
+        """
+
+    def plain(self) -> object:
+        """The payload as dict, list, str, bytes, int, float, bool or None. NaN is kept.
+
+        Raises:
+            MalformedPayload: it is text of another peer, and is not JSON.
+        """
+
+
+class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
+    """The bytes of one JSON value, kept undecoded.
+
+    Attributes:
+        data: the bytes. A `memoryview` is a slice of the frame that they came in, and keeps that frame alive.
+        validate: None when the bytes are known to be one JSON value in UTF-8. In a large message they are not
+            looked at on arrival (see :mod:`rwt_protocol.codecs.head_tail_split`): a strict decoder of a
+            message type validates them by decoding, and all other readers call :meth:`validated` or
+            :meth:`json`.
+    """
+
+    data: Buffer
+    validate: Callable[[], bytes] | None = None
+
+    @property
+    def size(self) -> int:
+        """How many bytes there are."""
+        return len(self.data)
+
+    @property
+    def is_validated(self) -> bool:
+        """Whether the bytes are known to be one JSON value in UTF-8."""
+        return self.validate is None
+
+    @property
+    def kind(self) -> JsonKind:
+        """Which kind of JSON value this is, by its first byte."""
+        return _KIND_BY_FIRST_BYTE.get(self.data[0], "number")
+
+    def validated(self) -> RawJson:
+        """The same payload with its bytes checked: self if they already are.
+
+        Call it before the bytes are passed on without a type check, and when a strict decoder has refused
+        bytes that are not yet validated: the whole message is then parsed, and the outcome is exactly what a
+        full parse would have found, with the tokens ``NaN`` and ``Infinity`` turned into null.
+
+        Raises:
+            MalformedPayload: the message is not JSON, or not UTF-8.
+        """
+        return self if self.validate is None else RawJson(self.validate())
+
+    def json(self) -> Buffer:
+        """The bytes, checked (see :meth:`validated`).
+
+        Raises:
+            MalformedPayload: the message is not JSON, or not UTF-8.
+        """
+        return self.data if self.validate is None else self.validate()
+
+    def plain(self) -> object:
+        """The value as plain objects.
+
+        Raises:
+            MalformedPayload: the message is not JSON, or not UTF-8.
+        """
+        return msgspec.json.decode(self.json())
+
+    def __eq__(self, other: object) -> bool:
+        return self.data == other.data if isinstance(other, RawJson) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(bytes(self.data))
+
+    def __repr__(self) -> str:
+        head = bytes(self.data[:60]).decode("utf-8", "replace")
+        return f"RawJson({head}{'…' if len(self.data) > 60 else ''})"
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.is_instance_schema(cls)
+
+
+EMPTY: Final = RawJson(b"{}")
+"""What an absent payload means: an object without members (PUB-04, SRV-02, ACT-11)."""
+
+
+class Decoded(msgspec.Struct, frozen=True, eq=False):
+    """A payload of an encoding whose frames are decoded as a whole (CBOR, BSON): objects of no checked type.
+
+    Attributes:
+        value: dict, list, str, bytes, int, float, bool or None; typed arrays are lists, octets are bytes, and
+            NaN is kept. What else a sender put there (a date, a key that is no text) is left as the library
+            read it, for the check against a message type to refuse.
+        size: bytes of the message that it came in, envelope included, for those who count; not compared.
+    """
+
+    value: object
+    size: int = 0
+
+    def __eq__(self, other: object) -> bool:
+        return self.value == other.value if isinstance(other, Decoded) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]  # its value may be a list
+
+    @property
+    def kind(self) -> JsonKind:
+        """Which kind of value this is, in JSON's words."""
+        return _KIND_BY_TYPE.get(type(self.value), "number")
+
+    def json(self) -> bytes:
+        """The value as JSON: bytes in base64, NaN and infinities as null."""
+        return _encode(self.value)
+
+    def plain(self) -> object:
+        """The value itself."""
+        return self.value
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.is_instance_schema(cls)
+
+
+RawPayload = RawJson | Decoded
+"""A payload as it arrives: text that nobody has decoded, or values that nobody has checked."""
+
+
+class TypedMessage(Encodable, Protocol):
+    """A message of a known type, in whichever encoding a subscriber asks for."""
+
+    def cbor(self) -> bytes:
+        """The message in CBOR (CBR-02 to CBR-07)."""
+
+    def serialised(self) -> bytes:
+        """The message as its robot serialises it: ROS 1's own form or CDR (CBR-10, CBR-11)."""
+
+
+class Sample(Protocol):
+    """One published message, and when that was."""
+
+    @property
+    def payload(self) -> TypedMessage:
+        """The message."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """The server's ROS time when it was published, nanoseconds since the epoch (CBR-12)."""
