@@ -8,20 +8,19 @@ Unlike ROS 1's simple server, it lets goals run side by side, as the graph does.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rwt_graph.api import ClientGoal, GoalEvents, GoalStatus, Participant
-from rwt_graph.clock import NANOSECONDS
+from rwt_graph.api import ClientGoal, GoalEvents, GoalStatus, Graph, Participant, Sample, Subscription
+from rwt_graph.clock import NANOSECONDS, Timer
 from rwt_graph.errors import CallFailed, GoalRejected
 from rwt_graph.program.endpoints import Message, TopicPublisher
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from rwt_graph.program.node import Node
     from rwt_interfaces.structs import ActionType
 
 logger = logging.getLogger(__name__)
@@ -86,15 +85,18 @@ class ActionlibServer:
     """Serves one action of a node over topics.
 
     Args:
+        participant: the node, which owns the topics.
+        create_timer: makes a timer of the node.
         idle_status: whether the status goes out without any goal, too; on ROS 1 clients wait for it.
     """
 
     def __init__(
         self,
-        node: Node,
+        graph: Graph,
         participant: Participant,
         action: str,
         interface: ActionType,
+        create_timer: Callable[[float, Callable[[], None]], Timer],
         *,
         idle_status: bool = True,
     ) -> None:
@@ -102,21 +104,31 @@ class ActionlibServer:
         self._action = action
         self._interface = interface
         self._participant = participant
-        self._graph = node.graph
-        self._clock = node.clock
-        self._time_fields = node.distro.time_fields
+        self._graph = graph
+        self._clock = graph.clock
+        self._time_fields = graph.distro.time_fields
         self._goals: dict[str, Tracked] = {}
         self._count = 0
-        self._node_name = node.name
-        name = interface.name
-        self._feedback = node.advertise(f"{action}/feedback", f"{name}ActionFeedback")
-        self._result = node.advertise(f"{action}/result", f"{name}ActionResult")
-        self._status = node.advertise(f"{action}/status", "actionlib_msgs/GoalStatusArray")
+        self._node_name = participant.name
+        self._feedback = self._advertise("feedback", f"{interface.name}ActionFeedback")
+        self._result = self._advertise("result", f"{interface.name}ActionResult")
+        self._status = self._advertise("status", "actionlib_msgs/GoalStatusArray")
         self._subscriptions = (
-            node.subscribe(f"{action}/goal", self._on_goal, f"{name}ActionGoal"),
-            node.subscribe(f"{action}/cancel", self._on_cancel, "actionlib_msgs/GoalID"),
+            self._subscribe("goal", f"{interface.name}ActionGoal", self._on_goal),
+            self._subscribe("cancel", "actionlib_msgs/GoalID", self._on_cancel),
         )
-        self._timer = node.create_timer(STATUS_PERIOD, self._publish_status)
+        self._timer = create_timer(STATUS_PERIOD, self._publish_status)
+
+    def _advertise(self, topic: str, type: str) -> TopicPublisher:
+        message = self._graph.registry.message(type)
+        return TopicPublisher(self._graph, self._participant.advertise(f"{self._action}/{topic}", message))
+
+    def _subscribe(self, topic: str, type: str, callback: Callable[[Message], None]) -> Subscription:
+        def on_sample(sample: Sample) -> None:
+            callback(sample.payload.value())
+
+        message = self._graph.registry.message(type)
+        return self._participant.subscribe(f"{self._action}/{topic}", on_sample, message)
 
     def close(self) -> None:
         """Leave the topics; the clients of running goals were told by then."""

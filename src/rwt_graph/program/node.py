@@ -304,7 +304,7 @@ class Node:
             registration = self._participant.advertise_action(name, interface, function)
             if self.distro.action_transport == "services":
                 return Handle(self.graph, name, registration)
-            topics = ActionlibServer(self, self._participant, name, interface)
+            topics = ActionlibServer(self.graph, self._participant, name, interface, self.create_timer)
             return Handle(self.graph, name, registration, topics)
 
         return self._run(advertise)
@@ -326,7 +326,9 @@ class Node:
         name, interface = self.resolve(action), self.registry.action(type)
 
         def serve() -> Handle:
-            topics = ActionlibServer(self, self._participant, name, interface, idle_status=False)
+            topics = ActionlibServer(
+                self.graph, self._participant, name, interface, self.create_timer, idle_status=False
+            )
             return Handle(self.graph, name, topics)
 
         return self._run(serve)
