@@ -10,7 +10,8 @@ import argparse
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
@@ -96,7 +97,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         command = next((word for word in words if not word.startswith("-")), None)
         arguments = parser_for(command).parse_args(words)
-        return int(arguments.run(arguments))
+        with _log_of_the_command():
+            return int(arguments.run(arguments))
     except CommandError as error:
         print(failure_line(error), file=sys.stderr)
         if isinstance(error, OutputFailed):
@@ -107,6 +109,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (OutputClosed, BrokenPipeError):
         _forget_output()
         return PIPE_CLOSED
+
+
+@contextmanager
+def _log_of_the_command() -> Iterator[None]:
+    """Remove the log handlers of a command when it ends: what runs after it in this process may have another
+    stderr."""
+    import logging  # `--help` needs none of it
+
+    root = logging.getLogger()
+    handlers, level = [*root.handlers], root.level
+    try:
+        yield
+    finally:
+        for handler in {*root.handlers}.difference(handlers):
+            root.removeHandler(handler)
+        root.setLevel(level)
 
 
 def _forget_output() -> None:

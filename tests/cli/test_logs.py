@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import pytest
 from websockets.sync.client import connect
 
+from rwt_cli import main
 from rwt_cli.console.logs import JsonFormatter, SteadyHandler
 
 logger = logging.getLogger("tests.log")
@@ -112,3 +113,11 @@ def test_the_server_lives_on_when_stderr_is_on_a_full_disk() -> None:
                 wire.send('{"op":"call_service","service":"/nowhere","id":"c:1"}')
                 assert json.loads(wire.recv(timeout=10))["id"] == "c:1"
         process.kill()
+
+
+def test_the_log_of_a_command_ends_with_it(capsys: pytest.CaptureFixture[str]) -> None:
+    before = [*logging.getLogger().handlers]
+    assert main(["serve", "--set", "listen=[]"]) == 2
+    assert logging.getLogger().handlers == before
+    logging.getLogger("tests.log").error("afterwards")
+    assert "afterwards" not in capsys.readouterr().err

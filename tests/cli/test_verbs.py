@@ -100,8 +100,9 @@ def test_echo_one_field(rwt: Rwt) -> None:
     assert rwt("topic", "echo", "odom", "--once", "--field", "header.frame_id").out == "odom\n---\n"
     assert rwt("topic", "echo", "odom", "--once", "--field", "pose.covariance[0]", "--json").json >= 0
     assert rwt("topic", "echo", "odom", "--once", "--field", "header.stamp.sec", "--json").json > 0
-    assert isinstance(
-        rwt("topic", "echo", "/tf", "--once", "--field", "transforms[0].header.frame_id").out, str
+    assert rwt("topic", "echo", "/tf", "--once", "--field", "transforms[0].header.frame_id").out in (
+        "odom\n---\n",
+        "map\n---\n",
     )
 
 
@@ -123,7 +124,8 @@ def test_a_field_that_is_not_there(rwt: Rwt, path: str, expected: str) -> None:
 
 def test_an_index_beyond_the_array(rwt: Rwt) -> None:
     ended = rwt("topic", "echo", "/scan", "--once", "--field", "ranges[4000]")
-    assert (ended.code, "there are only 360 items" in ended.err) == (2, True) or ended.code == 1
+    assert ended.err == "rwt: --field ranges[4000]: there are only 360 items in this message\n"
+    assert ended.code == 1
 
 
 def test_echo_on_one_line(rwt: Rwt) -> None:
