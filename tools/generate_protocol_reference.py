@@ -30,7 +30,7 @@ from rwt_protocol.ops import (
     Qos,
     ServiceResponse,
 )
-from rwt_protocol.ops.base import Address, Expected
+from rwt_protocol.ops.base import Expected, ReplyTo
 from rwt_protocol.payloads import EMPTY
 from rwt_protocol.profiles import PROFILES
 
@@ -164,7 +164,7 @@ def _profile_names(names: list[str]) -> str:
 
 
 def _refusal(spec: OpSpec) -> str:
-    answer = spec.refuse(Address(spec.name, "1", "/name"), "why", "error")
+    answer = spec.refuse(ReplyTo(spec.name, "1", "/name"), "why", "error")
     if isinstance(answer, ServiceResponse | ActionResult):
         return f'`{answer.op}` with `"result": false` and the reason as `values`'
     return f"`{answer.op}`, where the client hears it ([when](#status))"

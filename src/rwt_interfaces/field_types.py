@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rwt_interfaces.distro import Distro
 
 if TYPE_CHECKING:
-    from rwt_interfaces.definitions.model import FieldType
+    from rwt_interfaces.definitions.model import WrittenType
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import MessageType
 
@@ -109,7 +109,7 @@ class Array:
 
 
 Scalar = Bool | Int | Float | String | Time | Message
-Shape = Scalar | Octets | Array
+FieldType = Scalar | Octets | Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,13 +119,13 @@ class Slot:
     Attributes:
         name: as ROS and the wire spell it.
         attribute: as Python spells it: a keyword gets an underscore appended (``from`` is ``from_``).
-        shape: what it holds.
+        field_type: what it holds.
         default: the value written in the definition, or None.
     """
 
     name: str
     attribute: str
-    shape: Shape
+    type: FieldType
     default: object | None
 
 
@@ -138,8 +138,8 @@ def _int(name: str, code: str, bits: int, signed: bool) -> Int:
 
 
 _INTS = {
-    shape.name: shape
-    for shape in (
+    field_type.name: field_type
+    for field_type in (
         _int("int8", "b", 8, True),
         _int("uint8", "B", 8, False),
         _int("int16", "h", 16, True),
@@ -161,7 +161,7 @@ FLOAT32 = _FLOATS["float32"]
 _BUILTIN_TIMES = {"builtin_interfaces/Time": False, "builtin_interfaces/Duration": True}
 
 
-def time_shape(name: str, distro: Distro) -> Time | None:
+def time_type(name: str, distro: Distro) -> Time | None:
     """The time that `name` is, or None. ROS 2's times are messages whose names and signs are fixed; ROS 1's
     primitives are spelled as the distribution spells time, and only durations are negative there."""
     nanoseconds = _INTS["uint32"]
@@ -174,7 +174,7 @@ def time_shape(name: str, distro: Distro) -> Time | None:
     return None
 
 
-def shape_of(field: FieldType, types: Registry) -> Shape:
+def field_type_of(field: WrittenType, types: Registry) -> FieldType:
     """Resolve one field's type; raises UnknownType for a nested message that nobody defined."""
     if not field.is_array:
         return _scalar(field, types)
@@ -184,7 +184,7 @@ def shape_of(field: FieldType, types: Registry) -> Shape:
     return Array(_scalar(field, types), field.length, field.bound)
 
 
-def _scalar(field: FieldType, types: Registry) -> Scalar:
+def _scalar(field: WrittenType, types: Registry) -> Scalar:
     name = field.name
     if name == "bool":
         return Bool()
@@ -198,4 +198,4 @@ def _scalar(field: FieldType, types: Registry) -> Scalar:
         return _CHAR
     if name == "byte":
         return _BYTE[types.distro.byte_is_signed]
-    return time_shape(name, types.distro) or Message(types.message(name))
+    return time_type(name, types.distro) or Message(types.message(name))

@@ -58,7 +58,9 @@ class Payload:
             message_type.json.check(raw)
         except REJECTIONS:
             return cls(
-                message_type, None, message_type.completer(message_type.json.parse(raw), now or time.time_ns)
+                message_type,
+                None,
+                message_type.decode_leniently(message_type.json.parse(raw), now or time.time_ns),
             )
         return cls(message_type, raw, None)
 
@@ -99,7 +101,7 @@ class Payload:
         try:
             return cls(message_type, None, message_type.json.convert(value))
         except REJECTIONS:
-            return cls(message_type, None, message_type.completer(value, now or time.time_ns))
+            return cls(message_type, None, message_type.decode_leniently(value, now or time.time_ns))
 
     @classmethod
     def from_cbor(
@@ -212,8 +214,8 @@ class Payload:
         try:
             return msgspec.convert(message, self.type.struct, from_attributes=True)
         except msgspec.ValidationError:
-            # It has a None for a float, which the completer makes NaN.
-            own: msgspec.Struct = self.type.completer(message, time.time_ns)
+            # It has a None for a float, which the lenient decoder makes NaN.
+            own: msgspec.Struct = self.type.decode_leniently(message, time.time_ns)
             return own
 
     def _known(self) -> msgspec.Struct:

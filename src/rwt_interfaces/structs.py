@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 from rwt_interfaces.definitions import hashes
 from rwt_interfaces.definitions.model import MessageDefinition, ServiceDefinition
-from rwt_interfaces.field_types import Shape, Slot
+from rwt_interfaces.field_types import FieldType, Slot
 from rwt_interfaces.validation.numbers import float32
 
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import JsonCodec
-    from rwt_interfaces.validation.lenient_decoder import Completer
+    from rwt_interfaces.validation.lenient_decoder import LenientDecoder
 
 #: One field of :func:`msgspec.defstruct`: name, annotation, default.
 _StructField = tuple[str, object, object]
@@ -50,9 +50,9 @@ class MessageType:
         return f"<MessageType {self.name} ({self.registry.distro.name})>"
 
     @cached_property
-    def time(self) -> shapes.Time | None:
+    def time(self) -> field_types.Time | None:
         """Set when this message is itself a time: builtin_interfaces/Time or Duration."""
-        return shapes.time_shape(self.name, self.registry.distro)
+        return field_types.time_type(self.name, self.registry.distro)
 
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
@@ -61,7 +61,7 @@ class MessageType:
             Slot(
                 field.name,
                 field.name + "_" if keyword.iskeyword(field.name) else field.name,
-                shapes.shape_of(field.type, self.registry),
+                field_types.field_type_of(field.type, self.registry),
                 field.default,
             )
             for field in self.definition.fields
@@ -90,7 +90,7 @@ class MessageType:
         return hashes.rihs01(self.definition, self.registry)
 
     @cached_property
-    def completer(self) -> Completer:
+    def decode_leniently(self) -> LenientDecoder:
         """Builds a message from whatever came, filling what is missing."""
         from rwt_interfaces.validation.lenient_decoder import compile_message
 
@@ -186,52 +186,52 @@ class ActionType:
 
 
 @lru_cache(maxsize=8)
-def time_struct(shape: shapes.Time) -> type[msgspec.Struct]:
+def time_struct(field_type: field_types.Time) -> type[msgspec.Struct]:
     """The Struct of a time; one for all messages that hold it."""
-    name = "Duration" if shape.is_duration else "Time"
-    return msgspec.defstruct(name, [(key, int, 0) for key in shape.keys], module="builtin_interfaces")
+    name = "Duration" if field_type.is_duration else "Time"
+    return msgspec.defstruct(name, [(key, int, 0) for key in field_type.keys], module="builtin_interfaces")
 
 
-def annotation(shape: Shape) -> object:
+def annotation(field_type: FieldType) -> object:
     """The Python type of a field in its message's Struct."""
-    match shape:
-        case shapes.Bool():
+    match field_type:
+        case field_types.Bool():
             return bool
-        case shapes.Int():
+        case field_types.Int():
             return int
-        case shapes.Float():
+        case field_types.Float():
             return float
-        case shapes.String():
+        case field_types.String():
             return str
-        case shapes.Time():
-            return time_struct(shape)
-        case shapes.Octets():
+        case field_types.Time():
+            return time_struct(field_type)
+        case field_types.Octets():
             return bytes
-        case shapes.Message():
-            return shape.type.struct
-        case shapes.Array():
-            return _LIST[annotation(shape.element)]
+        case field_types.Message():
+            return field_type.type.struct
+        case field_types.Array():
+            return _LIST[annotation(field_type.element)]
 
 
-def default_maker(shape: Shape) -> Callable[[], object]:
+def default_maker(field_type: FieldType) -> Callable[[], object]:
     """A function that makes the value a field has when nobody set it: zero, false, empty (PUB-04)."""
-    match shape:
-        case shapes.Octets():
-            octets = bytes(shape.length or 0)
+    match field_type:
+        case field_types.Octets():
+            octets = bytes(field_type.length or 0)
             return lambda: octets
-        case shapes.Array():
-            return _array_default(default_maker(shape.element), shape.length or 0)
-        case shapes.Time():
-            return time_struct(shape)
-        case shapes.Message():
-            return shape.type.struct
-        case shapes.Bool():
+        case field_types.Array():
+            return _array_default(default_maker(field_type.element), field_type.length or 0)
+        case field_types.Time():
+            return time_struct(field_type)
+        case field_types.Message():
+            return field_type.type.struct
+        case field_types.Bool():
             return bool
-        case shapes.Int():
+        case field_types.Int():
             return int
-        case shapes.Float():
+        case field_types.Float():
             return float
-        case shapes.String():
+        case field_types.String():
             return str
 
 
@@ -246,23 +246,23 @@ def slot_default(slot: Slot) -> Callable[[], object]:
     (JSN-26)."""
     default = slot.default
     if default is None:
-        return default_maker(slot.shape)
-    if isinstance(slot.shape, shapes.Octets) and isinstance(default, (list, tuple)):
+        return default_maker(slot.type)
+    if isinstance(slot.type, field_types.Octets) and isinstance(default, (list, tuple)):
         octets = bytes(default)
         return lambda: octets
     if isinstance(default, (list, tuple)):
-        held = [_held(each, slot.shape) for each in default]
+        held = [_held(each, slot.type) for each in default]
         return lambda: list(held)
-    one = _held(default, slot.shape)
+    one = _held(default, slot.type)
     return lambda: one
 
 
-def _held(default: object, shape: Shape) -> object:
+def _held(default: object, field_type: FieldType) -> object:
     """A default as the field holds it: a float32 is the nearest one, and infinity beyond its range."""
-    number = shape.element if isinstance(shape, shapes.Array) else shape
-    if number != shapes.FLOAT32 or not isinstance(default, float):
+    number = field_type.element if isinstance(field_type, field_types.Array) else field_type
+    if number != field_types.FLOAT32 or not isinstance(default, float):
         return default
-    if abs(default) > shapes.FLOAT32_LIMIT:
+    if abs(default) > field_types.FLOAT32_LIMIT:
         return math.copysign(math.inf, default)
     return float32(default)
 
@@ -273,4 +273,4 @@ def _struct_field(slot: Slot) -> _StructField:
     # msgspec shares a plain default between instances, which only immutable ones allow.
     immutable = isinstance(value, (bool, int, float, str, bytes))
     default = value if immutable else msgspec.field(default_factory=make)
-    return slot.attribute, annotation(slot.shape), default
+    return slot.attribute, annotation(slot.type), default

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, Generic, Never, TypeVar, cast
 
 from rwt_protocol.errors import IncompleteDispatcher, Refused
-from rwt_protocol.ops import SPEC_OF, Address, Direction, Op, inbound
+from rwt_protocol.ops import SPEC_OF, Direction, Op, ReplyTo, inbound
 
 C = TypeVar("C")
 
@@ -58,12 +58,12 @@ class Dispatcher(Generic[C]):
         try:
             self._handlers[type(op)](context, op)
         except Refused as refused:
-            return SPEC_OF[type(op)].refuse(Address.of(op), refused.reason, refused.level)
+            return SPEC_OF[type(op)].refuse(ReplyTo.of(op), refused.reason, refused.level)
         except self._refusals as refused:
-            return SPEC_OF[type(op)].refuse(Address.of(op), f"{op.op}: {refused}", "error")
+            return SPEC_OF[type(op)].refuse(ReplyTo.of(op), f"{op.op}: {refused}", "error")
         except Exception as error:
             self._on_error(context, op, error)
-            return SPEC_OF[type(op)].refuse(Address.of(op), INTERNAL_ERROR, "error")
+            return SPEC_OF[type(op)].refuse(ReplyTo.of(op), INTERNAL_ERROR, "error")
         return None
 
 

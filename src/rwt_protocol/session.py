@@ -14,7 +14,7 @@ from rwt_protocol.codecs.base import Codec, DecodeFailure, Members
 from rwt_protocol.error_text import describe, explain, nearest
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
-from rwt_protocol.ops import ALIASES, OPS, Address, Direction, Fragment, Op, Png, SetLevel, Status
+from rwt_protocol.ops import ALIASES, OPS, Direction, Fragment, Op, Png, ReplyTo, SetLevel, Status
 from rwt_protocol.payloads import Encodable
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
@@ -249,22 +249,22 @@ class Session:
         return f"unknown operation {describe(name)}{nearest(name, map(str, self._readers))}: {allowed}"
 
     def _refusal(self, members: Members, reason: str) -> Refusal:
-        address = _address(members)
-        spec = OPS.get(address.op, OPS["status"])
-        answer: Op | None = spec.refuse(address, reason, "error")
+        reply_to = _reply_to(members)
+        spec = OPS.get(reply_to.op, OPS["status"])
+        answer: Op | None = spec.refuse(reply_to, reason, "error")
         if isinstance(answer, Status) and self._direction is Direction.TO_CLIENT:
             answer = None
-        return Refusal(reason, address.op, address.id, address.name, answer)
+        return Refusal(reason, reply_to.op, reply_to.id, reply_to.name, answer)
 
 
-def _address(members: Members) -> Address:
+def _reply_to(members: Members) -> ReplyTo:
     """Where to answer a message, as far as that can be read."""
     op, mark = members.get("op"), members.get("id")
     name = members.get("service", members.get("action"))
     known = isinstance(mark, str) or (
         isinstance(mark, int) and not isinstance(mark, bool) and -(2**63) <= mark < 2**64
     )
-    return Address(
+    return ReplyTo(
         op if isinstance(op, str) else "",
         mark if known and isinstance(mark, str | int) else None,
         name if isinstance(name, str) else "",

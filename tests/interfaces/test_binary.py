@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
@@ -48,14 +48,14 @@ FORMS: dict[str, tuple[Callable[[Payload], bytes], Callable[[MessageType, bytes]
 def message(kind: MessageType, chance: Random) -> Any:
     if kind.time is not None:
         return value(kind.time, chance)
-    return kind.struct(*[value(slot.shape, chance) for slot in kind.slots])
+    return kind.struct(*[value(slot.type, chance) for slot in kind.slots])
 
 
-def value(shape: shapes.Shape, chance: Random) -> Any:
-    match shape:
-        case shapes.Bool():
+def value(field_type: field_types.FieldType, chance: Random) -> Any:
+    match field_type:
+        case field_types.Bool():
             return chance.random() < 0.5
-        case shapes.Int():
+        case field_types.Int():
             edges = (
                 0,
                 1,
@@ -65,29 +65,32 @@ def value(shape: shapes.Shape, chance: Random) -> Any:
                 256,
                 65535,
                 65536,
-                shape.low,
-                shape.high,
-                chance.randint(shape.low, shape.high),
+                field_type.low,
+                field_type.high,
+                chance.randint(field_type.low, field_type.high),
             )
-            return min(max(chance.choice(edges), shape.low), shape.high)
-        case shapes.Float():
+            return min(max(chance.choice(edges), field_type.low), field_type.high)
+        case field_types.Float():
             number = chance.choice((0.0, -0.0, 1.5, -2.0, chance.uniform(-1e30, 1e30), chance.random()))
-            return struct.unpack("<f", struct.pack("<f", number))[0] if shape.code == "f" else number
-        case shapes.String():
+            return struct.unpack("<f", struct.pack("<f", number))[0] if field_type.code == "f" else number
+        case field_types.String():
             letters = chance.choices('aé€😀\\"\n/', k=chance.choice((0, 1, 2, 3, 5, 30)))
-            return "".join(letters)[: shape.bound]
-        case shapes.Time():
-            return time_struct(shape)(value(shape.seconds, chance), value(shape.nanoseconds, chance))
-        case shapes.Octets():
-            return chance.randbytes(
-                chance.choice((0, 1, 3, 30, 600)) if shape.length is None else shape.length
+            return "".join(letters)[: field_type.bound]
+        case field_types.Time():
+            return time_struct(field_type)(
+                value(field_type.seconds, chance), value(field_type.nanoseconds, chance)
             )
-        case shapes.Message():
-            return message(shape.type, chance)
-        case shapes.Array():
-            count = chance.randint(0, min(3 if shape.bound is None else shape.bound, 3))
+        case field_types.Octets():
+            return chance.randbytes(
+                chance.choice((0, 1, 3, 30, 600)) if field_type.length is None else field_type.length
+            )
+        case field_types.Message():
+            return message(field_type.type, chance)
+        case field_types.Array():
+            count = chance.randint(0, min(3 if field_type.bound is None else field_type.bound, 3))
             return [
-                value(shape.element, chance) for _ in range(count if shape.length is None else shape.length)
+                value(field_type.element, chance)
+                for _ in range(count if field_type.length is None else field_type.length)
             ]
 
 
@@ -102,15 +105,15 @@ def every_type() -> list[Any]:
 # The oracles' view of a message
 
 
-def for_cbor2(value: Any, shape: shapes.Shape, version: int) -> Any:
-    match shape:
-        case shapes.Time():
-            return {key: getattr(value, key) for key in shape.keys}
-        case shapes.Message():
-            return as_mapping(value, shape.type, version)
-        case shapes.Array(element=shapes.Int(name="uint8" | "char")):
+def for_cbor2(value: Any, field_type: field_types.FieldType, version: int) -> Any:
+    match field_type:
+        case field_types.Time():
+            return {key: getattr(value, key) for key in field_type.keys}
+        case field_types.Message():
+            return as_mapping(value, field_type.type, version)
+        case field_types.Array(element=field_types.Int(name="uint8" | "char")):
             return bytes(value)
-        case shapes.Array(element=shapes.Int() | shapes.Float() as element):
+        case field_types.Array(element=field_types.Int() | field_types.Float() as element):
             tags = {
                 "int8": 72,
                 "byte": 72 if version == 1 else 64,
@@ -124,8 +127,8 @@ def for_cbor2(value: Any, shape: shapes.Shape, version: int) -> Any:
                 "float64": 86,
             }
             return cbor2.CBORTag(tags[element.name], struct.pack(f"<{len(value)}{element.code}", *value))
-        case shapes.Array():
-            return [for_cbor2(item, shape.element, version) for item in value]
+        case field_types.Array():
+            return [for_cbor2(item, field_type.element, version) for item in value]
         case _:
             return value
 
@@ -133,29 +136,29 @@ def for_cbor2(value: Any, shape: shapes.Shape, version: int) -> Any:
 def as_mapping(value: Any, kind: MessageType, version: int) -> Any:
     if kind.time is not None:
         return for_cbor2(value, kind.time, version)
-    return {slot.name: for_cbor2(getattr(value, slot.attribute), slot.shape, version) for slot in kind.slots}
+    return {slot.name: for_cbor2(getattr(value, slot.attribute), slot.type, version) for slot in kind.slots}
 
 
-def for_rosbags(value: Any, shape: shapes.Shape, store: Any) -> Any:
-    match shape:
-        case shapes.Time():
-            name = "Duration" if shape.is_duration else "Time"
+def for_rosbags(value: Any, field_type: field_types.FieldType, store: Any) -> Any:
+    match field_type:
+        case field_types.Time():
+            name = "Duration" if field_type.is_duration else "Time"
             # rosbags has one time for both versions of ROS: the same bytes, with other signs.
-            unsigned = [getattr(value, key) % 2**32 for key in shape.keys]
+            unsigned = [getattr(value, key) % 2**32 for key in field_type.keys]
             halves = struct.unpack("<iI", struct.pack("<II", *unsigned))
             return store.types[f"builtin_interfaces/msg/{name}"](*halves)
-        case shapes.Octets():
+        case field_types.Octets():
             return np.frombuffer(value, np.uint8)
-        case shapes.Int(name="byte"):
+        case field_types.Int(name="byte"):
             return (value + 128) % 256 - 128  # rosbags takes ROS 2's byte for a signed one.
-        case shapes.Message():
-            return rosbags_message(value, shape.type, store)
-        case shapes.Array(element=shapes.Int() | shapes.Float() as element):
+        case field_types.Message():
+            return rosbags_message(value, field_type.type, store)
+        case field_types.Array(element=field_types.Int() | field_types.Float() as element):
             return np.array(value, element.code)
-        case shapes.Array(element=shapes.Bool()):
+        case field_types.Array(element=field_types.Bool()):
             return np.array(value, np.bool_)
-        case shapes.Array():
-            return [for_rosbags(item, shape.element, store) for item in value]
+        case field_types.Array():
+            return [for_rosbags(item, field_type.element, store) for item in value]
         case _:
             return value
 
@@ -163,7 +166,7 @@ def for_rosbags(value: Any, shape: shapes.Shape, store: Any) -> Any:
 def rosbags_message(value: Any, kind: MessageType, store: Any) -> Any:
     if kind.time is not None:
         return for_rosbags(value, kind.time, store)
-    fields = [for_rosbags(getattr(value, slot.attribute), slot.shape, store) for slot in kind.slots]
+    fields = [for_rosbags(getattr(value, slot.attribute), slot.type, store) for slot in kind.slots]
     return store.types[kind.name.replace("/", "/msg/")](*fields)
 
 

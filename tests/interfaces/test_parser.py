@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rwt_interfaces.definitions.model import Constant, Field, FieldType
+from rwt_interfaces.definitions.model import Constant, Field, WrittenType
 from rwt_interfaces.definitions.parser import format_message, parse_action, parse_message, parse_service
 from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName
@@ -25,28 +25,28 @@ def only_constant(text: str, distro: Distro = JAZZY) -> Constant:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("bool x", FieldType("bool")),
-        ("float64   x", FieldType("float64")),
-        ("\tint8\tx\t", FieldType("int8")),
-        ("wstring x", FieldType("wstring")),
-        ("string<=5 x", FieldType("string", string_bound=5)),
-        ("wstring<=5 x", FieldType("wstring", string_bound=5)),
-        ("uint8[] x", FieldType("uint8", is_array=True)),
-        ("float64[36] x", FieldType("float64", is_array=True, length=36)),
-        ("int32[<=3] x", FieldType("int32", is_array=True, bound=3)),
-        ("string<=5[<=3] x", FieldType("string", string_bound=5, is_array=True, bound=3)),
-        ("string<=5[2] x", FieldType("string", string_bound=5, is_array=True, length=2)),
-        ("Other x", FieldType("my_pkg/Other")),
-        ("Other[] x", FieldType("my_pkg/Other", is_array=True)),
-        ("geometry_msgs/Point x", FieldType("geometry_msgs/Point")),
-        ("geometry_msgs/msg/Point[2] x", FieldType("geometry_msgs/Point", is_array=True, length=2)),
-        ("Header x", FieldType("std_msgs/Header")),
-        ("std_msgs/Header x", FieldType("std_msgs/Header")),
-        ("byte x # why", FieldType("byte")),
-        ("byte x# why", FieldType("byte")),
+        ("bool x", WrittenType("bool")),
+        ("float64   x", WrittenType("float64")),
+        ("\tint8\tx\t", WrittenType("int8")),
+        ("wstring x", WrittenType("wstring")),
+        ("string<=5 x", WrittenType("string", string_bound=5)),
+        ("wstring<=5 x", WrittenType("wstring", string_bound=5)),
+        ("uint8[] x", WrittenType("uint8", is_array=True)),
+        ("float64[36] x", WrittenType("float64", is_array=True, length=36)),
+        ("int32[<=3] x", WrittenType("int32", is_array=True, bound=3)),
+        ("string<=5[<=3] x", WrittenType("string", string_bound=5, is_array=True, bound=3)),
+        ("string<=5[2] x", WrittenType("string", string_bound=5, is_array=True, length=2)),
+        ("Other x", WrittenType("my_pkg/Other")),
+        ("Other[] x", WrittenType("my_pkg/Other", is_array=True)),
+        ("geometry_msgs/Point x", WrittenType("geometry_msgs/Point")),
+        ("geometry_msgs/msg/Point[2] x", WrittenType("geometry_msgs/Point", is_array=True, length=2)),
+        ("Header x", WrittenType("std_msgs/Header")),
+        ("std_msgs/Header x", WrittenType("std_msgs/Header")),
+        ("byte x # why", WrittenType("byte")),
+        ("byte x# why", WrittenType("byte")),
     ],
 )
-def test_field_types(text: str, expected: FieldType) -> None:
+def test_field_types(text: str, expected: WrittenType) -> None:
     assert only_field(text) == Field("x", expected)
     assert only_field(text, distro=NOETIC) == Field("x", expected)
 

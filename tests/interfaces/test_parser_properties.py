@@ -10,7 +10,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from rwt_interfaces.definitions.literals import Literals
-from rwt_interfaces.definitions.model import Constant, Field, FieldType, MessageDefinition
+from rwt_interfaces.definitions.model import Constant, Field, MessageDefinition, WrittenType
 from rwt_interfaces.definitions.parser import format_message, parse_action, parse_message, parse_service
 from rwt_interfaces.distro import DISTROS, Distro
 from rwt_interfaces.errors import DefinitionError
@@ -45,11 +45,11 @@ PLAIN = [
 
 
 @st.composite
-def field_types(draw: st.DrawFn) -> FieldType:
+def field_types(draw: st.DrawFn) -> WrittenType:
     name = draw(st.sampled_from([*PLAIN, "geometry_msgs/Point", "std_msgs/Header", "p/Other"]))
     string_bound = draw(st.none() | SIZES) if name in ("string", "wstring") else None
     shape = draw(st.sampled_from(["scalar", "sequence", "fixed", "bounded"]))
-    return FieldType(
+    return WrittenType(
         name,
         string_bound,
         is_array=shape != "scalar",
@@ -77,7 +77,7 @@ def fields(draw: st.DrawFn, name: str) -> Field:
 
 @st.composite
 def constants(draw: st.DrawFn, name: str) -> Constant:
-    field_type = FieldType(draw(st.sampled_from(PLAIN)))
+    field_type = WrittenType(draw(st.sampled_from(PLAIN)))
     value = draw(scalars(field_type.name))
     assert isinstance(value, bool | int | float | str)
     return Constant(name, field_type, value, Literals.format(value))

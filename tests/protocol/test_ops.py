@@ -13,7 +13,6 @@ from rwt_protocol.ops import (
     OPS,
     SPEC_OF,
     ActionResult,
-    Address,
     Advertise,
     CallService,
     CancelActionGoal,
@@ -22,6 +21,7 @@ from rwt_protocol.ops import (
     GoalStatus,
     Op,
     Publish,
+    ReplyTo,
     ServiceResponse,
     Status,
     Subscribe,
@@ -234,25 +234,25 @@ def test_times_of_auth_are_whole_seconds(t: object) -> None:
 
 @pytest.mark.parametrize("name", OPS)
 @pytest.mark.parametrize(
-    "address", [Address("x", "i", "/n"), Address("x", 7, ""), Address("x", None, "/n"), Address()]
+    "reply_to", [ReplyTo("x", "i", "/n"), ReplyTo("x", 7, ""), ReplyTo("x", None, "/n"), ReplyTo()]
 )
-def test_every_op_can_be_refused(name: str, address: Address) -> None:
-    answer = OPS[name].refuse(address, "why", "warning")
-    assert answer.id == address.id
-    if name == "call_service" and address != Address():
-        assert answer == ServiceResponse(service=address.name, values="why", result=False, id=address.id)
-    elif name == "send_action_goal" and address != Address():
+def test_every_op_can_be_refused(name: str, reply_to: ReplyTo) -> None:
+    answer = OPS[name].refuse(reply_to, "why", "warning")
+    assert answer.id == reply_to.id
+    if name == "call_service" and reply_to != ReplyTo():
+        assert answer == ServiceResponse(service=reply_to.name, values="why", result=False, id=reply_to.id)
+    elif name == "send_action_goal" and reply_to != ReplyTo():
         assert answer == ActionResult(
-            action=address.name, values="why", result=False, status=0, id=address.id
+            action=reply_to.name, values="why", result=False, status=0, id=reply_to.id
         )
     else:
-        assert answer == Status(level="warning", msg="why", id=address.id)
+        assert answer == Status(level="warning", msg="why", id=reply_to.id)
 
 
 def test_an_address_is_read_from_any_op() -> None:
-    assert Address.of(CallService(service="/s", id=3)) == Address("call_service", 3, "/s")
-    assert Address.of(CancelActionGoal(action="/a", id="g")) == Address("cancel_action_goal", "g", "/a")
-    assert Address.of(Publish(topic="/t")) == Address("publish", None, "")
+    assert ReplyTo.of(CallService(service="/s", id=3)) == ReplyTo("call_service", 3, "/s")
+    assert ReplyTo.of(CancelActionGoal(action="/a", id="g")) == ReplyTo("cancel_action_goal", "g", "/a")
+    assert ReplyTo.of(Publish(topic="/t")) == ReplyTo("publish", None, "")
 
 
 def test_the_table_is_closed() -> None:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Final
 from pydantic import BaseModel
 
 from rwt_cli.codegen.type_selection import ClassNames, TypeSelection, time_name
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 from rwt_interfaces.structs import slot_default
 
 if TYPE_CHECKING:
     from rwt_interfaces.definitions.model import Constant
-    from rwt_interfaces.field_types import Shape, Slot
+    from rwt_interfaces.field_types import FieldType, Slot
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _HEAD: Final = '''\
@@ -105,7 +105,7 @@ class _Stubs:
             parts = {"Goal": action.goal, "Result": action.result, "Feedback": action.feedback}
             yield self._parts(action, parts)
 
-    def _time(self, time: shapes.Time) -> str:
+    def _time(self, time: field_types.Time) -> str:
         halves = zip(time.keys, (time.seconds, time.nanoseconds), strict=True)
         lines = [f"{key}: _{half.name.capitalize()} = 0" for key, half in halves]
         return self._class(time_name(time), f"{time_name(time).replace('/', '/msg/')}", lines)
@@ -135,7 +135,7 @@ class _Stubs:
         return keyword.iskeyword(name) or name in self._taken or name.startswith("model_")
 
     def _field(self, slot: Slot) -> str:
-        kind, default = self._type(slot.shape), self._default(slot)
+        kind, default = self._type(slot.type), self._default(slot)
         if not self._is_taken(slot.name):
             if default.startswith("default"):
                 return f"{slot.name}: {kind} = pydantic.Field({default})"
@@ -147,51 +147,51 @@ class _Stubs:
         given = default if default.startswith("default") else f"default={default}"
         return f"{slot.name}_: {kind} = pydantic.Field({given}, {names})"
 
-    def _type(self, shape: Shape) -> str:
-        match shape:
-            case shapes.Bool():
+    def _type(self, field_type: FieldType) -> str:
+        match field_type:
+            case field_types.Bool():
                 return "_Bool"
-            case shapes.Int():
-                return f"_{'Int' if shape.low < 0 else 'Uint'}{_bits(shape)}"
-            case shapes.Float():
+            case field_types.Int():
+                return f"_{'Int' if field_type.low < 0 else 'Uint'}{_bits(field_type)}"
+            case field_types.Float():
                 return "_Float"
-            case shapes.String(bound=bound):
+            case field_types.String(bound=bound):
                 return "_String" if bound is None else _bounded("_String", 0, bound)
-            case shapes.Octets(length=length):
+            case field_types.Octets(length=length):
                 return "_Octets" if length is None else _bounded("_Octets", length, length)
-            case shapes.Time():
-                return self._names.of(time_name(shape))
-            case shapes.Message(type=nested):
+            case field_types.Time():
+                return self._names.of(time_name(field_type))
+            case field_types.Message(type=nested):
                 return self._names.of(nested.name if nested.time is None else time_name(nested.time))
-            case shapes.Array(element=element, length=length, bound=bound):
+            case field_types.Array(element=element, length=length, bound=bound):
                 items = f"list[{self._type(element)}]"
                 most = length if length is not None else bound
                 return items if most is None else _bounded(items, length or 0, most)
 
     def _default(self, slot: Slot) -> str:
         """The default as an expression, or as ``default_factory=…`` where each message needs its own."""
-        if isinstance(slot.shape, shapes.Message | shapes.Time):
-            return f"default_factory={self._type(slot.shape)}"
-        if not isinstance(slot.shape, shapes.Array):
+        if isinstance(slot.type, field_types.Message | field_types.Time):
+            return f"default_factory={self._type(slot.type)}"
+        if not isinstance(slot.type, field_types.Array):
             return _literal(slot_default(slot)())
-        length = slot.shape.length or 0
+        length = slot.type.length or 0
         if slot.default is not None:
             items = [_literal(item) for item in slot_default(slot)()]  # type: ignore[attr-defined]  # a list
             return f"default_factory=lambda: [{', '.join(items)}]"
         if not length:
-            return f"default_factory=list[{self._type(slot.shape.element)}]"
-        if isinstance(slot.shape.element, shapes.Message | shapes.Time):
-            return f"default_factory=lambda: [{self._type(slot.shape.element)}() for _ in range({length})]"
-        return f"default_factory=lambda: [{_zero(slot.shape.element)}] * {length}"
+            return f"default_factory=list[{self._type(slot.type.element)}]"
+        if isinstance(slot.type.element, field_types.Message | field_types.Time):
+            return f"default_factory=lambda: [{self._type(slot.type.element)}() for _ in range({length})]"
+        return f"default_factory=lambda: [{_zero(slot.type.element)}] * {length}"
 
 
-def _zero(shape: Shape) -> str:
-    match shape:
-        case shapes.Bool():
+def _zero(field_type: FieldType) -> str:
+    match field_type:
+        case field_types.Bool():
             return "False"
-        case shapes.Float():
+        case field_types.Float():
             return "0.0"
-        case shapes.String():
+        case field_types.String():
             return '""'
         case _:
             return "0"
@@ -210,8 +210,8 @@ def _bounded(kind: str, least: int, most: int) -> str:
     return f"typing.Annotated[{kind}, pydantic.Field({bounds})]"
 
 
-def _bits(shape: shapes.Int) -> int:
-    return (shape.high - shape.low).bit_length()
+def _bits(field_type: field_types.Int) -> int:
+    return (field_type.high - field_type.low).bit_length()
 
 
 def _int_types() -> Iterator[str]:

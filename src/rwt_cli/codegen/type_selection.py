@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 from rwt_interfaces.errors import InterfaceError, UnknownType
 from rwt_interfaces.names import KINDS, Kind, parse_type_name, two_part
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from rwt_client import Robot
     from rwt_interfaces.distro import Distro
-    from rwt_interfaces.field_types import Shape
+    from rwt_interfaces.field_types import FieldType
     from rwt_interfaces.registry import Registry
 
 InterfaceType = MessageType | ServiceType | ActionType
@@ -37,7 +37,7 @@ class TypeSelection:
 
     registry: Registry
     messages: tuple[MessageType, ...]
-    times: tuple[shapes.Time, ...]
+    times: tuple[field_types.Time, ...]
     services: tuple[ServiceType, ...]
     actions: tuple[ActionType, ...]
 
@@ -203,7 +203,7 @@ class _Walk:
 
     def __init__(self) -> None:
         self.messages: dict[str, MessageType] = {}
-        self.times: list[shapes.Time] = []
+        self.times: list[field_types.Time] = []
 
     def add(self, message: MessageType) -> None:
         """A message and what it contains."""
@@ -213,17 +213,17 @@ class _Walk:
             self.times.append(message.time)
             return
         for slot in message.slots:
-            self._add_shape(slot.shape)
+            self._add_type(slot.type)
         self.messages[message.name] = message
 
-    def _add_shape(self, shape: Shape) -> None:
-        match shape:
-            case shapes.Message(type=nested):
+    def _add_type(self, field_type: FieldType) -> None:
+        match field_type:
+            case field_types.Message(type=nested):
                 self.add(nested)
-            case shapes.Array(element=element):
-                self._add_shape(element)
-            case shapes.Time():
-                self.times.append(shape)
+            case field_types.Array(element=element):
+                self._add_type(element)
+            case field_types.Time():
+                self.times.append(field_type)
             case _:
                 pass
 
@@ -260,6 +260,6 @@ class ClassNames:
         return frozenset(self._names.values())
 
 
-def time_name(time: shapes.Time) -> str:
+def time_name(time: field_types.Time) -> str:
     """The name of a time as a message."""
     return f"builtin_interfaces/{'Duration' if time.is_duration else 'Time'}"

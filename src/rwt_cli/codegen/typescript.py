@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 from rwt_cli.codegen.type_selection import ClassNames, TypeSelection, time_name
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 
 if TYPE_CHECKING:
     from rwt_interfaces.definitions.model import Constant
-    from rwt_interfaces.field_types import Shape
+    from rwt_interfaces.field_types import FieldType
     from rwt_interfaces.structs import MessageType
 
 _HEAD: Final = """\
@@ -69,7 +69,7 @@ class _Stubs:
         )
 
     def _message(self, message: MessageType) -> str:
-        lines = [f"{slot.name}: {self._type(slot.shape)};{_remark(slot.shape)}" for slot in message.slots]
+        lines = [f"{slot.name}: {self._type(slot.type)};{_remark(slot.type)}" for slot in message.slots]
         text = self._interface(message.name, message.registry.type_name(message), lines)
         constants = message.definition.constants
         if not constants:
@@ -88,35 +88,41 @@ class _Stubs:
     def _record(self, **parts: MessageType) -> str:
         return f"{{ {'; '.join(f'{part}: {self._names.of(each.name)}' for part, each in parts.items())} }}"
 
-    def _type(self, shape: Shape) -> str:
-        match shape:
-            case shapes.Bool():
+    def _type(self, field_type: FieldType) -> str:
+        match field_type:
+            case field_types.Bool():
                 return "boolean"
-            case shapes.Int() | shapes.Float():
+            case field_types.Int() | field_types.Float():
                 return "number"
-            case shapes.String():
+            case field_types.String():
                 return "string"
-            case shapes.Octets():
+            case field_types.Octets():
                 return "string | Uint8Array"
-            case shapes.Time():
-                return self._names.of(time_name(shape))
-            case shapes.Message(type=nested):
+            case field_types.Time():
+                return self._names.of(time_name(field_type))
+            case field_types.Message(type=nested):
                 return self._names.of(nested.name if nested.time is None else time_name(nested.time))
-            case shapes.Array(element=element):
+            case field_types.Array(element=element):
                 return f"{self._type(element)}[]"
 
 
-def _remark(shape: Shape) -> str:
+def _remark(field_type: FieldType) -> str:
     """What TypeScript cannot say of a field."""
-    match shape:
-        case shapes.Bool() | shapes.Message() | shapes.Time() | shapes.String(bound=None) | shapes.Float():
-            return ""
-        case shapes.Array(element=shapes.Message() | shapes.Time() | shapes.String(bound=None)) if (
-            shape.length is None and shape.bound is None
+    match field_type:
+        case (
+            field_types.Bool()
+            | field_types.Message()
+            | field_types.Time()
+            | field_types.String(bound=None)
+            | field_types.Float()
         ):
             return ""
+        case field_types.Array(
+            element=field_types.Message() | field_types.Time() | field_types.String(bound=None)
+        ) if field_type.length is None and field_type.bound is None:
+            return ""
         case _:
-            return f" // {shape}"
+            return f" // {field_type}"
 
 
 def _constant(constant: Constant) -> str:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 import pybase64
 
 from rwt_cli.errors import CALLED_WRONGLY, CommandError, did_you_mean
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 
 if TYPE_CHECKING:
     from rwt_cli.console.yaml_text import YamlValue
-    from rwt_interfaces.field_types import Shape
+    from rwt_interfaces.field_types import FieldType
     from rwt_interfaces.structs import MessageType
 
 _STEP: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)((?:\[[0-9]{1,9}\])*)", re.ASCII)
@@ -45,43 +45,43 @@ def plain(
 ) -> dict[str, YamlValue]:
     """A message as plain values, fields in the definition's order."""
     return {
-        slot.name: plain_value(slot.shape, getattr(message, slot.attribute), formatting)
+        slot.name: plain_value(slot.type, getattr(message, slot.attribute), formatting)
         for slot in message_type.slots
     }
 
 
-def plain_value(shape: Shape, value: Any, formatting: Formatting) -> YamlValue:
+def plain_value(field_type: FieldType, value: Any, formatting: Formatting) -> YamlValue:
     """What a field holds as plain values."""
-    match shape:
-        case shapes.Message(type=nested) if nested.time is None:
+    match field_type:
+        case field_types.Message(type=nested) if nested.time is None:
             return plain(nested, value, formatting)
-        case shapes.Message(type=nested):
+        case field_types.Message(type=nested):
             return _time(nested.time, value)
-        case shapes.Time():
-            return _time(shape, value)
-        case shapes.Array(element=element):
-            return _items(shape, [*value], element, formatting)
-        case shapes.Octets():
-            return _octets(shape, value, formatting)
-        case shapes.String():
+        case field_types.Time():
+            return _time(field_type, value)
+        case field_types.Array(element=element):
+            return _items(field_type, [*value], element, formatting)
+        case field_types.Octets():
+            return _octets(field_type, value, formatting)
+        case field_types.String():
             return _string(value, formatting)
-        case shapes.Float():
+        case field_types.Float():
             return None if formatting.json and not math.isfinite(value) else float(value)
         case _:
             plain_one: YamlValue = value
             return plain_one
 
 
-def _time(shape: shapes.Time | None, value: Any) -> YamlValue:
-    assert shape is not None  # Only times are asked for.
-    return {key: int(getattr(value, key)) for key in shape.keys}
+def _time(field_type: field_types.Time | None, value: Any) -> YamlValue:
+    assert field_type is not None  # Only times are asked for.
+    return {key: int(getattr(value, key)) for key in field_type.keys}
 
 
 def _items(
-    shape: shapes.Array, items: list[Any], element: shapes.Scalar, formatting: Formatting
+    field_type: field_types.Array, items: list[Any], element: field_types.Scalar, formatting: Formatting
 ) -> YamlValue:
     if not formatting.arrays:
-        return _only_length(shape.length is not None, str(element), len(items))
+        return _only_length(field_type.length is not None, str(element), len(items))
     cut = formatting.longest is not None and len(items) > formatting.longest
     told: list[YamlValue] = [
         plain_value(element, item, formatting) for item in (items[: formatting.longest] if cut else items)
@@ -89,9 +89,9 @@ def _items(
     return [*told, "..."] if cut else told
 
 
-def _octets(shape: shapes.Octets, octets: Any, formatting: Formatting) -> YamlValue:
+def _octets(field_type: field_types.Octets, octets: Any, formatting: Formatting) -> YamlValue:
     if not formatting.arrays:
-        return _only_length(shape.length is not None, "uint8", len(octets))
+        return _only_length(field_type.length is not None, "uint8", len(octets))
     cut = formatting.longest is not None and len(octets) > formatting.longest
     told = bytes(octets[: formatting.longest] if cut else octets)
     if formatting.json:
@@ -123,12 +123,12 @@ class FieldPath:
     Attributes:
         text: as it was typed.
         steps: names of attributes, and indices.
-        shape: what is there.
+        field_type: what is there.
     """
 
     text: str
     steps: tuple[str | int, ...]
-    shape: Shape
+    field_type: FieldType
 
     def of(self, message: Any) -> Any:
         """What `message` holds there.
@@ -154,7 +154,7 @@ def field_path(message_type: MessageType, text: str) -> FieldPath:
         CommandError: there is no such field; names the nearest.
     """
     steps: list[str | int] = []
-    shape: Shape = shapes.Message(message_type)
+    field_type: FieldType = field_types.Message(message_type)
     for word in text.split("."):
         found = _STEP.fullmatch(word)
         if found is None:
@@ -162,36 +162,36 @@ def field_path(message_type: MessageType, text: str) -> FieldPath:
                 f"--field {text}: expected names and indices, as in pose.position.x or ranges[0]",
                 CALLED_WRONGLY,
             )
-        attribute, shape = _field_of(shape, found[1], text)
+        attribute, field_type = _field_of(field_type, found[1], text)
         steps.append(attribute)
         for index in re.findall(r"[0-9]+", found[2]):
             steps.append(int(index))
-            shape = _element_of(shape, text)
-    return FieldPath(text, tuple(steps), shape)
+            field_type = _element_of(field_type, text)
+    return FieldPath(text, tuple(steps), field_type)
 
 
-def _field_of(shape: Shape, name: str, text: str) -> tuple[str, Shape]:
-    time = shape.type.time if isinstance(shape, shapes.Message) else shape
-    if isinstance(time, shapes.Time):
-        known: dict[str, tuple[str, Shape]] = {
+def _field_of(field_type: FieldType, name: str, text: str) -> tuple[str, FieldType]:
+    time = field_type.type.time if isinstance(field_type, field_types.Message) else field_type
+    if isinstance(time, field_types.Time):
+        known: dict[str, tuple[str, FieldType]] = {
             key: (key, part) for key, part in zip(time.keys, (time.seconds, time.nanoseconds), strict=True)
         }
-    elif isinstance(shape, shapes.Message):
-        known = {slot.name: (slot.attribute, slot.shape) for slot in shape.type.slots}
+    elif isinstance(field_type, field_types.Message):
+        known = {slot.name: (slot.attribute, slot.type) for slot in field_type.type.slots}
     else:
-        raise CommandError(f"--field {text}: {shape} has no fields, so no {name}", CALLED_WRONGLY)
+        raise CommandError(f"--field {text}: {field_type} has no fields, so no {name}", CALLED_WRONGLY)
     if name not in known:
         meant = did_you_mean(name, known) or f"; it has {', '.join(known) or 'none'}"
-        raise CommandError(f"--field {text}: {shape} has no field {name}{meant}", CALLED_WRONGLY)
+        raise CommandError(f"--field {text}: {field_type} has no field {name}{meant}", CALLED_WRONGLY)
     return known[name]
 
 
-def _element_of(shape: Shape, text: str) -> Shape:
-    if isinstance(shape, shapes.Array):
-        return shape.element
-    if isinstance(shape, shapes.Octets):
-        return shapes.UINT8
-    raise CommandError(f"--field {text}: {shape} is no array", CALLED_WRONGLY)
+def _element_of(field_type: FieldType, text: str) -> FieldType:
+    if isinstance(field_type, field_types.Array):
+        return field_type.element
+    if isinstance(field_type, field_types.Octets):
+        return field_types.UINT8
+    raise CommandError(f"--field {text}: {field_type} is no array", CALLED_WRONGLY)
 
 
 # -- other texts -------------------------------------------------------------------------------------------
@@ -217,30 +217,30 @@ def _leaves(value: YamlValue) -> Iterator[YamlValue]:
 
 def constructor(message_type: MessageType, message: Any) -> str:
     """A message as the ``ros2`` tool prints one that it sends: ``std_msgs.msg.String(data='hello')``."""
-    return _constructed(shapes.Message(message_type), message)
+    return _constructed(field_types.Message(message_type), message)
 
 
-def _constructed(shape: Shape, value: Any) -> str:
-    match shape:
-        case shapes.Message(type=nested):
+def _constructed(field_type: FieldType, value: Any) -> str:
+    match field_type:
+        case field_types.Message(type=nested):
             keys = nested.time.keys if nested.time is not None else None
             inner = (
                 ", ".join(f"{key}={getattr(value, key)}" for key in keys)
                 if keys is not None
                 else ", ".join(
-                    f"{slot.name}={_constructed(slot.shape, getattr(value, slot.attribute))}"
+                    f"{slot.name}={_constructed(slot.type, getattr(value, slot.attribute))}"
                     for slot in nested.slots
                 )
             )
             return f"{nested.registry.full_name(nested.name).replace('/', '.')}({inner})"
-        case shapes.Time(is_duration=is_duration, keys=keys):
+        case field_types.Time(is_duration=is_duration, keys=keys):
             name = "Duration" if is_duration else "Time"
             return (
                 f"builtin_interfaces.msg.{name}({', '.join(f'{key}={getattr(value, key)}' for key in keys)})"
             )
-        case shapes.Array(element=element):
+        case field_types.Array(element=element):
             return f"[{', '.join(_constructed(element, item) for item in value)}]"
-        case shapes.Octets():
+        case field_types.Octets():
             return repr([*value])
         case _:
             return repr(value)

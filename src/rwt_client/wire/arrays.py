@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import msgspec
 
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -35,7 +35,7 @@ def to_numpy(message_type: MessageType) -> Callable[[msgspec.Struct], msgspec.St
     converters = [
         (slot.attribute, convert)
         for slot in message_type.slots
-        if (convert := _converter(slot.shape)) is not None
+        if (convert := _converter(slot.type)) is not None
     ]
     if not converters:
         return None
@@ -48,16 +48,18 @@ def to_numpy(message_type: MessageType) -> Callable[[msgspec.Struct], msgspec.St
     return apply
 
 
-def _converter(shape: shapes.Shape) -> Convert | None:
-    match shape:
-        case shapes.Octets():
+def _converter(field_type: field_types.FieldType) -> Convert | None:
+    match field_type:
+        case field_types.Octets():
             return _octets
-        case shapes.Array(element=shapes.Int() | shapes.Float() | shapes.Bool() as element):
-            return _numbers("?" if isinstance(element, shapes.Bool) else element.code)
-        case shapes.Array(element=shapes.Message(type=nested)):
+        case field_types.Array(
+            element=field_types.Int() | field_types.Float() | field_types.Bool() as element
+        ):
+            return _numbers("?" if isinstance(element, field_types.Bool) else element.code)
+        case field_types.Array(element=field_types.Message(type=nested)):
             each = to_numpy(nested)
             return None if each is None else lambda items: [each(item) for item in items]
-        case shapes.Message(type=nested):
+        case field_types.Message(type=nested):
             return to_numpy(nested)
         case _:
             return None
@@ -68,7 +70,7 @@ def octets_of(message_type: MessageType) -> tuple[tuple[str, str], ...]:
     return tuple(
         (slot.name, slot.attribute)
         for slot in message_type.slots
-        if isinstance(slot.shape, shapes.Octets) and slot.shape.length is None
+        if isinstance(slot.type, field_types.Octets) and slot.type.length is None
     )
 
 
@@ -87,16 +89,16 @@ def _numbers(code: str) -> Convert:
 
 def has_big_arrays(message_type: MessageType) -> bool:
     """Whether a message of this type can hold much more in binary: octets or numbers without a bound."""
-    return any(_is_big(slot.shape) for slot in message_type.slots)
+    return any(_is_big(slot.type) for slot in message_type.slots)
 
 
-def _is_big(shape: shapes.Shape) -> bool:
-    match shape:
-        case shapes.Octets(length=None):
+def _is_big(field_type: field_types.FieldType) -> bool:
+    match field_type:
+        case field_types.Octets(length=None):
             return True
-        case shapes.Array(element=shapes.Int() | shapes.Float(), length=None):
+        case field_types.Array(element=field_types.Int() | field_types.Float(), length=None):
             return True
-        case shapes.Message(type=nested) | shapes.Array(element=shapes.Message(type=nested)):
+        case field_types.Message(type=nested) | field_types.Array(element=field_types.Message(type=nested)):
             return nested.time is None and has_big_arrays(nested)
         case _:
             return False
@@ -105,18 +107,18 @@ def _is_big(shape: shapes.Shape) -> bool:
 def is_encoded_everywhere(message_type: MessageType) -> bool:
     """Whether every server can encode it in CBOR: those of ROS 1 lose arrays of a fixed length, and of
     strings, booleans or times (CBR-07)."""
-    return all(_is_simple(slot.shape) for slot in message_type.slots)
+    return all(_is_simple(slot.type) for slot in message_type.slots)
 
 
-def _is_simple(shape: shapes.Shape) -> bool:
-    match shape:
-        case shapes.Octets(length=length):
+def _is_simple(field_type: field_types.FieldType) -> bool:
+    match field_type:
+        case field_types.Octets(length=length):
             return length is None
-        case shapes.Array(element=shapes.Int() | shapes.Float(), length=None, bound=None):
+        case field_types.Array(element=field_types.Int() | field_types.Float(), length=None, bound=None):
             return True
-        case shapes.Message(type=nested) | shapes.Array(element=shapes.Message(type=nested)):
+        case field_types.Message(type=nested) | field_types.Array(element=field_types.Message(type=nested)):
             return nested.time is not None or is_encoded_everywhere(nested)
-        case shapes.Array():
+        case field_types.Array():
             return False
         case _:
             return True

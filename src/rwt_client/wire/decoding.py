@@ -102,7 +102,7 @@ class MessageReader:
             if isinstance(plain.get(name), memoryview)
         }
         try:
-            found: msgspec.Struct = self.type.completer(_with_arrays(plain, self._numpy), time.time_ns)
+            found: msgspec.Struct = self.type.decode_leniently(_with_arrays(plain, self._numpy), time.time_ns)
         except InvalidMessage as error:
             raise self._misfit(error) from None
         for attribute, view in views.items():

@@ -5,9 +5,9 @@ from __future__ import annotations
 from rwt_interfaces.definitions.model import (
     ActionDefinition,
     Field,
-    FieldType,
     MessageDefinition,
     ServiceDefinition,
+    WrittenType,
 )
 from rwt_interfaces.definitions.parser import format_message
 
@@ -23,7 +23,7 @@ ACTION_SERVICES = ("_SendGoal", "_GetResult")
 #: The message with which ROS 2 carries an action's feedback.
 FEEDBACK_MESSAGE = "_FeedbackMessage"
 
-_UUID = FieldType("unique_identifier_msgs/UUID")
+_UUID = WrittenType("unique_identifier_msgs/UUID")
 
 
 def split_part(name: str, parts: tuple[str, ...]) -> tuple[str, str] | None:
@@ -40,7 +40,8 @@ def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
     """The message ``XAction``, ``XActionGoal``, ``XActionResult`` or ``XActionFeedback`` of action ``X``."""
     if which == "Action":
         fields = tuple(
-            Field(f"action_{part.lower()}", FieldType(f"{action.name}Action{part}")) for part in ACTION_PARTS
+            Field(f"action_{part.lower()}", WrittenType(f"{action.name}Action{part}"))
+            for part in ACTION_PARTS
         )
     else:
         part = which.removeprefix("Action").lower()
@@ -51,9 +52,9 @@ def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
             "feedback": action.feedback,
         }
         fields = (
-            Field("header", FieldType("std_msgs/Header")),
-            Field(head[0], FieldType(f"actionlib_msgs/{head[1]}")),
-            Field(part, FieldType(body[part].name)),
+            Field("header", WrittenType("std_msgs/Header")),
+            Field(head[0], WrittenType(f"actionlib_msgs/{head[1]}")),
+            Field(part, WrittenType(body[part].name)),
         )
     return _made(f"{action.name}{which}", fields)
 
@@ -61,16 +62,16 @@ def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
 def service_event(service: ServiceDefinition) -> MessageDefinition:
     """The message ``X_Event`` of service ``X``: what is published of a call on ``/name/_service_event``."""
     fields = (
-        Field("info", FieldType("service_msgs/ServiceEventInfo")),
-        Field("request", FieldType(service.request.name, is_array=True, bound=1)),
-        Field("response", FieldType(service.response.name, is_array=True, bound=1)),
+        Field("info", WrittenType("service_msgs/ServiceEventInfo")),
+        Field("request", WrittenType(service.request.name, is_array=True, bound=1)),
+        Field("response", WrittenType(service.response.name, is_array=True, bound=1)),
     )
     return _made(f"{service.name}{EVENT}", fields)
 
 
 def feedback_message(action: ActionDefinition) -> MessageDefinition:
     """The message ``X_FeedbackMessage`` of action ``X``, published on ``/name/_action/feedback``."""
-    fields = (Field("goal_id", _UUID), Field("feedback", FieldType(action.feedback.name)))
+    fields = (Field("goal_id", _UUID), Field("feedback", WrittenType(action.feedback.name)))
     return _made(f"{action.name}{FEEDBACK_MESSAGE}", fields)
 
 
@@ -79,12 +80,12 @@ def action_service(action: ActionDefinition, which: str) -> ServiceDefinition:
     name = f"{action.name}{which}"
     request: tuple[Field, ...]
     if which == "_SendGoal":
-        request = (Field("goal_id", _UUID), Field("goal", FieldType(action.goal.name)))
-        stamp = Field("stamp", FieldType("builtin_interfaces/Time"))
-        response = (Field("accepted", FieldType("bool")), stamp)
+        request = (Field("goal_id", _UUID), Field("goal", WrittenType(action.goal.name)))
+        stamp = Field("stamp", WrittenType("builtin_interfaces/Time"))
+        response = (Field("accepted", WrittenType("bool")), stamp)
     else:
         request = (Field("goal_id", _UUID),)
-        response = (Field("status", FieldType("int8")), Field("result", FieldType(action.result.name)))
+        response = (Field("status", WrittenType("int8")), Field("result", WrittenType(action.result.name)))
     return ServiceDefinition(name, _made(f"{name}_Request", request), _made(f"{name}_Response", response))
 
 

@@ -7,13 +7,16 @@ import json
 from typing import Protocol
 
 from rwt_interfaces.definitions.actionlib import EVENT
-from rwt_interfaces.definitions.model import Field, FieldType, MessageDefinition, ServiceDefinition
+from rwt_interfaces.definitions.model import Field, MessageDefinition, ServiceDefinition, WrittenType
 from rwt_interfaces.definitions.parser import format_type
 from rwt_interfaces.names import three_part
 
 _TIMES = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"}
 _PRIMITIVE_TIMES = {name: primitive for primitive, name in _TIMES.items()}
-_TIME_FIELDS: tuple[Field, ...] = (Field("sec", FieldType("int32")), Field("nanosec", FieldType("uint32")))
+_TIME_FIELDS: tuple[Field, ...] = (
+    Field("sec", WrittenType("int32")),
+    Field("nanosec", WrittenType("uint32")),
+)
 
 #: Type numbers of RIHS01. A `char` of a .msg file is an octet of the wire, which RIHS01 sees as uint8.
 _NUMBERS = {
@@ -25,7 +28,7 @@ _NESTED = 1
 _BOUNDED_STRING = 4
 _ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE = 48, 96, 144
 #: What ROS 2 puts into a message without fields, because C has no empty struct.
-_FILLER = Field("structure_needs_at_least_one_member", FieldType("uint8"))
+_FILLER = Field("structure_needs_at_least_one_member", WrittenType("uint8"))
 
 
 class Lookup(Protocol):
@@ -101,7 +104,7 @@ def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Lookup
         "response": definition.response.name,
         "event": f"{definition.name}{EVENT}",
     }
-    fields = tuple(Field(f"{part}_message", FieldType(name)) for part, name in parts.items())
+    fields = tuple(Field(f"{part}_message", WrittenType(name)) for part, name in parts.items())
     nested: dict[str, dict[str, object]] = {}
     return _hashed(_described(full_name, fields, lookup, nested), nested)
 
@@ -129,7 +132,7 @@ def _described(
 
 
 def _field_type(
-    field_type: FieldType, lookup: Lookup, nested: dict[str, dict[str, object]]
+    field_type: WrittenType, lookup: Lookup, nested: dict[str, dict[str, object]]
 ) -> dict[str, object]:
     if field_type.is_primitive and field_type.name not in _TIMES:
         number, nested_name = _NUMBERS[field_type.name], ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from rwt_interfaces.definitions.model import FieldType
+from rwt_interfaces.definitions.model import WrittenType
 from rwt_interfaces.errors import DefinitionError
 
 Value = bool | int | float | str
@@ -40,7 +40,7 @@ class Literals:
         self._at = 0
         self.text = ""
 
-    def constant(self, field_type: FieldType) -> Value:
+    def constant(self, field_type: WrittenType) -> Value:
         """The value of a constant. A string may be bare: then it ends at the comment or at the end of the
         line.
 
@@ -54,7 +54,7 @@ class Literals:
         self._end()
         return value
 
-    def default(self, field_type: FieldType) -> Value | tuple[Value, ...]:
+    def default(self, field_type: WrittenType) -> Value | tuple[Value, ...]:
         """The default value of a field; a tuple for an array.
 
         Raises:
@@ -83,7 +83,7 @@ class Literals:
             return f'"{text}"'
         return repr(value)
 
-    def _list(self, field_type: FieldType) -> tuple[Value, ...]:
+    def _list(self, field_type: WrittenType) -> tuple[Value, ...]:
         if not self._take("["):
             raise DefinitionError(
                 f"expected a list such as [1, 2] as default value, got {_shown(self._line)}"
@@ -98,7 +98,7 @@ class Literals:
             if not self._take(","):
                 raise DefinitionError(f'expected "," or "]" in the list {_shown(self._line)}')
 
-    def _value(self, field_type: FieldType) -> Value:
+    def _value(self, field_type: WrittenType) -> Value:
         if field_type.name in ("string", "wstring"):
             token = self._token(_QUOTED)
             if token is None:
@@ -162,7 +162,7 @@ def _integer(token: str, name: str) -> int:
     return value
 
 
-def _bounded(value: str, field_type: FieldType) -> str:
+def _bounded(value: str, field_type: WrittenType) -> str:
     bound = field_type.string_bound
     if bound is not None and len(value) > bound:
         raise DefinitionError(f"a string of {len(value)} characters where at most {bound} are allowed")

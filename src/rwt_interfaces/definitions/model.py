@@ -14,7 +14,7 @@ PRIMITIVES = frozenset(
 
 
 @dataclass(frozen=True, slots=True)
-class FieldType:
+class WrittenType:
     """The type of one field or constant.
 
     Attributes:
@@ -48,7 +48,7 @@ class Field:
     """
 
     name: str
-    type: FieldType
+    type: WrittenType
     default: object | None = None
 
 
@@ -57,7 +57,7 @@ class Constant:
     """One constant; `text` is its value as written, which ROS 1's md5 sum is computed over."""
 
     name: str
-    type: FieldType
+    type: WrittenType
     value: bool | int | float | str
     text: str
 

@@ -20,9 +20,9 @@ from rwt_interfaces.definitions.model import (
     ActionDefinition,
     Constant,
     Field,
-    FieldType,
     MessageDefinition,
     ServiceDefinition,
+    WrittenType,
 )
 from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName
@@ -93,7 +93,7 @@ def parse_action(text: str, name: str, *, source: str = "", distro: Distro = JAZ
     return ActionDefinition(f"{package}/{short}", goal, result, feedback)
 
 
-def format_type(field_type: FieldType) -> str:
+def format_type(field_type: WrittenType) -> str:
     """A field type as it is written in a definition."""
     text = field_type.name
     if field_type.string_bound is not None:
@@ -202,7 +202,7 @@ class _Message:
             return Field(name, field_type)
         return Field(name, field_type, self._default(field_type, rest))
 
-    def _type(self, written: str) -> FieldType:
+    def _type(self, written: str) -> WrittenType:
         match = _TYPE.fullmatch(written)
         if match is None:
             raise DefinitionError(f'"{written[:80]}" is not a type')
@@ -210,7 +210,7 @@ class _Message:
         chars = match["chars"]
         if chars is not None and base not in ("string", "wstring"):
             raise DefinitionError(f'"{written}": only string and wstring can have a longest length')
-        return FieldType(
+        return WrittenType(
             base,
             string_bound=None if chars is None else _size(chars, written),
             is_array=match["array"] is not None,
@@ -238,7 +238,7 @@ class _Message:
         self.translated = True
         return other
 
-    def _constant(self, field_type: FieldType, name: str, rest: str) -> Constant:
+    def _constant(self, field_type: WrittenType, name: str, rest: str) -> Constant:
         if field_type.is_array or not field_type.is_primitive or field_type.name in ("time", "duration"):
             raise DefinitionError(
                 f'constant "{name}" cannot be of type {format_type(field_type)}: only of plain types'
@@ -249,7 +249,7 @@ class _Message:
         value = literals.constant(field_type)
         return Constant(name, field_type, value, literals.text)
 
-    def _default(self, field_type: FieldType, rest: str) -> Value | tuple[Value, ...]:
+    def _default(self, field_type: WrittenType, rest: str) -> Value | tuple[Value, ...]:
         if not field_type.is_primitive or field_type.name in ("time", "duration"):
             raise DefinitionError(f"a field of type {format_type(field_type)} cannot have a default value")
         return Literals(rest).default(field_type)

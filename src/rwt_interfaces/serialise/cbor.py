@@ -18,8 +18,8 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from rwt_interfaces import field_types as shapes
-from rwt_interfaces.field_types import Shape
+from rwt_interfaces import field_types
+from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
@@ -100,50 +100,50 @@ def _leaves(message: MessageType, prefix: str, before: bytes) -> Iterator[_Leaf]
     """The leaves of a message in order. Bytes after the last leaf come as a last one without attributes."""
     slots = _slots(message)
     before += head(_MAP, len(slots))
-    for name, attribute, shape in slots:
+    for name, attribute, field_type in slots:
         before += _text(name)
-        if isinstance(shape, shapes.Message):
-            nested = list(_leaves(shape.type, f"{prefix}{attribute}.", before))
+        if isinstance(field_type, field_types.Message):
+            nested = list(_leaves(field_type.type, f"{prefix}{attribute}.", before))
             before = nested.pop()[0]
             yield from nested
         else:
-            yield before, prefix + attribute, _encoder(shape)
+            yield before, prefix + attribute, _encoder(field_type)
             before = b""
     yield before, "", bytes
 
 
-def _slots(message: MessageType) -> list[tuple[str, str, Shape]]:
-    return [(slot.name, slot.attribute, slot.shape) for slot in message.slots]
+def _slots(message: MessageType) -> list[tuple[str, str, FieldType]]:
+    return [(slot.name, slot.attribute, slot.type) for slot in message.slots]
 
 
-def _encoder(shape: Shape) -> _Encode:
-    match shape:
-        case shapes.Bool():
+def _encoder(field_type: FieldType) -> _Encode:
+    match field_type:
+        case field_types.Bool():
             return _bool
-        case shapes.Int():
+        case field_types.Int():
             return _int
-        case shapes.Float():
+        case field_types.Float():
             return partial(_float64, 0xFB)
-        case shapes.String():
+        case field_types.String():
             return _text
-        case shapes.Time():
-            return _time(shape)
-        case shapes.Octets():
+        case field_types.Time():
+            return _time(field_type)
+        case field_types.Octets():
             return _octets
-        case shapes.Message():
-            return shape.type.to_cbor
-        case shapes.Array():
-            return _array(shape)
+        case field_types.Message():
+            return field_type.type.to_cbor
+        case field_types.Array():
+            return _array(field_type)
 
 
 def _bool(value: bool) -> bytes:
     return b"\xf5" if value else b"\xf4"
 
 
-def _time(shape: shapes.Time) -> _Encode:
+def _time(field_type: field_types.Time) -> _Encode:
     """CBR-06: a map with the distribution's own names."""
-    first, second = (_text(key) for key in shape.keys)
-    fetch = attrgetter(*shape.keys)
+    first, second = (_text(key) for key in field_type.keys)
+    fetch = attrgetter(*field_type.keys)
 
     def encode(value: object) -> bytes:
         seconds, nanoseconds = fetch(value)
@@ -152,11 +152,11 @@ def _time(shape: shapes.Time) -> _Encode:
     return encode
 
 
-def _array(shape: shapes.Array) -> _Encode:
-    element = shape.element
-    if isinstance(element, shapes.Int) and element.name in ("uint8", "char"):
+def _array(field_type: field_types.Array) -> _Encode:
+    element = field_type.element
+    if isinstance(element, field_types.Int) and element.name in ("uint8", "char"):
         return lambda items: _octets(bytes(items))
-    if isinstance(element, (shapes.Int, shapes.Float)):
+    if isinstance(element, (field_types.Int, field_types.Float)):
         code = element.code
         tag = head(_TAG, _TAGS[code])
         return lambda items: tag + _octets(little_endian(items, code))

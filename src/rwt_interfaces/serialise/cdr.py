@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.pack import compile_writer
 from rwt_interfaces.serialise.unpack import compile_reader, read_all
-from rwt_interfaces.serialise.wire_rules import Rules
+from rwt_interfaces.serialise.wire_rules import WireRules
 
 if TYPE_CHECKING:
     import msgspec
 
     from rwt_interfaces.structs import MessageType
 
-_RULES = Rules(aligned=True, terminated=True, filler=b"\0")
+_RULES = WireRules(aligned=True, terminated=True, filler=b"\0")
 _HEADER = b"\0\1\0\0"
 
 

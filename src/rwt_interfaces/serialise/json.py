@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pybase64
 
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
-from rwt_interfaces.field_types import Shape
+from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.serialise.long_strings import (
     LARGE,
     RawText,
@@ -62,7 +62,7 @@ class JsonCodec:
         self._kinds = frozenset(_kinds(message))
         self._unsendable = flaw_in(message, unsendable)
         self._decode: Callable[[RawText], msgspec.Struct] = msgspec.json.Decoder(message.struct).decode
-        self._complete: Callable[[object, Callable[[], int]], msgspec.Struct] = message.completer
+        self._complete: Callable[[object, Callable[[], int]], msgspec.Struct] = message.decode_leniently
         self._pack = _packer(message)
         self._check_small = _bounded(msgspec.json.Decoder(self.strict).decode, flaw_in(message, inexact))
         self._check_large = self._large_check()
@@ -96,7 +96,7 @@ class JsonCodec:
         try:
             return self._decode(raw)
         except msgspec.ValidationError:
-            # It has a null, which the completer makes NaN.
+            # It has a null, which the lenient decoder makes NaN.
             return self._complete(parse(raw), _no_clock)
 
     def encode(self, value: msgspec.Struct) -> bytes:
@@ -174,18 +174,18 @@ def _parse_leniently(raw: RawText) -> object:
 def _kinds(message: MessageType) -> Iterable[str]:
     """What occurs anywhere in a message, as far as a large text's check depends on it."""
     for slot in message.slots:
-        shape = slot.shape
-        if isinstance(shape, shapes.Array):
+        field_type = slot.type
+        if isinstance(field_type, field_types.Array):
             yield "array"
-            shape = shape.element
-        match shape:
-            case shapes.Message():
-                yield from shape.type.json._kinds
-            case shapes.Octets():
-                yield "octets" if shape.length is None else "fixed octets"
-            case shapes.String():
-                yield "string" if shape.bound is None else "bounded string"
-            case shapes.Float():
+            field_type = field_type.element
+        match field_type:
+            case field_types.Message():
+                yield from field_type.type.json._kinds
+            case field_types.Octets():
+                yield "octets" if field_type.length is None else "fixed octets"
+            case field_types.String():
+                yield "string" if field_type.bound is None else "bounded string"
+            case field_types.Float():
                 yield "float"
 
 
@@ -204,7 +204,7 @@ def _packer(message: MessageType) -> Callable[[Any], Any] | None:
     """A function that copies a message with its long octets as finished base64 text; None if it has no
     octets."""
     packers = {
-        slot.attribute: packed for slot in message.slots if (packed := _pack_shape(slot.shape)) is not None
+        slot.attribute: packed for slot in message.slots if (packed := _pack_field(slot.type)) is not None
     }
     if not packers:
         return None
@@ -217,14 +217,14 @@ def _packer(message: MessageType) -> Callable[[Any], Any] | None:
     return pack
 
 
-def _pack_shape(shape: Shape) -> Callable[[Any], Any] | None:
-    match shape:
-        case shapes.Octets():
+def _pack_field(field_type: FieldType) -> Callable[[Any], Any] | None:
+    match field_type:
+        case field_types.Octets():
             return _base64_text
-        case shapes.Message():
-            return _packer(shape.type)
-        case shapes.Array():
-            pack = _pack_shape(shape.element)
+        case field_types.Message():
+            return _packer(field_type.type)
+        case field_types.Array():
+            pack = _pack_field(field_type.element)
             return None if pack is None else lambda items: [pack(item) for item in items]
         case _:
             return None

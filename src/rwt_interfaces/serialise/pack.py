@@ -13,9 +13,9 @@ from functools import lru_cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from rwt_interfaces import field_types as shapes
-from rwt_interfaces.field_types import Shape
-from rwt_interfaces.serialise.wire_rules import LENGTH, Rules, gap, letters
+from rwt_interfaces import field_types
+from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _Write = Callable[[bytearray, Any], None]
 
 
-def compile_writer(message: MessageType, rules: Rules) -> _Write:
+def compile_writer(message: MessageType, rules: WireRules) -> _Write:
     """A function that appends a message of that type; the message must be its type's own Struct."""
     steps = list(_steps(message, rules))
 
@@ -36,41 +36,43 @@ def compile_writer(message: MessageType, rules: Rules) -> _Write:
     return write
 
 
-def _steps(message: MessageType, rules: Rules) -> Iterator[_Write]:
+def _steps(message: MessageType, rules: WireRules) -> Iterator[_Write]:
     codes, paths = "", list[str]()
-    for path, shape in _leaves(message, "", rules):
-        leaf = letters(shape)
+    for path, field_type in _leaves(message, "", rules):
+        leaf = letters(field_type)
         if leaf:
             codes += leaf
-            paths += _number_paths(path, shape)
+            paths += _number_paths(path, field_type)
             continue
         if codes:
             yield _run_writer(codes, paths, rules)
             codes, paths = "", []
-        yield _field_writer(path, shape, rules)
+        yield _field_writer(path, field_type, rules)
     if codes:
         yield _run_writer(codes, paths, rules)
 
 
-def _leaves(message: MessageType, prefix: str, rules: Rules) -> Iterator[tuple[str, Shape | None]]:
-    """The leaves of a message: its attributes from the root, and its shape; None is the filler of an empty
-    one."""
+def _leaves(message: MessageType, prefix: str, rules: WireRules) -> Iterator[tuple[str, FieldType | None]]:
+    """The leaves of a message: the path of attributes to each, and its type; None is the filler of an empty
+    message."""
     if not message.slots and rules.filler:
         yield prefix, None
     for slot in message.slots:
-        if isinstance(slot.shape, shapes.Message):
-            yield from _leaves(slot.shape.type, f"{prefix}{slot.attribute}.", rules)
+        if isinstance(slot.type, field_types.Message):
+            yield from _leaves(slot.type.type, f"{prefix}{slot.attribute}.", rules)
         else:
-            yield prefix + slot.attribute, slot.shape
+            yield prefix + slot.attribute, slot.type
 
 
-def _number_paths(path: str, shape: Shape | None) -> list[str]:
-    if shape is None:
+def _number_paths(path: str, field_type: FieldType | None) -> list[str]:
+    if field_type is None:
         return []
-    return [f"{path}.{key}" for key in shape.keys] if isinstance(shape, shapes.Time) else [path]
+    return (
+        [f"{path}.{key}" for key in field_type.keys] if isinstance(field_type, field_types.Time) else [path]
+    )
 
 
-def _run_writer(codes: str, paths: list[str], rules: Rules) -> _Write:
+def _run_writer(codes: str, paths: list[str], rules: WireRules) -> _Write:
     if not paths:
         filler = bytes(len(codes))
         return lambda out, value: out.extend(filler)
@@ -90,27 +92,27 @@ def _run_writer(codes: str, paths: list[str], rules: Rules) -> _Write:
     return write
 
 
-def _field_writer(path: str, shape: Shape | None, rules: Rules) -> _Write:
-    assert shape is not None  # The filler has a letter.
+def _field_writer(path: str, field_type: FieldType | None, rules: WireRules) -> _Write:
+    assert field_type is not None  # The filler has a letter.
     fetch = attrgetter(path)
-    write = _writer(shape, rules)
+    write = _writer(field_type, rules)
     return lambda out, value: write(out, fetch(value))
 
 
-def _writer(shape: Shape, rules: Rules) -> _Write:
-    match shape:
-        case shapes.String():
-            return _string_writer(shape, rules)
-        case shapes.Octets():
-            return _octets_writer(shape, rules)
-        case shapes.Array():
-            return _array_writer(shape, rules)
-        case shapes.Message():
-            return compile_writer(shape.type, rules)
-        case shapes.Time():
-            return _run_writer(letters(shape), list(shape.keys), rules)
+def _writer(field_type: FieldType, rules: WireRules) -> _Write:
+    match field_type:
+        case field_types.String():
+            return _string_writer(field_type, rules)
+        case field_types.Octets():
+            return _octets_writer(field_type, rules)
+        case field_types.Array():
+            return _array_writer(field_type, rules)
+        case field_types.Message():
+            return compile_writer(field_type.type, rules)
+        case field_types.Time():
+            return _run_writer(letters(field_type), list(field_type.keys), rules)
         case _:
-            raise AssertionError(f"{shape} is written as part of a run")
+            raise AssertionError(f"{field_type} is written as part of a run")
 
 
 def _write_length(out: bytearray, count: int, aligned: bool) -> None:
@@ -119,10 +121,10 @@ def _write_length(out: bytearray, count: int, aligned: bool) -> None:
     out += LENGTH.pack(count)
 
 
-def _string_writer(shape: shapes.String, rules: Rules) -> _Write:
+def _string_writer(field_type: field_types.String, rules: WireRules) -> _Write:
     aligned = rules.aligned
     # A wstring is UTF-16 without a byte order mark; its length counts units, and no zero ends it.
-    encoding, unit, end = ("utf-16-le", 2, b"") if shape.wide else ("utf-8", 1, b"\0" * rules.terminated)
+    encoding, unit, end = ("utf-16-le", 2, b"") if field_type.wide else ("utf-8", 1, b"\0" * rules.terminated)
 
     def write(out: bytearray, value: str) -> None:
         octets = value.encode(encoding) + end
@@ -132,8 +134,8 @@ def _string_writer(shape: shapes.String, rules: Rules) -> _Write:
     return write
 
 
-def _octets_writer(shape: shapes.Octets, rules: Rules) -> _Write:
-    if shape.length is not None:
+def _octets_writer(field_type: field_types.Octets, rules: WireRules) -> _Write:
+    if field_type.length is not None:
         return lambda out, value: out.extend(value)
 
     def write(out: bytearray, value: bytes) -> None:
@@ -143,10 +145,10 @@ def _octets_writer(shape: shapes.Octets, rules: Rules) -> _Write:
     return write
 
 
-def _array_writer(shape: shapes.Array, rules: Rules) -> _Write:
-    element, counted, aligned = shape.element, shape.length is None, rules.aligned
-    if isinstance(element, (shapes.Bool, shapes.Int, shapes.Float)):
-        code = "?" if isinstance(element, shapes.Bool) else element.code
+def _array_writer(field_type: field_types.Array, rules: WireRules) -> _Write:
+    element, counted, aligned = field_type.element, field_type.length is None, rules.aligned
+    if isinstance(element, (field_types.Bool, field_types.Int, field_types.Float)):
+        code = "?" if isinstance(element, field_types.Bool) else element.code
         size = struct.calcsize(code)
 
         def write_numbers(out: bytearray, items: Any) -> None:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.pack import compile_writer
 from rwt_interfaces.serialise.unpack import compile_reader, read_all
-from rwt_interfaces.serialise.wire_rules import Rules
+from rwt_interfaces.serialise.wire_rules import WireRules
 
 if TYPE_CHECKING:
     import msgspec
 
     from rwt_interfaces.structs import MessageType
 
-_RULES = Rules(aligned=False, terminated=False, filler=b"")
+_RULES = WireRules(aligned=False, terminated=False, filler=b"")
 
 
 def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:

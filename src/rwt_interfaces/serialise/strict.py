@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 
-from rwt_interfaces import field_types as shapes
-from rwt_interfaces.field_types import Shape
+from rwt_interfaces import field_types
+from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
 from rwt_interfaces.validation.numbers import float32, float32_list, float_annotation, int_annotation
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-#: Tells whether a value of some shape has a flaw that no msgspec annotation expresses.
+#: Tells whether a value of some type has a flaw that no msgspec annotation expresses.
 Flaw = Callable[[Any], bool]
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
@@ -33,12 +33,12 @@ def strict_struct(message: MessageType) -> type[msgspec.Struct]:
     name = message.name.partition("/")[2]
     if message.time is not None:
         return _strict_time(message.time)
-    return _define(name, [(slot.attribute, slot.name, _strict(slot.shape)) for slot in message.slots])
+    return _define(name, [(slot.attribute, slot.name, _strict(slot.type)) for slot in message.slots])
 
 
 @lru_cache(maxsize=8)
-def _strict_time(shape: shapes.Time) -> type[msgspec.Struct]:
-    halves = zip(shape.keys, (shape.seconds, shape.nanoseconds), strict=True)
+def _strict_time(type: field_types.Time) -> type[msgspec.Struct]:
+    halves = zip(type.keys, (type.seconds, type.nanoseconds), strict=True)
     return _define("Time", [(key, key, int_annotation(half)) for key, half in halves])
 
 
@@ -54,24 +54,24 @@ def _define(name: str, fields: list[tuple[str, str, Any]]) -> type[msgspec.Struc
     )
 
 
-def _strict(shape: Shape) -> Any:
-    match shape:
-        case shapes.Bool():
+def _strict(type: FieldType) -> Any:
+    match type:
+        case field_types.Bool():
             return bool
-        case shapes.Int():
-            return int_annotation(shape)
-        case shapes.Float():
-            return float_annotation(shape)
-        case shapes.String():
-            return str if shape.bound is None else Annotated[str, msgspec.Meta(max_length=shape.bound)]
-        case shapes.Time():
-            return _strict_time(shape)
-        case shapes.Octets():
-            return _sized(bytes, shape.length, None)
-        case shapes.Message():
-            return shape.type.json.strict
-        case shapes.Array():
-            return _sized(_LIST[_strict(shape.element)], shape.length, shape.bound)
+        case field_types.Int():
+            return int_annotation(type)
+        case field_types.Float():
+            return float_annotation(type)
+        case field_types.String():
+            return str if type.bound is None else Annotated[str, msgspec.Meta(max_length=type.bound)]
+        case field_types.Time():
+            return _strict_time(type)
+        case field_types.Octets():
+            return _sized(bytes, type.length, None)
+        case field_types.Message():
+            return type.type.json.strict
+        case field_types.Array():
+            return _sized(_LIST[_strict(type.element)], type.length, type.bound)
 
 
 def _sized(kind: Any, length: int | None, bound: int | None) -> Any:
@@ -80,45 +80,45 @@ def _sized(kind: Any, length: int | None, bound: int | None) -> Any:
     return kind if bound is None else Annotated[kind, msgspec.Meta(max_length=bound)]
 
 
-def inexact(shape: Shape) -> Flaw | None:
+def inexact(type: FieldType) -> Flaw | None:
     """The flaws of numbers.
 
     A uint64 above its range, since msgspec's bounds end at int64's; and in a float32 field a number that is
     no float32, since ROS sends what is left of it: 0.10000000149011612 for 0.1.
     """
-    if isinstance(shape, shapes.Int) and shape.high == _UINT64_MAX:
+    if isinstance(type, field_types.Int) and type.high == _UINT64_MAX:
         return lambda value: bool(value > _UINT64_MAX)
-    if isinstance(shape, shapes.Float) and shape.code == "f":
+    if isinstance(type, field_types.Float) and type.code == "f":
         return lambda value: value is not None and float32(value) != value
     return None
 
 
-def unsendable(shape: Shape) -> Flaw | None:
+def unsendable(type: FieldType) -> Flaw | None:
     """The flaws of Python's own values: lone surrogates too, which no JSON text brings."""
-    if isinstance(shape, shapes.String):
+    if isinstance(type, field_types.String):
         return lambda text: not text.isascii() and has_lone_surrogate(text)
-    return inexact(shape)
+    return inexact(type)
 
 
-def flaw_in(message: MessageType, leaf: Callable[[Shape], Flaw | None]) -> Flaw | None:
+def flaw_in(message: MessageType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw | None:
     """Looks for flaws anywhere in a message; None if nothing in it can have one."""
-    flaws = [(slot.attribute, flaw) for slot in message.slots if (flaw := _shape_flaw(slot.shape, leaf))]
+    flaws = [(slot.attribute, flaw) for slot in message.slots if (flaw := _flaw_of(slot.type, leaf))]
     if not flaws:
         return None
     return lambda value: any(flaw(getattr(value, attribute)) for attribute, flaw in flaws)
 
 
-def _shape_flaw(shape: Shape, leaf: Callable[[Shape], Flaw | None]) -> Flaw | None:
-    match shape:
-        case shapes.Message():
-            return flaw_in(shape.type, leaf)
-        case shapes.Array() if shape.element == shapes.FLOAT32:
+def _flaw_of(type: FieldType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw | None:
+    match type:
+        case field_types.Message():
+            return flaw_in(type.type, leaf)
+        case field_types.Array() if type.element == field_types.FLOAT32:
             return _has_inexact
-        case shapes.Array():
-            flaw = _shape_flaw(shape.element, leaf)
+        case field_types.Array():
+            flaw = _flaw_of(type.element, leaf)
             return None if flaw is None else lambda items: any(map(flaw, items))
         case _:
-            return leaf(shape)
+            return leaf(type)
 
 
 def _has_inexact(items: list[float | None]) -> bool:

@@ -7,10 +7,10 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
-from rwt_interfaces.field_types import Shape
-from rwt_interfaces.serialise.wire_rules import LENGTH, Rules, gap, letters
+from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
 from rwt_interfaces.structs import time_struct
 from rwt_interfaces.validation.mismatch import check_length, under
 
@@ -41,10 +41,10 @@ def read_all(read: _Read, data: memoryview) -> tuple[msgspec.Struct, int]:
     return value, position
 
 
-def compile_reader(message: MessageType, rules: Rules) -> _Read:
+def compile_reader(message: MessageType, rules: WireRules) -> _Read:
     """A function that reads a message of that type as its own Struct; raises InvalidMessage and
     struct.error."""
-    fields = [(slot.name, _reader(slot.shape, rules)) for slot in message.slots]
+    fields = [(slot.name, _reader(slot.type, rules)) for slot in message.slots]
     make = message.struct
     filler = len(rules.filler)
 
@@ -66,23 +66,23 @@ def compile_reader(message: MessageType, rules: Rules) -> _Read:
     return read
 
 
-def _reader(shape: Shape, rules: Rules) -> _Read:
-    match shape:
-        case shapes.Bool() | shapes.Int() | shapes.Float():
-            return _number_reader(letters(shape), rules)
-        case shapes.Time():
-            return _time_reader(shape, rules)
-        case shapes.String():
-            return _string_reader(shape, rules)
-        case shapes.Octets():
-            return _octets_reader(shape, rules)
-        case shapes.Message():
-            return compile_reader(shape.type, rules)
-        case shapes.Array():
-            return _array_reader(shape, rules)
+def _reader(field_type: FieldType, rules: WireRules) -> _Read:
+    match field_type:
+        case field_types.Bool() | field_types.Int() | field_types.Float():
+            return _number_reader(letters(field_type), rules)
+        case field_types.Time():
+            return _time_reader(field_type, rules)
+        case field_types.String():
+            return _string_reader(field_type, rules)
+        case field_types.Octets():
+            return _octets_reader(field_type, rules)
+        case field_types.Message():
+            return compile_reader(field_type.type, rules)
+        case field_types.Array():
+            return _array_reader(field_type, rules)
 
 
-def _number_reader(code: str, rules: Rules) -> _Read:
+def _number_reader(code: str, rules: WireRules) -> _Read:
     size = struct.calcsize(code)
     unpack_from = struct.Struct("<" + code).unpack_from
 
@@ -93,9 +93,9 @@ def _number_reader(code: str, rules: Rules) -> _Read:
     return read
 
 
-def _time_reader(shape: shapes.Time, rules: Rules) -> _Read:
-    make = time_struct(shape)
-    unpack_from = struct.Struct("<" + letters(shape)).unpack_from
+def _time_reader(field_type: field_types.Time, rules: WireRules) -> _Read:
+    make = time_struct(field_type)
+    unpack_from = struct.Struct("<" + letters(field_type)).unpack_from
 
     def read(data: memoryview, position: int) -> tuple[Any, int]:
         position += gap(position, 4, rules.aligned)
@@ -115,8 +115,8 @@ def _need(data: memoryview, position: int, count: int) -> None:
         raise InvalidMessage("", CUT_SHORT)
 
 
-def _string_reader(shape: shapes.String, rules: Rules) -> _Read:
-    encoding, unit, end = ("utf-16-le", 2, 0) if shape.wide else ("utf-8", 1, int(rules.terminated))
+def _string_reader(field_type: field_types.String, rules: WireRules) -> _Read:
+    encoding, unit, end = ("utf-16-le", 2, 0) if field_type.wide else ("utf-8", 1, int(rules.terminated))
 
     def read(data: memoryview, position: int) -> tuple[Any, int]:
         count, position = _read_length(data, position, rules.aligned)
@@ -131,15 +131,15 @@ def _string_reader(shape: shapes.String, rules: Rules) -> _Read:
             text = str(data[position : after - end], encoding)
         except UnicodeDecodeError:
             raise InvalidMessage("", f"text that is not valid {encoding[:6].upper()}") from None
-        if shape.bound is not None and len(text) > shape.bound:
-            raise InvalidMessage("", f"expected at most {shape.bound} characters, got {len(text)}")
+        if field_type.bound is not None and len(text) > field_type.bound:
+            raise InvalidMessage("", f"expected at most {field_type.bound} characters, got {len(text)}")
         return text, after
 
     return read
 
 
-def _octets_reader(shape: shapes.Octets, rules: Rules) -> _Read:
-    fixed = shape.length
+def _octets_reader(field_type: field_types.Octets, rules: WireRules) -> _Read:
+    fixed = field_type.length
 
     def read(data: memoryview, position: int) -> tuple[Any, int]:
         count = fixed
@@ -151,9 +151,9 @@ def _octets_reader(shape: shapes.Octets, rules: Rules) -> _Read:
     return read
 
 
-def _array_reader(shape: shapes.Array, rules: Rules) -> _Read:
-    element, fixed, aligned = shape.element, shape.length, rules.aligned
-    if isinstance(element, (shapes.Bool, shapes.Int, shapes.Float)):
+def _array_reader(field_type: field_types.Array, rules: WireRules) -> _Read:
+    element, fixed, aligned = field_type.element, field_type.length, rules.aligned
+    if isinstance(element, (field_types.Bool, field_types.Int, field_types.Float)):
         read_items = _numbers_reader(letters(element), aligned)
     else:
         read_items = _items_reader(_reader(element, rules), _takes_no_bytes(element, rules))
@@ -162,7 +162,7 @@ def _array_reader(shape: shapes.Array, rules: Rules) -> _Read:
         count = fixed
         if count is None:
             count, position = _read_length(data, position, aligned)
-            check_length(count, None, shape.bound)
+            check_length(count, None, field_type.bound)
         return read_items(data, position, count)
 
     return read
@@ -181,10 +181,10 @@ def _numbers_reader(code: str, aligned: bool) -> Callable[[memoryview, int, int]
     return read
 
 
-def _takes_no_bytes(shape: Shape, rules: Rules) -> bool:
-    if not isinstance(shape, shapes.Message) or rules.filler:
+def _takes_no_bytes(field_type: FieldType, rules: WireRules) -> bool:
+    if not isinstance(field_type, field_types.Message) or rules.filler:
         return False
-    return all(_takes_no_bytes(slot.shape, rules) for slot in shape.type.slots)
+    return all(_takes_no_bytes(slot.type, rules) for slot in field_type.type.slots)
 
 
 def _items_reader(read_item: _Read, empty: bool) -> Callable[[memoryview, int, int], tuple[Any, int]]:

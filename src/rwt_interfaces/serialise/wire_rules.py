@@ -1,8 +1,8 @@
 """What CDR and ROS 1's own form have in common: fields one after another, lengths before what varies, no
 names.
 
-They differ in alignment, in how strings end and in what an empty message is: a :class:`Rules` says so. Both
-are little-endian here.
+They differ in alignment, in how strings end and in what an empty message is: a :class:`WireRules` says so.
+Both are little-endian here.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from rwt_interfaces import field_types as shapes
-from rwt_interfaces.field_types import Shape
+from rwt_interfaces import field_types
+from rwt_interfaces.field_types import FieldType
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class WireRules:
     """How one packed form differs from the other.
 
     Attributes:
@@ -35,17 +35,17 @@ LENGTH = struct.Struct("<I")
 FILLED = "x"
 
 
-def letters(shape: Shape | None) -> str:
+def letters(field_type: FieldType | None) -> str:
     """The letters of a leaf of fixed size in :mod:`struct`; empty for any other."""
-    match shape:
+    match field_type:
         case None:
             return FILLED
-        case shapes.Bool():
+        case field_types.Bool():
             return "?"
-        case shapes.Int() | shapes.Float():
-            return shape.code
-        case shapes.Time():
-            return shape.seconds.code + shape.nanoseconds.code
+        case field_types.Int() | field_types.Float():
+            return field_type.code
+        case field_types.Time():
+            return field_type.seconds.code + field_type.nanoseconds.code
         case _:
             return ""
 

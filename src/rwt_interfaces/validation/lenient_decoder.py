@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 import pybase64
 
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
-from rwt_interfaces.field_types import Shape, Slot
+from rwt_interfaces.field_types import FieldType, Slot
 from rwt_interfaces.structs import slot_default, time_struct
 from rwt_interfaces.validation.mismatch import (
     check_length,
@@ -45,15 +45,15 @@ _SECONDS_KEYS = ("sec", "secs")
 _NANOSECONDS_KEYS = ("nanosec", "nsecs", "nsec")
 
 
-class Completer(Protocol):
+class LenientDecoder(Protocol):
     """Takes a value as it came and returns the field's own; raises InvalidMessage."""
 
     def __call__(self, value: object, now: Now, /) -> Any:
         """Complete one value; `now` is asked only where a time is missing."""
 
 
-def compile_message(message: MessageType) -> Completer:
-    """The completer of one message type."""
+def compile_message(message: MessageType) -> LenientDecoder:
+    """The lenient decoder of one message type."""
     if message.time is not None:
         return _time(message.time, stamped=False)
     in_header = message.name == _HEADER
@@ -85,43 +85,43 @@ def compile_message(message: MessageType) -> Completer:
     return complete
 
 
-def _field(slot: Slot, in_header: bool) -> tuple[str, Completer, Callable[[Now], object]]:
-    """A field's name, its completer, and what it is when absent."""
-    shape = slot.shape
-    if isinstance(shape, shapes.Time) and in_header and not shape.is_duration:
-        stamp = _time(shape, stamped=True)
+def _field(slot: Slot, in_header: bool) -> tuple[str, LenientDecoder, Callable[[Now], object]]:
+    """A field's name, its lenient decoder, and what it is when absent."""
+    type = slot.type
+    if isinstance(type, field_types.Time) and in_header and not type.is_duration:
+        stamp = _time(type, stamped=True)
         return slot.name, stamp, lambda now: stamp({}, now)
-    take = compile_shape(shape)
+    take = compile_field(type)
     if in_header and slot.name == "seq":
         # roslibpy sends null for a header's seq that nobody set.
         plain = take
         return slot.name, lambda value, now: 0 if value is None else plain(value, now), lambda now: 0
-    if isinstance(shape, shapes.Message) and slot.default is None:
+    if isinstance(type, field_types.Message) and slot.default is None:
         # An absent nested message is completed from nothing, so that headers in it are stamped too.
         return slot.name, take, lambda now: take({}, now)
     make = slot_default(slot)
     return slot.name, take, lambda now: make()
 
 
-def compile_shape(shape: Shape) -> Completer:
-    """The completer of one field."""
-    match shape:
-        case shapes.Bool():
+def compile_field(type: FieldType) -> LenientDecoder:
+    """The lenient decoder of one field."""
+    match type:
+        case field_types.Bool():
             return _bool
-        case shapes.Int():
-            return lambda value, now: as_int(value, shape)
-        case shapes.Float():
-            return lambda value, now: as_float(value, shape)
-        case shapes.String():
-            return _string(shape)
-        case shapes.Time():
-            return _time(shape, stamped=False)
-        case shapes.Octets():
-            return _octets(shape)
-        case shapes.Message():
-            return shape.type.completer
-        case shapes.Array():
-            return _array(shape)
+        case field_types.Int():
+            return lambda value, now: as_int(value, type)
+        case field_types.Float():
+            return lambda value, now: as_float(value, type)
+        case field_types.String():
+            return _string(type)
+        case field_types.Time():
+            return _time(type, stamped=False)
+        case field_types.Octets():
+            return _octets(type)
+        case field_types.Message():
+            return type.type.decode_leniently
+        case field_types.Array():
+            return _array(type)
 
 
 def _bool(value: object, now: Now, /) -> bool:
@@ -134,55 +134,55 @@ def _bool(value: object, now: Now, /) -> bool:
     raise InvalidMessage("", f"expected bool, got {describe(value)}")
 
 
-def _string(shape: shapes.String) -> Completer:
+def _string(type: field_types.String) -> LenientDecoder:
     def complete(value: object, now: Now, /) -> str:
         if not isinstance(value, str):
-            raise InvalidMessage("", f"expected {shape}, got {describe(value)}")
+            raise InvalidMessage("", f"expected {type}, got {describe(value)}")
         if not value.isascii() and has_lone_surrogate(value):
-            raise InvalidMessage("", f"expected {shape}, got text with a lone surrogate")
-        if shape.bound is not None and len(value) > shape.bound:
-            raise InvalidMessage("", f"expected at most {shape.bound} characters, got {len(value)}")
+            raise InvalidMessage("", f"expected {type}, got text with a lone surrogate")
+        if type.bound is not None and len(value) > type.bound:
+            raise InvalidMessage("", f"expected at most {type.bound} characters, got {len(value)}")
         return value
 
     return complete
 
 
-def _time(shape: shapes.Time, stamped: bool) -> Completer:
+def _time(type: field_types.Time, stamped: bool) -> LenientDecoder:
     """Time by either spelling, unknown keys ignored (JSN-27), "now" for points in time (JSN-28); `stamped`
     takes what is missing from the clock (PUB-06), else it is zero."""
-    struct = time_struct(shape)
+    struct = time_struct(type)
 
     def complete(value: object, now: Now, /) -> msgspec.Struct:
-        if value == "now" and not shape.is_duration:
+        if value == "now" and not type.is_duration:
             return struct(*divmod(now(), _NANOSECONDS))
         given = fields_of(value)
         if given is None:
-            raise InvalidMessage("", f"expected a {shape} {{{', '.join(shape.keys)}}}, got {describe(value)}")
+            raise InvalidMessage("", f"expected a {type} {{{', '.join(type.keys)}}}, got {describe(value)}")
         defaults = divmod(now(), _NANOSECONDS) if stamped else (0, 0)
         return struct(
-            _half(given, _SECONDS_KEYS, shape.seconds, defaults[0]),
-            _half(given, _NANOSECONDS_KEYS, shape.nanoseconds, defaults[1]),
+            _half(given, _SECONDS_KEYS, type.seconds, defaults[0]),
+            _half(given, _NANOSECONDS_KEYS, type.nanoseconds, defaults[1]),
         )
 
     return complete
 
 
-def _half(given: Mapping[str, object], keys: Sequence[str], shape: shapes.Int, default: int) -> int:
+def _half(given: Mapping[str, object], keys: Sequence[str], type: field_types.Int, default: int) -> int:
     for key in keys:
         if key in given:
             try:
-                return as_int(given[key], shape)
+                return as_int(given[key], type)
             except InvalidMessage as error:
                 raise under(key, error) from None
     return default
 
 
-def _octets(shape: shapes.Octets) -> Completer:
-    element = shapes.UINT8
+def _octets(type: field_types.Octets) -> LenientDecoder:
+    element = field_types.UINT8
 
     def complete(value: object, now: Now, /) -> bytes:
         if isinstance(value, str):
-            octets = from_base64(value, str(shape))
+            octets = from_base64(value, str(type))
         elif isinstance(value, (bytes, bytearray, memoryview)):
             octets = bytes(value)
         elif is_numpy_array(value):
@@ -190,8 +190,8 @@ def _octets(shape: shapes.Octets) -> Completer:
         elif isinstance(value, _LISTS):
             octets = bytes(number_list(value, element))
         else:
-            raise InvalidMessage("", f"expected {shape} as base64 or a list, got {describe(value)}")
-        check_length(len(octets), shape.length, None)
+            raise InvalidMessage("", f"expected {type} as base64 or a list, got {describe(value)}")
+        check_length(len(octets), type.length, None)
         return octets
 
     return complete
@@ -205,23 +205,25 @@ def from_base64(text: str | bytes | memoryview, expected: str) -> bytes:
         raise InvalidMessage("", f"expected {expected}, got text that is not padded base64") from None
 
 
-def _array(shape: shapes.Array) -> Completer:
-    element = shape.element
-    numeric = isinstance(element, (shapes.Int, shapes.Float))
+def _array(type: field_types.Array) -> LenientDecoder:
+    element = type.element
+    numeric = isinstance(element, (field_types.Int, field_types.Float))
     # Only a bounded sequence of octets gets here; it goes out as a list, but base64 is understood (JSN-20).
-    packed = isinstance(element, shapes.Int) and element.code == "B"
-    each = compile_shape(element)
+    packed = isinstance(element, field_types.Int) and element.code == "B"
+    each = compile_field(element)
 
     def complete(value: object, now: Now, /) -> Any:
         items: Any
-        if isinstance(element, (shapes.Int, shapes.Float, shapes.Bool)) and is_numpy_array(value):
+        if isinstance(element, (field_types.Int, field_types.Float, field_types.Bool)) and is_numpy_array(
+            value
+        ):
             items = array_from_numpy(value, element)
         elif packed and isinstance(value, (str, bytes, bytearray, memoryview)):
-            items = list(from_base64(value, str(shape)) if isinstance(value, str) else bytes(value))
+            items = list(from_base64(value, str(type)) if isinstance(value, str) else bytes(value))
         elif not isinstance(value, _LISTS):
-            raise InvalidMessage("", f"expected {shape}, got {describe(value)}")
+            raise InvalidMessage("", f"expected {type}, got {describe(value)}")
         elif numeric:
-            assert isinstance(element, (shapes.Int, shapes.Float))
+            assert isinstance(element, (field_types.Int, field_types.Float))
             items = number_list(value, element)
         else:
             items = []
@@ -230,7 +232,7 @@ def _array(shape: shapes.Array) -> Completer:
                     items.append(each(item, now))
                 except InvalidMessage as error:
                     raise under(f"[{index}]", error) from None
-        check_length(len(items), shape.length, shape.bound)
+        check_length(len(items), type.length, type.bound)
         return items
 
     return complete

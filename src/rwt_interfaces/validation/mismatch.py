@@ -1,4 +1,4 @@
-"""How a misfit is told: what came, in few words, and where."""
+"""Sentences about a value that does not fit its type: what it is, in few words, and where."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def quote(text: str) -> str:
 
 
 def under(segment: str, error: InvalidMessage) -> InvalidMessage:
-    """The same misfit seen from one level further out: ``x`` under ``linear`` is ``linear.x``."""
+    """The same mismatch seen from one level further out: ``x`` under ``linear`` is ``linear.x``."""
     joined = segment + error.path if error.path[:1] in ("", "[") else f"{segment}.{error.path}"
     return InvalidMessage(joined, error.reason)
 

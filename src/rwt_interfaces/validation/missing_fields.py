@@ -41,13 +41,15 @@ def _missing(message: MessageType, value: object) -> Iterator[str]:
 
 def _inside(slot: Slot, value: object) -> Iterator[str]:
     """What is missing within one field, as what follows its name in a path."""
-    shape = slot.shape
-    if isinstance(shape, Message):
-        yield from (f".{path}" for path in _missing(shape.type, value))
-    elif isinstance(shape, Array) and isinstance(shape.element, Message) and isinstance(value, list):
+    field_type = slot.type
+    if isinstance(field_type, Message):
+        yield from (f".{path}" for path in _missing(field_type.type, value))
+    elif (
+        isinstance(field_type, Array) and isinstance(field_type.element, Message) and isinstance(value, list)
+    ):
         for index, item in enumerate(value):
-            yield from (f"[{index}].{path}" for path in _missing(shape.element.type, item))
+            yield from (f"[{index}].{path}" for path in _missing(field_type.element.type, item))
 
 
 def _is_header(slot: Slot) -> bool:
-    return isinstance(slot.shape, Message) and slot.shape.type.name == _HEADER
+    return isinstance(slot.type, Message) and slot.type.type.name == _HEADER

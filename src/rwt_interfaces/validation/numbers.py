@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.validation.mismatch import describe, under
 
@@ -26,34 +26,34 @@ _LIST: Any = list
 _FLOAT32 = struct.Struct("f")
 
 
-def as_int(value: object, shape: shapes.Int) -> int:
+def as_int(value: object, type: field_types.Int) -> int:
     """The value as an integer of that type; no float is one, not even 1.0, and no bool (JSN-22)."""
     if isinstance(value, bool) or not isinstance(value, Integral):
-        raise InvalidMessage("", f"expected {shape}, got {describe(value)}")
+        raise InvalidMessage("", f"expected {type}, got {describe(value)}")
     number = int(value)
-    if not shape.low <= number <= shape.high:
-        raise InvalidMessage("", f"expected {shape}, got {describe(number)}, which is out of range")
+    if not type.low <= number <= type.high:
+        raise InvalidMessage("", f"expected {type}, got {describe(number)}, which is out of range")
     return number
 
 
-def as_float(value: object, shape: shapes.Float) -> float:
+def as_float(value: object, type: field_types.Float) -> float:
     """The value as a float: integers are taken (JSN-21), null is NaN, so that what JSON made of NaN comes
     back."""
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise InvalidMessage("", f"expected {shape}, got {describe(value)}")
+        raise InvalidMessage("", f"expected {type}, got {describe(value)}")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
         value = "a very large integer"
     else:
-        if shape.code == "d":
+        if type.code == "d":
             return number
-        if not abs(number) > shapes.FLOAT32_LIMIT or math.isinf(number):
+        if not abs(number) > field_types.FLOAT32_LIMIT or math.isinf(number):
             return float32(number)
-    raise InvalidMessage("", f"expected {shape}, got {describe(value)}, which is out of range")
+    raise InvalidMessage("", f"expected {type}, got {describe(value)}, which is out of range")
 
 
 def float32(number: float) -> float:
@@ -67,57 +67,57 @@ def float32_list(numbers: list[Any]) -> list[float]:
     return array("f", numbers).tolist()
 
 
-def int_annotation(shape: shapes.Int) -> object:
+def int_annotation(type: field_types.Int) -> object:
     """The integer as msgspec checks it; uint64's upper bound is checked by whoever decodes."""
-    if shape.high > _LARGEST_BOUND:
-        return Annotated[int, msgspec.Meta(ge=shape.low)]
-    return Annotated[int, msgspec.Meta(ge=shape.low, le=shape.high)]
+    if type.high > _LARGEST_BOUND:
+        return Annotated[int, msgspec.Meta(ge=type.low)]
+    return Annotated[int, msgspec.Meta(ge=type.low, le=type.high)]
 
 
-def float_annotation(shape: shapes.Float) -> object:
+def float_annotation(type: field_types.Float) -> object:
     """The float as msgspec checks it; None stands for null."""
-    if shape.code == "d":
+    if type.code == "d":
         return float | None
-    return Annotated[float, msgspec.Meta(ge=-shapes.FLOAT32_LIMIT, le=shapes.FLOAT32_LIMIT)] | None
+    return Annotated[float, msgspec.Meta(ge=-field_types.FLOAT32_LIMIT, le=field_types.FLOAT32_LIMIT)] | None
 
 
 @lru_cache(maxsize=32)
-def _list_annotation(shape: shapes.Int | shapes.Float) -> Any:
-    return _LIST[int_annotation(shape) if isinstance(shape, shapes.Int) else float_annotation(shape)]
+def _list_annotation(type: field_types.Int | field_types.Float) -> Any:
+    return _LIST[int_annotation(type) if isinstance(type, field_types.Int) else float_annotation(type)]
 
 
-def number_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
+def number_list(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:
     """A new list of checked numbers: in one pass of compiled code if all are plain, one by one if not."""
     try:
-        numbers: list[Any] = msgspec.convert(value, _list_annotation(shape))
+        numbers: list[Any] = msgspec.convert(value, _list_annotation(type))
     except (msgspec.ValidationError, TypeError):
-        if shape.code == "f":
-            return _float32_list(value, shape)
-        return _one_by_one(value, shape)
-    if isinstance(shape, shapes.Float):
+        if type.code == "f":
+            return _float32_list(value, type)
+        return _one_by_one(value, type)
+    if isinstance(type, field_types.Float):
         if None in numbers:
             numbers = [math.nan if number is None else number for number in numbers]
-        return float32_list(numbers) if shape.code == "f" else numbers
-    if shape.high > _LARGEST_BOUND and numbers and max(numbers) > shape.high:
-        return _one_by_one(value, shape)
+        return float32_list(numbers) if type.code == "f" else numbers
+    if type.high > _LARGEST_BOUND and numbers and max(numbers) > type.high:
+        return _one_by_one(value, type)
     return numbers
 
 
-def _float32_list(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
+def _float32_list(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:
     """Float32 numbers with infinities among them, which a laser scan is full of and a range check refuses."""
     try:
         numbers: list[float] = msgspec.convert(value, list[float])
         struct.pack(f"<{len(numbers)}f", *numbers)
     except (msgspec.ValidationError, TypeError, OverflowError):
-        return _one_by_one(value, shape)
+        return _one_by_one(value, type)
     return float32_list(numbers)
 
 
-def _one_by_one(value: Any, shape: shapes.Int | shapes.Float) -> list[Any]:
+def _one_by_one(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:
     numbers: list[Any] = []
     for index, item in enumerate(value):
         try:
-            numbers.append(as_int(item, shape) if isinstance(shape, shapes.Int) else as_float(item, shape))
+            numbers.append(as_int(item, type) if isinstance(type, field_types.Int) else as_float(item, type))
         except InvalidMessage as error:
             raise under(f"[{index}]", error) from None
     return numbers
@@ -130,7 +130,7 @@ def is_numpy_array(value: object) -> bool:
     return array is not None and isinstance(value, array)
 
 
-def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool) -> np.ndarray:
+def array_from_numpy(value: Any, type: field_types.Int | field_types.Float | field_types.Bool) -> np.ndarray:
     """A flat, read-only copy in exactly the element's type; raises InvalidMessage if a value does not fit.
 
     Integers may become floats, floats never integers, and bool stays by itself, as for single values.
@@ -138,24 +138,26 @@ def array_from_numpy(value: Any, shape: shapes.Int | shapes.Float | shapes.Bool)
     import numpy as np
 
     kind = value.dtype.kind
-    code = "?" if isinstance(shape, shapes.Bool) else shape.code
+    code = "?" if isinstance(type, field_types.Bool) else type.code
     accepted = {"?": "b", "f": "iuf", "d": "iuf"}.get(code, "iu")
     if kind not in accepted:
-        raise InvalidMessage("", f"expected {shape} elements, got a numpy array of {value.dtype}")
+        raise InvalidMessage("", f"expected {type} elements, got a numpy array of {value.dtype}")
     target = np.dtype(code)
-    if isinstance(shape, shapes.Int) and value.size and not np.can_cast(value.dtype, target):
-        _refuse_outside(value, int(value.min()) < shape.low or int(value.max()) > shape.high, shape)
+    if isinstance(type, field_types.Int) and value.size and not np.can_cast(value.dtype, target):
+        _refuse_outside(value, int(value.min()) < type.low or int(value.max()) > type.high, type)
     if code == "f" and not np.can_cast(value.dtype, target):
         finite = value[np.isfinite(value)]
-        _refuse_outside(value, finite.size and float(np.abs(finite).max()) > shapes.FLOAT32_LIMIT, shape)
+        _refuse_outside(value, finite.size and float(np.abs(finite).max()) > field_types.FLOAT32_LIMIT, type)
     copy = np.array(value, dtype=target, order="C", copy=True).reshape(-1)
     copy.setflags(write=False)
     return copy
 
 
-def _refuse_outside(value: Any, outside: object, shape: shapes.Int | shapes.Float | shapes.Bool) -> None:
+def _refuse_outside(
+    value: Any, outside: object, type: field_types.Int | field_types.Float | field_types.Bool
+) -> None:
     if outside:
-        raise InvalidMessage("", f"expected {shape} elements, got a numpy array with values out of range")
+        raise InvalidMessage("", f"expected {type} elements, got a numpy array with values out of range")
 
 
 def little_endian(items: Any, code: str) -> bytes:

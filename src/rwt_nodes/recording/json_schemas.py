@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from rwt_interfaces.field_types import Array, Bool, Float, Int, Octets, Shape, String, Time
+from rwt_interfaces.field_types import Array, Bool, FieldType, Float, Int, Octets, String, Time
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -29,35 +29,35 @@ def _message(message: MessageType) -> Schema:
     return {
         "title": message.name,
         "type": "object",
-        "properties": {slot.name: _shape(slot.shape) for slot in message.slots},
+        "properties": {slot.name: _schema(slot.type) for slot in message.slots},
     }
 
 
-def _shape(shape: Shape) -> Schema:
-    if isinstance(shape, Octets):
+def _schema(field_type: FieldType) -> Schema:
+    if isinstance(field_type, Octets):
         return {"type": "string", "contentEncoding": "base64"}
-    if isinstance(shape, Array):
-        found: Schema = {"type": "array", "items": _shape(shape.element)}
-        if shape.length is not None:
-            found |= {"minItems": shape.length, "maxItems": shape.length}
-        elif shape.bound is not None:
-            found["maxItems"] = shape.bound
+    if isinstance(field_type, Array):
+        found: Schema = {"type": "array", "items": _schema(field_type.element)}
+        if field_type.length is not None:
+            found |= {"minItems": field_type.length, "maxItems": field_type.length}
+        elif field_type.bound is not None:
+            found["maxItems"] = field_type.bound
         return found
-    if isinstance(shape, Bool):
+    if isinstance(field_type, Bool):
         return {"type": "boolean"}
-    if isinstance(shape, Int):
-        return {"type": "integer", "minimum": shape.low, "maximum": shape.high}
-    if isinstance(shape, Float):
+    if isinstance(field_type, Int):
+        return {"type": "integer", "minimum": field_type.low, "maximum": field_type.high}
+    if isinstance(field_type, Float):
         return {"type": "number"}
-    if isinstance(shape, String):
+    if isinstance(field_type, String):
         return {"type": "string"}
-    return _time(shape) if isinstance(shape, Time) else _message(shape.type)
+    return _time(field_type) if isinstance(field_type, Time) else _message(field_type.type)
 
 
-def _time(shape: Time) -> Schema:
-    seconds, nanoseconds = shape.keys
+def _time(field_type: Time) -> Schema:
+    seconds, nanoseconds = field_type.keys
     return {
-        "title": str(shape),
+        "title": str(field_type),
         "type": "object",
         "properties": {seconds: {"type": "integer"}, nanoseconds: {"type": "integer"}},
     }

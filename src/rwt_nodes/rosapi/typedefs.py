@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_interfaces.definitions.model import FieldType
+from rwt_interfaces.definitions.model import WrittenType
 
 if TYPE_CHECKING:
     from rwt_interfaces.definitions.model import Field, MessageDefinition
@@ -66,7 +66,7 @@ def _typedef(definition: MessageDefinition, registry: Registry) -> TypeDef:
     }
 
 
-def _array_length(field: FieldType) -> int:
+def _array_length(field: WrittenType) -> int:
     """-1 for a scalar, 0 for a sequence, N for an array of N."""
     if not field.is_array:
         return -1

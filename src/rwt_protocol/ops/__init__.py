@@ -16,7 +16,7 @@ from rwt_protocol.ops.actions import (
     SendActionGoal,
     UnadvertiseAction,
 )
-from rwt_protocol.ops.base import Address, Direction, Op, OpSpec
+from rwt_protocol.ops.base import Direction, Op, OpSpec, ReplyTo
 from rwt_protocol.ops.control import Auth, Fragment, Png, SetLevel, Status
 from rwt_protocol.ops.services import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
 from rwt_protocol.ops.topics import Advertise, Publish, Qos, Subscribe, Unadvertise, Unsubscribe
@@ -53,7 +53,7 @@ __all__ = [
     "SPEC_OF",
     "ActionFeedback",
     "ActionResult",
-    "Address",
+    "ReplyTo",
     "Advertise",
     "AdvertiseAction",
     "AdvertiseService",

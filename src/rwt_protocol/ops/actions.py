@@ -9,13 +9,13 @@ from pydantic import Field
 
 from rwt_protocol.errors import Level
 from rwt_protocol.ops.base import (
-    Address,
     Arguments,
     Direction,
     Expected,
     Flag,
     Op,
     OpSpec,
+    ReplyTo,
     RequiredId,
     Text,
     Values,
@@ -115,12 +115,12 @@ class ActionResult(Op):
     )
 
 
-def refuse_goal(address: Address, reason: str, level: Level = "error") -> Op:
+def refuse_goal(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
     """Who sent a goal waits for its result, so it gets one (ACT-04, ACT-05)."""
-    if not address.name and address.id is None:
-        return refuse_with_status(address, reason, level)
+    if not reply_to.name and reply_to.id is None:
+        return refuse_with_status(reply_to, reason, level)
     return ActionResult(
-        action=address.name, values=reason, result=False, status=GoalStatus.UNKNOWN.value, id=address.id
+        action=reply_to.name, values=reason, result=False, status=GoalStatus.UNKNOWN.value, id=reply_to.id
     )
 
 

@@ -150,7 +150,7 @@ class Direction(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Address:
+class ReplyTo:
     """What a refusal needs of the message that it answers; readable even when the rest of it is not valid.
 
     Attributes:
@@ -164,13 +164,13 @@ class Address:
     name: str = ""
 
     @classmethod
-    def of(cls, op: Op) -> Address:
+    def of(cls, op: Op) -> ReplyTo:
         """Where to answer `op`."""
         name = getattr(op, "service", None) or getattr(op, "action", None) or ""
         return cls(op.op, op.id, name)
 
 
-Refuse = Callable[[Address, str, Level], Op]
+Refuse = Callable[[ReplyTo, str, Level], Op]
 """Makes the op that tells the sender of a message why it was not done."""
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field
 
 from rwt_protocol.errors import Level
-from rwt_protocol.ops.base import Address, Count, Direction, Expected, Op, OpSpec, RequiredId, Text
+from rwt_protocol.ops.base import Count, Direction, Expected, Op, OpSpec, ReplyTo, RequiredId, Text
 
 LevelName = Annotated[Level, Expected('"info", "warning", "error" or "none"')]
 
@@ -81,9 +81,9 @@ class Auth(Op):
     end: Seconds
 
 
-def refuse_with_status(address: Address, reason: str, level: Level = "error") -> Op:
+def refuse_with_status(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
     """How everything is refused that has no reply of its own."""
-    return Status(level=level, msg=reason, id=address.id)
+    return Status(level=level, msg=reason, id=reply_to.id)
 
 
 SPECS = (

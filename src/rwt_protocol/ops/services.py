@@ -8,7 +8,6 @@ from pydantic import Field
 
 from rwt_protocol.errors import Level
 from rwt_protocol.ops.base import (
-    Address,
     Arguments,
     Direction,
     Expected,
@@ -16,6 +15,7 @@ from rwt_protocol.ops.base import (
     Op,
     OpSpec,
     OptionalText,
+    ReplyTo,
     Text,
     Values,
 )
@@ -79,14 +79,14 @@ class UnadvertiseService(Op):
     service: Text
 
 
-def refuse_call(address: Address, reason: str, level: Level = "error") -> Op:
+def refuse_call(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
     """A caller waits for its reply, so it gets one (SRV-04 to SRV-08).
 
     Only a call that names no service and has no id has nobody to reply to.
     """
-    if not address.name and address.id is None:
-        return refuse_with_status(address, reason, level)
-    return ServiceResponse(service=address.name, values=reason, result=False, id=address.id)
+    if not reply_to.name and reply_to.id is None:
+        return refuse_with_status(reply_to, reason, level)
+    return ServiceResponse(service=reply_to.name, values=reason, result=False, id=reply_to.id)
 
 
 SPECS = (

@@ -72,7 +72,7 @@ def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> 
     def value_of(message: Any) -> YamlValue:
         if path is None:
             return plain(message_type, message, formatting)
-        return plain_value(path.shape, path.of(message), formatting)
+        return plain_value(path.field_type, path.of(message), formatting)
 
     def tell(message: Any) -> None:
         value = value_of(message)

@@ -13,7 +13,7 @@ from rwt_cli.console.output import Output, note
 from rwt_cli.errors import CommandError
 from rwt_cli.graph_lookup import absolute_name, topic_type
 from rwt_cli.verbs import Arguments, Verb, count, seconds
-from rwt_interfaces import field_types as shapes
+from rwt_interfaces import field_types
 
 if TYPE_CHECKING:
     from rwt_client import Robot, Subscription
@@ -253,8 +253,8 @@ async def _check_header(robot: Robot, name: str) -> None:
     for slot in message_type.slots:
         if (
             slot.name == "header"
-            and isinstance(slot.shape, shapes.Message)
-            and slot.shape.type.name == "std_msgs/Header"
+            and isinstance(slot.type, field_types.Message)
+            and slot.type.type.name == "std_msgs/Header"
         ):
             return
     raise CommandError(f"{name}: {kind} has no header, so nobody knows when its messages were made")
