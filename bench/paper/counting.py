@@ -10,7 +10,7 @@ from typing import Any
 import cbor2
 
 from rwt_bridge import Bridge
-from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
+from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, Frame, PeerInfo, Traffic
 
 Take = Callable[[Any], None]
 
@@ -60,6 +60,10 @@ class CountingClient:
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         """Nothing to close."""
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        """Speak with another endpoint."""
+        self._endpoint = endpoint
 
     @property
     def backlog(self) -> int:

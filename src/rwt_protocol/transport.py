@@ -202,6 +202,13 @@ class Sink(Protocol):
     def close(self, code: int = 1000, reason: str = "") -> None:
         """Close the connection after what the control lane holds. RFC 6455 section 7.4 names the codes."""
 
+    def hand_over(self, endpoint: Endpoint) -> None:
+        """Feed `endpoint` from the next message on: it takes the place of the present endpoint.
+
+        The present endpoint is not called again, not even its `closed`. If the connection has ended already,
+        `endpoint` is closed at once. Not for use within the accept function, which returns an endpoint.
+        """
+
     @property
     def backlog(self) -> int:
         """Bytes queued and not yet handed to the network."""

@@ -131,7 +131,9 @@ class Connection:
         self._address = address
         self._port = port
         self._wire = state.make_wire(self, state.limits, state.buffers)
-        self.outbox = Outbox(self._wire.framing, state.limits, link.wake, self._overflow, self.close)
+        self.outbox = Outbox(
+            self._wire.framing, state.limits, link.wake, self._overflow, self.close, self._replace
+        )
         self.take: Callable[[], Buffer | None] = self.outbox.take
         self._conversation: HttpConversation | None = None
         self._endpoint: Endpoint | None = None
@@ -359,12 +361,21 @@ class Connection:
     # -- life ----------------------------------------------------------------------------------------------
 
     def _open(self, peer: PeerInfo) -> None:
-        endpoint = self._state.accept(self.outbox, peer)
+        self._feed(self._state.accept(self.outbox, peer))
+
+    def _feed(self, endpoint: Endpoint) -> None:
+        """Let `endpoint` have the messages that come from now on."""
         self._endpoint = endpoint
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
         if not self._ending:
             self._wire.message = endpoint.receive
+
+    def _replace(self, endpoint: Endpoint) -> None:
+        if self._endpoint is None:
+            endpoint.closed(*(self._closed_with or (ABNORMAL, "the connection was lost")))
+        else:
+            self._feed(endpoint)
 
     def _open_after(self, peer: PeerInfo, head: bytes) -> HttpResponse | None:
         """Open with `head` in front of what the endpoint may send at once; the response is a refusal."""

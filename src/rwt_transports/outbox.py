@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from time import time_ns
 
-from rwt_protocol.transport import AS_MANY_AS_FIT, Buffer, DropReason, FlowRules, Frame, Traffic
+from rwt_protocol.transport import AS_MANY_AS_FIT, Buffer, DropReason, Endpoint, FlowRules, Frame, Traffic
 from rwt_transports.api import Framing
 from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.limits import Limits
@@ -93,6 +93,7 @@ class Outbox:
         wake: called when there is something to take and there was nothing before.
         overflow: called once with a reason when the control lane is full.
         hang_up: what :meth:`close` asks the connection to do.
+        replace: what :meth:`hand_over` asks it to do.
 
     Attributes:
         ready: bytes that go out next.
@@ -105,8 +106,8 @@ class Outbox:
 
     __slots__ = (
         "_closed", "_control", "_control_bytes", "_current", "_data", "_framing", "_hang_up", "_large",
-        "_limits", "_on_empty", "_overflow", "_taken", "messages", "ready", "received", "room", "small",
-        "wake", "whole",
+        "_limits", "_on_empty", "_overflow", "_replace", "_taken", "messages", "ready", "received", "room",
+        "small", "wake", "whole",
     )  # fmt: skip
 
     def __init__(
@@ -116,12 +117,14 @@ class Outbox:
         wake: Callable[[], None],
         overflow: Callable[[str], None],
         hang_up: Callable[[int, str], None],
+        replace: Callable[[Endpoint], None],
     ) -> None:
         self._limits = limits
         self.set_framing(framing)
         self.wake = wake
         self._overflow = overflow
         self._hang_up = hang_up
+        self._replace = replace
         self.ready: list[Buffer] = []
         self._large = 0  # how many of them are not to be joined
         self.room = READY_BYTES
@@ -199,6 +202,10 @@ class Outbox:
     def close(self, code: int = 1000, reason: str = "") -> None:
         """Close the connection after what is queued in the control lane; data still queued is not sent."""
         self._hang_up(code, reason)
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        """Feed `endpoint` from the next message on; see :meth:`rwt_protocol.transport.Sink.hand_over`."""
+        self._replace(endpoint)
 
     @property
     def backlog(self) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.peer import Peer
 from rwt_bridge.pending_auth import Doorstep
-from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, FlowRules, Frame, PeerInfo, Traffic
+from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, Frame, PeerInfo, Traffic
 
 Message = dict[str, Any]
 
@@ -80,6 +80,9 @@ class Client:
     def close(self, code: int = 1000, reason: str = "") -> None:
         self.close_code = code
         self.close_reason = reason
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        self.endpoint = endpoint
 
     @property
     def peer(self) -> Peer:

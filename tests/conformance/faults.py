@@ -66,7 +66,9 @@ class Fault:
 
         def spoilt(sink: Sink, info: PeerInfo) -> Endpoint:
             memory = Memory(server)
-            return _SpoiltEndpoint(accept(_SpoiltSink(sink, self, memory), info), self, memory)
+            spoilt_sink = _SpoiltSink(sink, self, memory)
+            spoilt_sink.endpoint = _SpoiltEndpoint(accept(spoilt_sink, info), self, memory)
+            return spoilt_sink.endpoint
 
         return spoilt
 
@@ -83,17 +85,17 @@ def _altered(alter: Alter, data: bytes, memory: Memory) -> list[bytes]:
 
 class _SpoiltEndpoint(Endpoint):
     def __init__(self, endpoint: Endpoint, fault: Fault, memory: Memory) -> None:
-        self._endpoint = endpoint
+        self.inner = endpoint
         self._fault = fault
         self._memory = memory
 
     def receive(self, data: bytes, binary: bool) -> None:
         hears = self._fault.hears
         for message in [data] if hears is None or binary else _altered(hears, data, self._memory):
-            self._endpoint.receive(message, binary)
+            self.inner.receive(message, binary)
 
     def closed(self, code: int, reason: str) -> None:
-        self._endpoint.closed(code, reason)
+        self.inner.closed(code, reason)
 
 
 class _SpoiltSink(Sink):
@@ -101,6 +103,7 @@ class _SpoiltSink(Sink):
         self._sink = sink
         self._fault = fault
         self._memory = memory
+        self.endpoint: _SpoiltEndpoint | None = None
 
     def altered(self, frame: Frame) -> list[Frame]:
         """The frames in place of one."""
@@ -127,6 +130,10 @@ class _SpoiltSink(Sink):
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self._sink.close(code, reason)
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        assert self.endpoint is not None
+        self.endpoint.inner = endpoint
 
     @property
     def backlog(self) -> int:

@@ -288,6 +288,53 @@ def test_a_message_too_large_for_an_endpoint_that_cannot_be_told() -> None:
     assert b"message_bytes" in pipe.receive()
 
 
+# -- handing over ------------------------------------------------------------------------------------------
+
+
+class Usher:
+    """An endpoint that gives way to another with its first message."""
+
+    def __init__(self, sink: Sink, following: Endpoint) -> None:
+        self._sink = sink
+        self._following = following
+        self.received: list[bytes] = []
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        self.received.append(data)
+        self._sink.hand_over(self._following)
+
+    def closed(self, code: int, reason: str) -> None:
+        pytest.fail("an endpoint that has given way is not called")
+
+
+def test_another_endpoint_takes_over_within_a_batch() -> None:
+    ushers: list[Usher] = []
+    heir = ToldEndpoints()
+
+    def accept(sink: Sink, peer: PeerInfo) -> Endpoint:
+        heir(sink, peer)
+        ushers.append(Usher(sink, heir))
+        return ushers[0]
+
+    pipe = Host(accept, Limits(message_bytes=100)).open()
+    pipe.send(text(b"one") + text(b"two") + text(b"three"))
+    assert ushers[0].received == [b"one"]
+    assert heir.received == [b"two", b"three"]
+    pipe.send(text(b"x" * 200))
+    assert pipe.receive() == b"\x81\x0a200 of 100"
+    pipe.cut()
+    assert heir.closings == [(1006, "the connection was lost")]
+
+
+def test_an_endpoint_that_comes_too_late_is_closed_at_once() -> None:
+    former, late = Endpoints(), Endpoints()
+    pipe = Host(former).open()
+    former.sinks[0].close(1000, "enough")
+    pipe.send(close_frame(1000))
+    former.sinks[0].hand_over(late)
+    assert former.closings == late.closings == [(1000, "enough")]
+
+
 # -- slow peers --------------------------------------------------------------------------------------------
 
 

@@ -29,7 +29,9 @@ class Queue:
     hangups: list[tuple[int, str]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.outbox = Outbox(SERVER_FRAMING, self.limits, self.wake, self.overflows.append, self.hang_up)
+        self.outbox = Outbox(
+            SERVER_FRAMING, self.limits, self.wake, self.overflows.append, self.hang_up, print
+        )
 
     def wake(self) -> None:
         self.wakes += 1
@@ -49,7 +51,7 @@ class Box(Outbox):
     """An outbox with the flows of a bridge, that counts what they lose."""
 
     def __init__(self, limits: Limits) -> None:
-        super().__init__(SERVER_FRAMING, limits, lambda: None, lambda _: None, lambda _code, _reason: None)
+        super().__init__(SERVER_FRAMING, limits, lambda: None, print, print, print)
         self.flows: dict[str, Flow] = {}
         self.drops: Counter[tuple[str, DropReason]] = Counter()
         self.now_ns = 0

@@ -80,7 +80,8 @@ class ObservedWire:
             raise
         self._open[number] = sink
         self.transcript.note(number, f"came from {info.address or '?'} over {info.transport}")
-        return _ObservedEndpoint(self, endpoint, observed, number)
+        observed.endpoint = _ObservedEndpoint(self, endpoint, observed, number)
+        return observed.endpoint
 
     def session(self, direction: Direction) -> Session:
         """A session that only reads what passes."""
@@ -126,7 +127,7 @@ class _ObservedEndpoint:
 
     def __init__(self, wire: ObservedWire, inner: Endpoint, sink: _ObservedSink, number: int) -> None:
         self._wire = wire
-        self._inner = inner
+        self.inner = inner
         self._sink = sink
         self._number = number
         self._session = wire.session(Direction.TO_SERVER)
@@ -139,29 +140,29 @@ class _ObservedEndpoint:
         action = wire.faults.action_for("server", subjects) if wire.faults else PASS
         wire.transcript.message(self._number, "→", shown_bytes(data, binary), action.remark)
         if action is PASS:
-            self._inner.receive(data, binary)
+            self.inner.receive(data, binary)
             return
         kept = bytes(data)
         for _ in range(action.copies):
             if action.delay <= 0:
-                self._inner.receive(kept, binary)
+                self.inner.receive(kept, binary)
             else:
                 wire.clock.call_later(action.delay, partial(self._receive_late, kept, binary))
 
     def _receive_late(self, data: bytes, binary: bool) -> None:
         if not self._over:
-            self._inner.receive(data, binary)
+            self.inner.receive(data, binary)
 
     def oversized(self, size: int, limit: int) -> None:
         self._wire.transcript.message(self._number, "→", f"<{size} bytes: too large, skipped>")
-        if isinstance(self._inner, OversizeAware):
-            self._inner.oversized(size, limit)
+        if isinstance(self.inner, OversizeAware):
+            self.inner.oversized(size, limit)
 
     def closed(self, code: int, reason: str) -> None:
         self._over = True
         self._sink.over = True
         self._wire.left(self._number, code, reason)
-        self._inner.closed(code, reason)
+        self.inner.closed(code, reason)
 
 
 class _ObservedSink:
@@ -172,6 +173,7 @@ class _ObservedSink:
         self.inner = inner
         self.number = number
         self.over = False
+        self.endpoint: _ObservedEndpoint | None = None
         self.slow_reader = SlowReader(wire.clock, lambda: wire.faults.pace)
         self._session = wire.session(Direction.TO_CLIENT)
 
@@ -228,6 +230,12 @@ class _ObservedSink:
     def close(self, code: int = 1000, reason: str = "") -> None:
         self.slow_reader.flush()
         self.inner.close(code, reason)
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        if self.over:
+            self.inner.hand_over(endpoint)
+        elif self.endpoint is not None:
+            self.endpoint.inner = endpoint
 
     @property
     def backlog(self) -> int:

@@ -28,7 +28,7 @@ from rwt_transports.background import background_tasks
 class _End:
     """What one of the two writes to; satisfies :class:`rwt_protocol.transport.Sink`."""
 
-    __slots__ = ("_awake", "_closing", "_frames", "_size", "other")
+    __slots__ = ("_awake", "_closing", "_frames", "_size", "opposite", "other")
 
     def __init__(self, awake: anyio.Event) -> None:
         self._awake = awake
@@ -36,6 +36,7 @@ class _End:
         self._size = 0
         self._closing: tuple[int, str] | None = None
         self.other: Endpoint | None = None
+        self.opposite = self
 
     def send(self, frame: Frame) -> None:
         if self._closing is None:
@@ -47,6 +48,12 @@ class _End:
         if self._closing is None:
             self._closing = (code, reason)
             self._awake.set()
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        if self.opposite.other is None:
+            endpoint.closed(*(self._closing or (1000, "")))
+        else:
+            self.opposite.other = endpoint
 
     def flow(
         self,
@@ -116,6 +123,7 @@ async def connect_in_process(near: Accept, far: Accept) -> AsyncIterator[None]:
     """
     awake = anyio.Event()
     ours, theirs = _End(awake), _End(awake)
+    ours.opposite, theirs.opposite = theirs, ours
     ours.other = far(theirs, PeerInfo("memory"))
     theirs.other = near(ours, PeerInfo("memory"))
     async with background_tasks() as tasks:

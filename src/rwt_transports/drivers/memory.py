@@ -16,6 +16,7 @@ from rwt_protocol.transport import (
     AS_MANY_AS_FIT,
     Accept,
     DropReason,
+    Endpoint,
     Flow,
     FlowRules,
     Frame,
@@ -42,13 +43,13 @@ class MemoryPeer:
         self.received: list[Frame] = []
         self.topics: list[str | None] = []
         self.closed: tuple[int, str] | None = None
-        self._endpoint = accept(_PeerSink(self), peer or PeerInfo("memory"))
+        self.endpoint = accept(_PeerSink(self), peer or PeerInfo("memory"))
 
     def send(self, message: str | bytes) -> None:
         """Hand one message to the endpoint; `bytes` are a binary one."""
         if self.closed is None:
             binary = isinstance(message, bytes)
-            self._endpoint.receive(message if isinstance(message, bytes) else message.encode(), binary)
+            self.endpoint.receive(message if isinstance(message, bytes) else message.encode(), binary)
 
     def take(self) -> list[bytes]:
         """The messages received since the last call."""
@@ -61,7 +62,7 @@ class MemoryPeer:
         """Close the connection, from either side; the endpoint is told once."""
         if self.closed is None:
             self.closed = (code, reason)
-            self._endpoint.closed(code, reason)
+            self.endpoint.closed(code, reason)
 
 
 class _PeerSink:
@@ -89,6 +90,9 @@ class _PeerSink:
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         self._peer.close(code, reason)
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        self._peer.endpoint = endpoint
 
     @property
     def backlog(self) -> int:

@@ -331,12 +331,17 @@ async def test_a_pair_in_memory() -> None:
         assert near.sink.backlog == near.sink.traffic.queued_bytes == 2
         await until(lambda: len(near.got) == len(far.got) == 2)
         assert (far.got, near.got) == ([(b"1", False), (b"2", False)], [(b"1", True), (b"2", True)])
+        heir = End(far.sink, far.peer)
+        far.sink.hand_over(heir)
+        near.sink.send(Frame(b"for another"))
+        await until(lambda: heir.got)
         near.sink.send(Frame(b"last"))
         near.sink.close(3000, "enough")
         near.sink.send(Frame(b"after the end"))
-        await until(lambda: far.closed_with)
-        assert far.got[-1] == (b"last", False)
-        assert near.closed_with == far.closed_with == (3000, "enough")
+        await until(lambda: heir.closed_with)
+        assert (heir.got, len(far.got)) == ([(b"for another", False), (b"last", False)], 2)
+        assert near.closed_with == heir.closed_with == (3000, "enough")
+        assert far.closed_with is None
 
 
 async def test_a_pair_that_is_refused() -> None:
