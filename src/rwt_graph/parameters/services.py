@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt_graph.clock import NANOSECONDS
+from rwt_graph.disclosure import Disclosure, Lists, Reads, Writes
 from rwt_graph.errors import NotFound, ParameterRejected
 from rwt_graph.parameters.node_parameters import NodeParameters
 from rwt_graph.parameters.tree import Value
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from rwt_graph.program.endpoints import MessageLike
     from rwt_interfaces.distro import Distro
 
+_PACKAGE: Final = "rcl_interfaces"
 #: ROS 2's profile of `/parameter_events`.
 EVENTS_QOS = QoS(depth=1000)
 
@@ -30,12 +33,8 @@ class ParameterServices:
 
     def handlers(self) -> Iterable[tuple[str, str, Callable[[Message], MessageLike]]]:
         """Name below the node, type and handler of each service."""
-        yield "describe_parameters", "rcl_interfaces/DescribeParameters", self._describe
-        yield "get_parameters", "rcl_interfaces/GetParameters", self._get
-        yield "get_parameter_types", "rcl_interfaces/GetParameterTypes", self._types
-        yield "list_parameters", "rcl_interfaces/ListParameters", self._list
-        yield "set_parameters", "rcl_interfaces/SetParameters", self._set
-        yield "set_parameters_atomically", "rcl_interfaces/SetParametersAtomically", self._set_atomically
+        for service in _SERVICES:
+            yield service.name, f"{_PACKAGE}/{service.type}", partial(service.handler, self)
 
     def _value(self, name: str) -> Value:
         """The value, None when there is no such parameter (`NOT_SET` on the wire)."""
@@ -85,6 +84,40 @@ class ParameterServices:
             self._parameters.set_all([(p.name, decode(p.value)) for p in request.parameters])
 
         return {"result": _outcome(set_all)}
+
+
+class _Service(NamedTuple):
+    """Name below the node, type in its package, handler, and what a client learns and changes by it."""
+
+    name: str
+    type: str
+    handler: Callable[[ParameterServices, Message], MessageLike]
+    reveals: Disclosure
+
+
+_SERVICES: Final = (
+    _Service("describe_parameters", "DescribeParameters", ParameterServices._describe, (Reads("names"),)),
+    _Service("get_parameters", "GetParameters", ParameterServices._get, (Reads("names"),)),
+    _Service("get_parameter_types", "GetParameterTypes", ParameterServices._types, (Reads("names"),)),
+    _Service(
+        "list_parameters",
+        "ListParameters",
+        ParameterServices._list,
+        tuple(Lists("parameter", (f"result.{field}",), of_node=True) for field in ("names", "prefixes")),
+    ),
+    _Service("set_parameters", "SetParameters", ParameterServices._set, (Writes("parameters"),)),
+    _Service(
+        "set_parameters_atomically",
+        "SetParametersAtomically",
+        ParameterServices._set_atomically,
+        (Writes("parameters"),),
+    ),
+)
+
+DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
+    {f"{_PACKAGE}/{service.type}": service.reveals for service in _SERVICES}
+)
+"""What each of the services reveals, by the two-part name of its type."""
 
 
 def _listed(name: str, prefixes: Iterable[str], depth: int) -> bool:
@@ -137,4 +170,4 @@ class ParameterEvents:
         )
 
 
-__all__ = ["EVENTS_QOS", "ParameterEvents", "ParameterServices"]
+__all__ = ["DISCLOSURES", "EVENTS_QOS", "ParameterEvents", "ParameterServices"]

@@ -1,5 +1,5 @@
-"""rosapi: what clients ask about the graph, as services under `/rosapi` (PROTOCOL_FACTS section 16)."""
+"""rosapi: what clients ask about the graph, as services under `/rosapi`."""
 
-from rwt_nodes.rosapi.node import Rosapi
+from rwt_nodes.rosapi.node import DISCLOSURES, Rosapi
 
-__all__ = ["Rosapi"]
+__all__ = ["DISCLOSURES", "Rosapi"]

@@ -1,20 +1,30 @@
-"""The node `/rosapi`: the table of its services."""
+"""The node `/rosapi`, and what each of its services reveals."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
 
 from rwt_graph.program.node import Node
-from rwt_nodes.rosapi.graph_services import GraphServices
-from rwt_nodes.rosapi.parameter_services import ParameterServices
-from rwt_nodes.rosapi.type_services import TypeServices
+from rwt_interfaces.distro import DISTROS
+from rwt_nodes.rosapi import graph_services, parameter_services, type_services
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
+    from rwt_graph.disclosure import Disclosure
 
-Answer = dict[str, object]
-Handler = Callable[[Any], Answer | Awaitable[Answer]]
+_SERVICES: Final = (*graph_services.SERVICES, *type_services.SERVICES, *parameter_services.SERVICES)
+
+DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
+    {
+        f"{package}/{service.type}": service.reveals
+        for package in sorted({distro.rosapi_package for distro in DISTROS.values()})
+        for service in (*_SERVICES, graph_services.VERSION)
+    }
+)
+"""What every service of rosapi reveals, by the two-part name of its type in each distribution."""
 
 
 class Rosapi:
@@ -22,9 +32,12 @@ class Rosapi:
 
     def __init__(self, graph: Graph) -> None:
         self._node = Node(graph, "rosapi")
-        package = graph.distro.rosapi_package
-        for service, (type_name, handler) in self._table(graph).items():
-            self._node.advertise_service(f"/rosapi/{service}", f"{package}/{type_name}", handler)
+        distro = graph.distro
+        for service in (*_SERVICES, *((graph_services.VERSION,) if distro.rosapi_has_version else ())):
+            handler = partial(service.handler, self._node)
+            self._node.advertise_service(
+                f"/rosapi/{service.name}", f"{distro.rosapi_package}/{service.type}", handler
+            )
 
     def close(self) -> None:
         """Withdraw the services."""
@@ -35,44 +48,3 @@ class Rosapi:
 
     def __exit__(self, *exc: object) -> None:
         self.close()
-
-    def _table(self, graph: Graph) -> dict[str, tuple[str, Handler]]:
-        """Service name → type and handler."""
-        live = GraphServices(graph)
-        types = TypeServices(graph.registry)
-        params = ParameterServices(self._node)
-        table: dict[str, tuple[str, Handler]] = {
-            "topics": ("Topics", live.topics),
-            "topics_for_type": ("TopicsForType", live.topics_for_type),
-            "topics_and_raw_types": ("TopicsAndRawTypes", live.topics_and_raw_types),
-            "topic_type": ("TopicType", live.topic_type),
-            "publishers": ("Publishers", live.publishers),
-            "subscribers": ("Subscribers", live.subscribers),
-            "services": ("Services", live.services),
-            "services_for_type": ("ServicesForType", live.services_for_type),
-            "service_type": ("ServiceType", live.service_type),
-            "service_providers": ("ServiceProviders", live.service_providers),
-            "service_node": ("ServiceNode", live.service_node),
-            "service_host": ("ServiceHost", live.service_host),
-            "nodes": ("Nodes", live.nodes),
-            "node_details": ("NodeDetails", live.node_details),
-            "action_servers": ("GetActionServers", live.action_servers),
-            "action_type": ("ActionType", live.action_type),
-            "get_time": ("GetTime", live.get_time),
-            "message_details": ("MessageDetails", types.message_details),
-            "service_request_details": ("ServiceRequestDetails", types.service_request_details),
-            "service_response_details": ("ServiceResponseDetails", types.service_response_details),
-            "action_goal_details": ("ActionGoalDetails", types.action_goal_details),
-            "action_result_details": ("ActionResultDetails", types.action_result_details),
-            "action_feedback_details": ("ActionFeedbackDetails", types.action_feedback_details),
-            "interfaces": ("Interfaces", types.interfaces),
-            "get_param_names": ("GetParamNames", params.get_param_names),
-            "get_param": ("GetParam", params.get_param),
-            "set_param": ("SetParam", params.set_param),
-            "has_param": ("HasParam", params.has_param),
-            "delete_param": ("DeleteParam", params.delete_param),
-            "search_param": ("SearchParam", params.search_param),
-        }
-        if graph.distro.rosapi_has_version:
-            table["get_ros_version"] = ("GetROSVersion", live.get_ros_version)
-        return table
