@@ -24,9 +24,9 @@ import anyio.lowlevel
 
 from rwt_graph import MemoryGraph, QoS
 from rwt_graph.api import Participant, Publisher, Sample
-from rwt_graph.qos import DEFAULT_QOS, History
 from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.payload import Payload
+from rwt_program.qos import DEFAULT_QOS, History
 
 SMALL, LARGE = "std_msgs/String", "sensor_msgs/Image"
 #: Messages between two looks at the event loop.

@@ -11,6 +11,7 @@ PACKAGES = {
     "rwt_interfaces": {"rwt_protocol", "rwt_graph", "rwt_transports", "anyio", "asyncio", "numpy", "cbor2"},
     "rwt_tf2": {"rwt_interfaces", "rwt_protocol", "rwt_graph", "anyio", "asyncio", "numpy", "msgspec"},
     "rwt_protocol": {"rwt_interfaces", "rwt_graph", "anyio", "numpy", "PIL", "cbor2", "websockets", "h11"},
+    "rwt_program": {"rwt_protocol", "rwt_graph", "rwt_transports", "numpy", "websockets"},
     "rwt_graph": {"rwt_protocol", "rwt_transports", "rwt_bridge", "numpy", "websockets"},
     "rwt_transports": {"rwt_interfaces", "rwt_graph", "rwt_bridge", "numpy"},
     "rwt_bridge": {"rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},

@@ -19,8 +19,7 @@ from rwt_bridge.pending_auth import Doorstep
 from rwt_delivery.counters import Ledger
 from rwt_delivery.fanout import Fanout
 from rwt_delivery.shared_publishers import Publications
-from rwt_graph.errors import GraphError
-from rwt_interfaces.errors import InterfaceError
+from rwt_program.errors import RobotError
 from rwt_protocol import ops
 from rwt_protocol.codecs import CODECS, Codec, Encoding, bson_codec, encoding_of
 from rwt_protocol.dispatcher import Dispatcher
@@ -99,9 +98,7 @@ class Bridge:
         self.dials: list[RelayStatus] = []
         self._count = 0
         self._orphans: dict[SentGoal, str] = {}
-        self.dispatcher: Dispatcher[Peer] = Dispatcher(
-            HANDLERS, on_error=_log_error, refusals=(GraphError, InterfaceError)
-        )
+        self.dispatcher: Dispatcher[Peer] = Dispatcher(HANDLERS, on_error=_log_error, refusals=(RobotError,))
 
     @property
     def peers(self) -> tuple[Peer, ...]:

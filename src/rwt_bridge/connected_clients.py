@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rwt_graph.clock import NANOSECONDS
-from rwt_graph.qos import LATCHED
 from rwt_interfaces.payload import Payload
+from rwt_program.qos import LATCHED
 
 if TYPE_CHECKING:
     from rwt_graph.api import Participant, Publisher

@@ -52,11 +52,11 @@ async def ask_rosapi(question: Callable[[], Awaitable[T]]) -> T:
     Raises:
         CommandError: there is no rosapi.
     """
-    from rwt_client import CallFailed
+    from rwt_client import ProviderNotFound, ServiceFailed
 
     try:
         return await question()
-    except CallFailed as error:
+    except (ServiceFailed, ProviderNotFound) as error:
         raise CommandError(f"{NO_ROSAPI}: {error}", FAILED) from error
 
 
@@ -92,11 +92,11 @@ async def known_action(robot: Robot, name: str) -> str:
     Raises:
         CommandError: there is no such action; names the nearest one.
     """
-    from rwt_client import CallFailed
+    from rwt_client import ProviderNotFound, ServiceFailed
 
     try:
         found = await robot.api.action_type(name)
-    except CallFailed:
+    except (ServiceFailed, ProviderNotFound):
         found = ""
     if not found:
         raise unknown("action", name, await ask_rosapi(robot.api.action_servers))

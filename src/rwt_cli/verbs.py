@@ -20,7 +20,7 @@ from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, Co
 from rwt_cli.parser import Commands
 
 if TYPE_CHECKING:
-    from rwt_client import ClientError, ConnectionEvent, Robot
+    from rwt_client import ConnectionEvent, Robot, RobotError
 
 DEFAULT_URL: Final = "ws://127.0.0.1:9090"
 URL_VARIABLE: Final = "RWT_URL"
@@ -222,11 +222,11 @@ def run_async(program: Callable[[], Awaitable[None]]) -> None:
     """
     import anyio  # takes a while, and `--help` needs none of it
 
-    from rwt_client import ClientError
+    from rwt_client import RobotError
 
     try:
         anyio.run(program)
-    except ClientError as error:
+    except RobotError as error:
         raise command_error(error) from error
 
 
@@ -255,16 +255,16 @@ def _tell_of_gaps(event: ConnectionEvent) -> None:
         logging.getLogger("rwt").warning("connected again")
 
 
-def command_error(error: ClientError) -> CommandError:
+def command_error(error: RobotError) -> CommandError:
     """An error of the client with its exit code."""
-    from rwt_client import BadAddress, ConnectionLost, MisfitMessage, NoAnswer, TransformUnavailable
+    from rwt_client import BadAddress, ConnectionLost, InvalidMessage, TimedOut, TransformUnavailable
 
-    if isinstance(error, BadAddress | MisfitMessage):
+    if isinstance(error, BadAddress | InvalidMessage):
         code = CALLED_WRONGLY
     elif isinstance(error, ConnectionLost):
         code = CANNOT_CONNECT
     else:
-        code = TIMED_OUT if isinstance(error, NoAnswer | TransformUnavailable) else FAILED
+        code = TIMED_OUT if isinstance(error, TimedOut | TransformUnavailable) else FAILED
     return CommandError(str(error), code)
 
 
@@ -272,21 +272,21 @@ async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
     """The answers to questions that are asked side by side, in order.
 
     Raises:
-        ClientError: one was not answered; the first of them.
+        RobotError: one was not answered; the first of them.
     """
     import anyio
 
-    from rwt_client import ClientError
+    from rwt_client import RobotError
 
     answers: dict[int, T] = {}
-    failures: list[ClientError] = []
+    failures: list[RobotError] = []
     few = anyio.Semaphore(_MOST_AT_ONCE)
 
     async def ask(index: int, question: Callable[[], Awaitable[T]]) -> None:
         async with few:
             try:
                 answers[index] = await question()
-            except ClientError as error:
+            except RobotError as error:
                 failures.append(error)
 
     async with anyio.create_task_group() as tasks:

@@ -9,7 +9,7 @@
 
 from rwt_client.connection import connect
 from rwt_client.endpoints.action_server import OfferedAction, ReceivedGoal
-from rwt_client.endpoints.goals import Goal, GoalResult, GoalStatus
+from rwt_client.endpoints.goals import Goal
 from rwt_client.endpoints.parameters import Parameters
 from rwt_client.endpoints.publisher import Publisher
 from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
@@ -19,28 +19,37 @@ from rwt_client.endpoints.subscriptions import Subscription
 from rwt_client.endpoints.transforms import Transforms
 from rwt_client.errors import (
     BadAddress,
-    CallFailed,
     CannotConnect,
     ClientError,
     ConnectionClosed,
     ConnectionLost,
-    GoalAborted,
-    GoalCanceled,
-    GoalEnded,
-    GoalFailed,
     ImageFormat,
-    MisfitMessage,
-    NoAnswer,
     NotConnected,
-    ParameterRefused,
     ServerRefused,
-    ServiceFailed,
-    TransformUnavailable,
-    TypeUnavailable,
 )
 from rwt_client.events import ConnectionEvent, EventStream
 from rwt_client.robot import Robot
 from rwt_client.rosapi import FieldInfo, NodeInfo, RosApi, RosVersion, TopicInfo, TypeInfo
+from rwt_program.errors import (
+    CallFailed,
+    CallTimeout,
+    GoalAborted,
+    GoalCanceled,
+    GoalEnded,
+    GoalRejected,
+    InterfaceError,
+    InvalidMessage,
+    NotFound,
+    ParameterRejected,
+    ProviderGone,
+    ProviderNotFound,
+    RobotError,
+    ServiceFailed,
+    TimedOut,
+    TransformUnavailable,
+    UnknownType,
+)
+from rwt_program.goals import GoalResult, GoalStatus
 from rwt_transports.backoff import Backoff
 
 __all__ = [
@@ -68,23 +77,29 @@ __all__ = [
     "ConnectionEvent",
     "EventStream",
     "Backoff",
+    "RobotError",
+    "CallFailed",
+    "ServiceFailed",
+    "CallTimeout",
+    "ProviderGone",
+    "ProviderNotFound",
+    "GoalRejected",
+    "NotFound",
+    "ParameterRejected",
+    "TimedOut",
+    "TransformUnavailable",
+    "GoalEnded",
+    "GoalCanceled",
+    "GoalAborted",
+    "InterfaceError",
+    "InvalidMessage",
+    "UnknownType",
     "ClientError",
     "BadAddress",
     "ConnectionLost",
     "CannotConnect",
     "NotConnected",
     "ConnectionClosed",
-    "NoAnswer",
     "ServerRefused",
-    "CallFailed",
-    "GoalFailed",
-    "ParameterRefused",
-    "MisfitMessage",
-    "TypeUnavailable",
-    "TransformUnavailable",
     "ImageFormat",
-    "ServiceFailed",
-    "GoalEnded",
-    "GoalCanceled",
-    "GoalAborted",
 ]

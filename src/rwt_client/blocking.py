@@ -19,9 +19,9 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 from rwt_client import connection
 from rwt_client.connection import ConnectKeywords
 from rwt_client.endpoints.action_server import Execute, OfferedAction
-from rwt_client.endpoints.goals import Goal, GoalResult, GoalStatus
+from rwt_client.endpoints.goals import Goal
 from rwt_client.endpoints.parameters import Parameters
-from rwt_client.endpoints.publisher import MessageLike, Publisher
+from rwt_client.endpoints.publisher import Publisher
 from rwt_client.endpoints.remote_types import LiveTypes
 from rwt_client.endpoints.services import OfferedService, ServiceHandler
 from rwt_client.endpoints.subscriptions import Callback, Subscription
@@ -30,7 +30,8 @@ from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent
 from rwt_client.robot import AdvertiseKeywords, Robot, SubscribeKeywords
 from rwt_client.rosapi import RosApi
-from rwt_client.wire.decoding import Message
+from rwt_program.goals import GoalResult, GoalStatus
+from rwt_program.messages import Message, MessageLike
 from rwt_protocol.transport import Accept
 
 P = ParamSpec("P")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_client.errors import ImageFormat
-from rwt_client.wire.decoding import Message
+from rwt_program.messages import Message
 
 if TYPE_CHECKING:
     from PIL import Image

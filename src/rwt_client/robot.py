@@ -12,29 +12,23 @@ from rwt_client.endpoints.action_server import Execute, OfferedAction, OfferedAc
 from rwt_client.endpoints.actionlib import ActionlibGoals
 from rwt_client.endpoints.goals import Goal, SentGoals
 from rwt_client.endpoints.parameters import Parameters
-from rwt_client.endpoints.publisher import AdvertiseOptions, MessageLike, Publisher, payload_of
+from rwt_client.endpoints.publisher import AdvertiseOptions, Publisher
 from rwt_client.endpoints.qos import qos_of
 from rwt_client.endpoints.raw_subscription import RawCallback, RawSubscription
 from rwt_client.endpoints.remote_types import LiveTypes
 from rwt_client.endpoints.services import Calls, OfferedService, OfferedServices, ServiceHandler
 from rwt_client.endpoints.subscriptions import Callback, Compression, Hub, SubscribeOptions, Subscription
 from rwt_client.endpoints.transforms import Transforms
-from rwt_client.errors import (
-    CallFailed,
-    ConnectionClosed,
-    MisfitMessage,
-    NoAnswer,
-    ServiceFailed,
-    TypeUnavailable,
-)
+from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent, EventStream
-from rwt_client.rosapi import RosApi
+from rwt_client.rosapi import UNANSWERED, RosApi
 from rwt_client.wire.arrays import ArrayKind
-from rwt_client.wire.decoding import Message
 from rwt_client.wire.future import Outcome
 from rwt_client.wire.session import Line
 from rwt_interfaces import NOETIC, Distro, InterfaceError
 from rwt_interfaces.distro import closest_distro
+from rwt_program.errors import CallTimeout, InvalidMessage, ServiceFailed
+from rwt_program.messages import Message, MessageLike, to_payload
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
     ActionFeedback,
@@ -140,7 +134,7 @@ class Robot:
         """Wait until there is a connection, with everything subscribed, advertised and offered on it again.
 
         Raises:
-            NoAnswer: there was none in time.
+            TimedOut: there was none in time.
             ConnectionClosed: there will be none any more.
         """
         if self.connected:
@@ -198,7 +192,7 @@ class Robot:
         message after the other; while it is busy the newest `queue` messages wait.
 
         Raises:
-            TypeUnavailable: the topic's type is not known.
+            UnknownType: the topic's type is not known.
         """
         return await Subscription(self._hub, name, type_name, self._options(options), callback).start()
 
@@ -209,7 +203,7 @@ class Robot:
         :class:`~rwt_client.endpoints.raw_subscription.RawSubscription`.
 
         Raises:
-            TypeUnavailable: the topic's type is not known.
+            UnknownType: the topic's type is not known.
         """
         message_type = await self.types.message(type_name or await self.types.of_topic(name))
         binary = self._hub.cbor_offered
@@ -228,9 +222,9 @@ class Robot:
         """The next message of a topic.
 
         Raises:
-            NoAnswer: none came in time.
+            TimedOut: none came in time.
             ServerRefused: the server does not serve the topic so; its text.
-            TypeUnavailable: the topic's type is not known.
+            UnknownType: the topic's type is not known.
         """
         async with self.topic(name, type_name, **options) as messages:
             return await messages.get(self._patience(timeout))
@@ -242,7 +236,7 @@ class Robot:
             options: see :class:`~rwt_client.endpoints.publisher.AdvertiseOptions`.
 
         Raises:
-            TypeUnavailable: the type is not known.
+            UnknownType: the type is not known.
         """
         message_type = await self.types.message(type_name)
         wire_type = self.types.wire_name(message_type.name)
@@ -259,8 +253,8 @@ class Robot:
             type_name: the topic's type. None takes that of the instance, or asks the robot.
 
         Raises:
-            MisfitMessage: the message does not fit the type.
-            TypeUnavailable: the type is not known.
+            InvalidMessage: the message does not fit the type.
+            UnknownType: the type is not known.
             NotConnected: there is no connection now.
         """
         publisher = self._publishers.get(name)
@@ -293,14 +287,15 @@ class Robot:
             The response, an instance of its class.
 
         Raises:
-            CallFailed: the service failed or is not there; the server's text.
-            NoAnswer: no answer came in time.
-            ConnectionLost: the connection was lost before the answer.
-            MisfitMessage: the request does not fit the type, or the response does not.
-            TypeUnavailable: the type is not known.
+            ServiceFailed: its provider says so; the server's text.
+            ProviderNotFound: nobody offers it.
+            CallTimeout: no answer came in time.
+            ConnectionLost: the connection was lost before the answer; like the others a :exc:`CallFailed`.
+            InvalidMessage: the request does not fit the type, or the response does not.
+            UnknownType: the type is not known.
         """
         service_type = await self.types.service(type_name or await self.types.of_service(service))
-        args = RawJson(payload_of(service_type.request, {} if request is None else request).json())
+        args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
         answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
@@ -314,7 +309,7 @@ class Robot:
                 :exc:`~rwt_client.errors.ServiceFailed` to tell the caller why there is none.
 
         Raises:
-            TypeUnavailable: the type is not known.
+            UnknownType: the type is not known.
         """
         service_type = await self.types.service(type_name)
         offered = OfferedService(
@@ -341,12 +336,12 @@ class Robot:
             on_feedback: called with each feedback; without it iterate over the goal.
 
         Raises:
-            MisfitMessage: the goal does not fit the type.
-            TypeUnavailable: the type is not known.
+            InvalidMessage: the goal does not fit the type.
+            UnknownType: the type is not known.
             NotConnected: there is no connection now.
         """
         action_type = await self.types.action(type_name or await self.types.of_action(action))
-        payload = payload_of(action_type.goal, {} if goal is None else goal)
+        payload = to_payload(action_type.goal, {} if goal is None else goal)
         sent = Goal(action, self._line.next_id("send_action_goal", action), on_feedback)
         if self.types.registry.distro.action_transport == "topics":
             return await ActionlibGoals(self).send(sent, action_type, payload)
@@ -363,7 +358,7 @@ class Robot:
             execute: works on one goal and returns its result; goals run side by side.
 
         Raises:
-            TypeUnavailable: the type is not known.
+            UnknownType: the type is not known.
         """
         action_type = await self.types.action(type_name)
         offered = OfferedAction(
@@ -394,24 +389,24 @@ class Robot:
         if fetch_types and distro is not None:
             try:
                 await self.types.refresh()
-            except (CallFailed, NoAnswer) as error:
+            except UNANSWERED as error:
                 logger.info("the robot does not tell its types: %s", error)
 
     async def _ask_distro(self) -> Distro | None:
         """None where there is no rosapi; ROS 1 often has rosapi without this question."""
         try:
             found = await self._identifying.ros_version()
-        except CallFailed:
-            return NOETIC if await self._has_rosapi() else None
-        except NoAnswer:
+        except CallTimeout:
             logger.info("the robot does not answer rosapi's questions: its version of ROS is not known")
             return None
+        except UNANSWERED:
+            return NOETIC if await self._has_rosapi() else None
         return closest_distro(found.distro, found.version) if found.version else None
 
     async def _has_rosapi(self) -> bool:
         try:
             await self._identifying.time_ns()
-        except (CallFailed, NoAnswer):
+        except UNANSWERED:
             logger.info("the robot has no rosapi: its version of ROS is not known")
             return False
         return True
@@ -431,7 +426,7 @@ class Robot:
                 CancelActionGoal: self._actions.on_cancel,
             },
             _log_failure,
-            (ServiceFailed, MisfitMessage),
+            (ServiceFailed, InvalidMessage),
             Direction.TO_CLIENT,
         )
 
@@ -486,6 +481,3 @@ def _nothing(_: None, op: Op) -> None:
 
 def _log_failure(_: None, op: Op, error: Exception) -> None:
     logger.error("a %s of the server could not be handled", op.op, exc_info=error)
-
-
-__all__ = ["Robot", "TypeUnavailable"]

@@ -8,14 +8,17 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from rwt_client.errors import CallFailed
+from rwt_program.errors import CallTimeout, ProviderNotFound, ServiceFailed
 
 NANOSECONDS: Final = 1_000_000_000
 
 T = TypeVar("T")
 
 Ask = Callable[[str, Mapping[str, object]], Awaitable[Any]]
-"""Calls a service of rosapi with plain arguments; gives its plain answer. Raises CallFailed and NoAnswer."""
+"""Calls a service of rosapi with plain arguments; gives its plain answer. Raises CallFailed."""
+
+UNANSWERED: Final = (ServiceFailed, ProviderNotFound, CallTimeout)
+"""What a question raises that the robot does not answer although there is a connection to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +75,7 @@ class TypeInfo:
 class RosApi:
     """The questions of rosapi.
 
-    Every method raises :exc:`~rwt_client.errors.CallFailed` with the server's text,
-    :exc:`~rwt_client.errors.NoAnswer`, or :exc:`~rwt_client.errors.ConnectionLost`.
+    Every method raises :exc:`~rwt_program.errors.CallFailed`, as a call of any service does.
     """
 
     def __init__(self, ask: Ask) -> None:
@@ -190,7 +192,7 @@ class RosApi:
         try:
             return msgspec.convert(answer, expected)
         except msgspec.ValidationError:
-            raise CallFailed(f"rosapi answers {question} with something else than was asked for") from None
+            raise ServiceFailed(f"rosapi answers {question} with something else than was asked for") from None
 
     async def _names(self, question: str, key: str, **args: object) -> tuple[str, ...]:
         return _strings((await self._answer(question, args, dict[str, Any])).get(key))

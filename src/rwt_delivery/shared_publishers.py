@@ -13,7 +13,7 @@ from rwt_delivery.startup_buffer import SECONDS as EARLY_SECONDS
 from rwt_delivery.startup_buffer import EarlySamples
 from rwt_graph.api import Sample
 from rwt_graph.errors import TypeConflict
-from rwt_graph.qos import Durability
+from rwt_program.qos import Durability
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from rwt_delivery.counters import Ledger
     from rwt_graph.api import Participant, Publisher
     from rwt_graph.clock import Clock, Timer
-    from rwt_graph.qos import QoS
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
+    from rwt_program.qos import QoS
     from rwt_protocol.ops.topics import Qos
 
 

@@ -3,31 +3,42 @@
 Robot programs use :class:`MemoryGraph` and :class:`Node`; :mod:`rwt_graph.api` is what backends implement.
 """
 
-from rwt_graph.api import GoalStatus, Graph, Sample
+from rwt_graph.api import Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, SteadyClock, Timer, WallClock
 from rwt_graph.errors import (
-    CallFailed,
-    CallTimeout,
-    GoalAborted,
-    GoalCanceled,
-    GoalRejected,
     GraphError,
     InvalidGraphName,
     InvalidTransition,
-    NotFound,
     NotRunning,
-    ParameterRejected,
-    ProviderGone,
-    ProviderNotFound,
-    ServiceFailed,
     TypeConflict,
     WrongThread,
 )
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_graph.program.endpoints import Message, MessageLike, TopicPublisher, TopicSubscription
+from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
 from rwt_graph.program.goals import ActionGoal, GoalHandle
 from rwt_graph.program.node import Handle, Node
-from rwt_graph.qos import BEST_AVAILABLE, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
+from rwt_program.errors import (
+    CallFailed,
+    CallTimeout,
+    GoalAborted,
+    GoalCanceled,
+    GoalEnded,
+    GoalRejected,
+    InterfaceError,
+    InvalidMessage,
+    NotFound,
+    ParameterRejected,
+    ProviderGone,
+    ProviderNotFound,
+    RobotError,
+    ServiceFailed,
+    TimedOut,
+    TransformUnavailable,
+    UnknownType,
+)
+from rwt_program.goals import GoalStatus
+from rwt_program.messages import Message, MessageLike
+from rwt_program.qos import BEST_AVAILABLE, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 
 __all__ = [
     "MemoryGraph",
@@ -54,20 +65,27 @@ __all__ = [
     "BEST_AVAILABLE",
     "LATCHED",
     "SENSOR_DATA",
-    "GraphError",
-    "InvalidGraphName",
-    "TypeConflict",
-    "NotFound",
-    "InvalidTransition",
+    "RobotError",
     "CallFailed",
     "ServiceFailed",
     "CallTimeout",
     "ProviderGone",
     "ProviderNotFound",
     "GoalRejected",
+    "NotFound",
+    "ParameterRejected",
+    "TimedOut",
+    "TransformUnavailable",
+    "GoalEnded",
     "GoalCanceled",
     "GoalAborted",
-    "ParameterRejected",
+    "InterfaceError",
+    "InvalidMessage",
+    "UnknownType",
+    "GraphError",
+    "InvalidGraphName",
+    "TypeConflict",
+    "InvalidTransition",
     "NotRunning",
     "WrongThread",
 ]

@@ -25,21 +25,21 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING, Self
 
 from msgspec import Struct
 
-from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+from rwt_program.goals import GoalStatus
+from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
-    from rwt_graph.errors import CallFailed
     from rwt_graph.parameters.tree import ParameterTree
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+    from rwt_program.errors import CallFailed
 
 
 class Sample(Struct, frozen=True, eq=False, gc=False):
@@ -154,23 +154,6 @@ class PendingCall(ABC):
 
 OnReply = Callable[["Payload | CallFailed"], None]
 """Called exactly once, unless the call is cancelled: with the response, or with why there is none."""
-
-
-class GoalStatus(IntEnum):
-    """The states of a goal, with the numbers of `action_msgs/GoalStatus`."""
-
-    UNKNOWN = 0
-    ACCEPTED = 1
-    EXECUTING = 2
-    CANCELING = 3
-    SUCCEEDED = 4
-    CANCELED = 5
-    ABORTED = 6
-
-    @property
-    def is_terminal(self) -> bool:
-        """Whether nothing more can happen to the goal."""
-        return self >= GoalStatus.SUCCEEDED
 
 
 class ServerGoal(ABC):

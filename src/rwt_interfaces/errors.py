@@ -11,7 +11,11 @@
 from __future__ import annotations
 
 
-class InterfaceError(Exception):
+class RobotError(Exception):
+    """Base of what programs meet in any package: the text says what, where and what instead."""
+
+
+class InterfaceError(RobotError):
     """Base of every error of this package."""
 
 

@@ -13,16 +13,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, GoalStatus, OnReply, ServiceInfo
+from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, OnReply, ServiceInfo
 from rwt_graph.clock import NANOSECONDS
-from rwt_graph.errors import GraphError
-from rwt_graph.qos import DEFAULT_QOS, LATCHED, QoS
-from rwt_interfaces import InterfaceError, Payload
+from rwt_interfaces import Payload
+from rwt_program.errors import RobotError
+from rwt_program.goals import GoalStatus
+from rwt_program.qos import DEFAULT_QOS, LATCHED, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph, Publisher
     from rwt_graph.clock import Timer
-    from rwt_graph.errors import CallFailed
+    from rwt_program.errors import CallFailed
 
 logger = logging.getLogger(__name__)
 
@@ -132,7 +133,7 @@ class Introspection(CallObserver):
         try:
             message = self._graph.registry.message(type_name)
             publisher = self._participant.advertise(topic, message, qos)
-        except (GraphError, InterfaceError) as error:
+        except RobotError as error:
             if topic not in self._refused:
                 self._refused.add(topic)
                 logger.warning("nothing is told on %s: %s", topic, error)

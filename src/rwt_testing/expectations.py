@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import anyio
 
-from rwt_graph.program.endpoints import Message
+from rwt_program.messages import Message
 from rwt_testing.errors import BlockingWait
 from rwt_testing.journal import OF_THE_SERVER, Journal, Kind, Received
 from rwt_testing.matching import Matching, misfit

@@ -10,8 +10,8 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rwt_graph.program.endpoints import Message
     from rwt_interfaces.payload import Payload
+    from rwt_program.messages import Message
 
 #: Entries kept of each kind and name; the oldest make room.
 KEPT = 1000

@@ -11,7 +11,7 @@ from msgspec import Struct
 from rwt_testing.errors import ScriptError, instead
 
 if TYPE_CHECKING:
-    from rwt_graph.program.endpoints import Message
+    from rwt_program.messages import Message
 
 #: Some fields of a message and their values, nested as the message is; or a function that says yes or no; or
 #: None, which every message fits.

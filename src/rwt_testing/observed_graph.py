@@ -19,7 +19,7 @@ from rwt_graph.api import (
     Subscription,
 )
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 from rwt_testing.journal import Journal, Kind, Received
 
 if TYPE_CHECKING:

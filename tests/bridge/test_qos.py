@@ -10,7 +10,7 @@ import pytest
 from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_graph.qos import SENSOR_DATA, Durability, History, QoS, Reliability
+from rwt_program.qos import SENSOR_DATA, Durability, History, QoS, Reliability
 from rwt_protocol.transport import FlowRules
 from tests.bridge.recording_client import Client
 

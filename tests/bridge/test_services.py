@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.errors import ServiceFailed
 from rwt_graph.memory.graph import MemoryGraph
+from rwt_program.errors import ServiceFailed
 from tests.bridge.recording_client import Client
 
 ADD = {"service": "/add_two_ints", "type": "example_interfaces/AddTwoInts"}

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from rwt_client import CallFailed, NoAnswer
+from rwt_client import CallFailed, TimedOut
 from rwt_client.blocking import BlockingRobot, connect
 
 LAB = """
@@ -131,7 +131,7 @@ def test_answers(app: BlockingRobot) -> None:
     assert app.call("/add", {"a": 2, "b": 3}).sum == 5
     with pytest.raises(CallFailed, match="two and what"):
         app.call("/add", {"a": 2, "b": 4})
-    with pytest.raises(NoAnswer):
+    with pytest.raises(TimedOut):
         app.call("/add", {"a": 99}, timeout=0.2)
     assert [call["a"] for call in received(app)["called"]["/add"]] == [1, 1, 1, 2, 2, 99]
 

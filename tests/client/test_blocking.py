@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 
-from rwt_client import BadAddress, CannotConnect, ConnectionClosed, GoalStatus, NoAnswer, ReceivedGoal
+from rwt_client import BadAddress, CannotConnect, ConnectionClosed, GoalStatus, ReceivedGoal, TimedOut
 from rwt_client.blocking import BlockingRobot, connect
 
 FIBONACCI = "example_interfaces/Fibonacci"
@@ -43,7 +43,7 @@ def test_topics_are_iterators(robot: BlockingRobot) -> None:
 
 def test_one_message(robot: BlockingRobot) -> None:
     assert robot.once("/map", timeout=10).info.width > 0
-    with pytest.raises(NoAnswer, match=r"no message came on /nothing within 0.05 s"):
+    with pytest.raises(TimedOut, match=r"no message came on /nothing within 0.05 s"):
         robot.once("/nothing", "std_msgs/String", timeout=0.05)
 
 

@@ -12,13 +12,13 @@ from rwt_client import (
     CallFailed,
     FieldInfo,
     NodeInfo,
-    ParameterRefused,
+    NotFound,
+    ParameterRejected,
     RosVersion,
     TopicInfo,
-    TypeUnavailable,
+    UnknownType,
 )
 from rwt_client.endpoints.remote_types import _texts
-from rwt_graph import ParameterRejected
 from rwt_interfaces import JAZZY, NOETIC, Registry
 from rwt_nodes.rosapi.typedefs import typedefs
 from tests.client.worlds import World, scripted, world
@@ -149,19 +149,19 @@ async def test_a_parameter_that_is_refused_says_why() -> None:
             raise ParameterRejected("too fast for this floor")
 
         it.node.parameters.declare("speed", 0.5, on_change=check)
-        with pytest.raises(ParameterRefused, match="too fast for this floor"):
+        with pytest.raises(ParameterRejected, match="too fast for this floor"):
             await it.robot.params.set("/test_robot:speed", 9.0)
-        with pytest.raises(ParameterRefused):
+        with pytest.raises(NotFound):
             await it.robot.params.get("/test_robot:nothing")
         assert await it.robot.params.get("/test_robot:nothing", "otherwise") == "otherwise"
-        with pytest.raises(ParameterRefused):
+        with pytest.raises(ParameterRejected):
             await it.robot.params.delete("/test_robot:speed")
 
 
 async def test_without_rosapi_the_servers_words_are_told() -> None:
     async with scripted() as (server, robot):
         server.answers["/rosapi/get_param"] = "Service /rosapi/get_param does not exist"
-        with pytest.raises(ParameterRefused, match="Service /rosapi/get_param does not exist"):
+        with pytest.raises(CallFailed, match="Service /rosapi/get_param does not exist"):
             await robot.params.get("/a:b")
 
 
@@ -174,7 +174,7 @@ async def test_types_of_the_robots_own_come_from_its_graph() -> None:
         it.graph.registry.add_text("uint8 id\nbuiltin_interfaces/Time when", "my_robot/Part")
         it.graph.registry.add_text("Part part\n---\nbool ok", "my_robot/Check", "srv")
         it.graph.registry.add_text("Part part\n---\nbool ok\n---\nfloat64 done", "my_robot/Build", "action")
-        with pytest.raises(TypeUnavailable, match=r"await types\.fetch"):
+        with pytest.raises(UnknownType, match=r"await types\.fetch"):
             it.robot.types["my_robot/Status"]
         status = await it.robot.types.fetch("my_robot/Status")
         assert status is it.robot.types["my_robot/msg/Status"]
@@ -210,10 +210,10 @@ async def test_the_graphs_definition_wins_over_the_standard_one() -> None:
 async def test_a_type_that_nobody_knows() -> None:
     async with world() as it:
         with pytest.raises(
-            TypeUnavailable, match='no message "my_msgs/X" is known; asked for it, the robot says the same'
+            UnknownType, match='no message "my_msgs/X" is known; asked for it, the robot says the same'
         ):
             await it.robot.types.fetch("my_msgs/X")
-        with pytest.raises(TypeUnavailable):
+        with pytest.raises(UnknownType):
             await it.robot.types.fetch("not a name")
 
 
@@ -224,7 +224,7 @@ async def test_a_definition_may_be_added() -> None:
             await server.hears("subscribe")
             server.publish("/mood", {"level": 3})
             assert (await moods.get(timeout=5)).level == 3
-        with pytest.raises(TypeUnavailable, match="my_msgs/Bad: "):
+        with pytest.raises(UnknownType, match="my_msgs/Bad: "):
             robot.types.add_text("uint8 1x", "my_msgs/Bad")
 
 

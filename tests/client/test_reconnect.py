@@ -14,8 +14,8 @@ from rwt_client import (
     CannotConnect,
     ConnectionEvent,
     ConnectionLost,
-    NoAnswer,
     NotConnected,
+    TimedOut,
     connect,
 )
 from rwt_client.connection import ConnectKeywords
@@ -221,7 +221,7 @@ async def test_a_server_that_is_started_again_is_found_again() -> None:
             await until(lambda: not robot.connected)
             # Clients hear of the end before the port is free.
             await ended.wait()
-            with pytest.raises(NoAnswer, match=r"no connection to the server within 0\.02 s"):
+            with pytest.raises(TimedOut, match=r"no connection to the server within 0\.02 s"):
                 await robot.wait_connected(timeout=0.02)
             await tasks.start(_serve, graph, url, anyio.Event())
             await robot.wait_connected(timeout=10)

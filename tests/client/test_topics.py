@@ -11,7 +11,7 @@ import anyio.lowlevel
 import numpy as np
 import pytest
 
-from rwt_client import ClientError, MisfitMessage, ServerRefused, TypeUnavailable
+from rwt_client import InvalidMessage, NotFound, RobotError, ServerRefused, UnknownType
 from tests.client.worlds import scripted, until, world
 
 pytestmark = pytest.mark.anyio
@@ -43,13 +43,13 @@ async def test_the_type_of_a_known_topic_need_not_be_named() -> None:
 
 async def test_a_topic_that_nobody_knows_needs_a_type() -> None:
     async with world() as it:
-        with pytest.raises(TypeUnavailable, match="the robot knows no topic /nothing; name its type"):
+        with pytest.raises(NotFound, match="the robot knows no topic /nothing; name its type"):
             await it.robot.once("/nothing")
 
 
 async def test_an_unknown_type_is_told_with_what_may_be_meant() -> None:
     async with world() as it:
-        with pytest.raises(TypeUnavailable, match="did you mean std_msgs/String"):
+        with pytest.raises(UnknownType, match="did you mean std_msgs/String"):
             await it.robot.once("/chatter", "std_msgs/Sting")
 
 
@@ -158,10 +158,10 @@ async def test_options_reach_the_server() -> None:
 async def test_a_policy_that_is_none_is_told_before_anything_is_sent() -> None:
     async with scripted() as (server, robot):
         with pytest.raises(
-            MisfitMessage, match=r'^qos.depth: expected a whole number, zero or more, got "3"$'
+            InvalidMessage, match=r'^qos.depth: expected a whole number, zero or more, got "3"$'
         ):
             robot.topic("/odom", "nav_msgs/Odometry", qos={"depth": "3"})
-        with pytest.raises(MisfitMessage, match=r"^qos.reliability: expected .reliable."):
+        with pytest.raises(InvalidMessage, match=r"^qos.reliability: expected .reliable."):
             await robot.advertise("/odom", "nav_msgs/Odometry", qos={"reliability": "most"})
         assert server.ops("subscribe") == server.ops("advertise") == []
 
@@ -239,7 +239,7 @@ async def test_numpy_arrays_can_be_published() -> None:
 async def test_a_misfit_is_told_before_anything_is_sent() -> None:
     async with scripted() as (server, robot):
         with await robot.advertise("/cmd_vel", "geometry_msgs/Twist") as publisher:
-            with pytest.raises(MisfitMessage, match=r'linear\.x: expected float64, got "fast"'):
+            with pytest.raises(InvalidMessage, match=r'linear\.x: expected float64, got "fast"'):
                 publisher.publish({"linear": {"x": "fast"}})
             await robot.drain()
             assert publisher.sent == 0
@@ -270,7 +270,7 @@ async def test_nothing_can_be_published_after_the_end() -> None:
         publisher = await robot.advertise("/chatter", "std_msgs/String")
         publisher.close()
         publisher.close()
-        with pytest.raises(ClientError, match="the publisher on /chatter was closed"):
+        with pytest.raises(RobotError, match="the publisher on /chatter was closed"):
             publisher.publish({"data": "x"})
 
 

@@ -17,14 +17,14 @@ import msgspec
 from rwt_client import (
     Backoff,
     CallFailed,
-    ClientError,
     ConnectionEvent,
     GoalAborted,
     GoalCanceled,
-    GoalFailed,
-    ParameterRefused,
+    NotFound,
+    ParameterRejected,
     ReceivedGoal,
     Robot,
+    RobotError,
     ServiceFailed,
     connect,
 )
@@ -150,7 +150,7 @@ class Adapter:
     async def _answered(self, name: str, call: Awaitable[Value]) -> None:
         try:
             self._event("response", name, value=await call)
-        except (CallFailed, ParameterRefused) as error:
+        except (CallFailed, NotFound, ParameterRejected) as error:
             self._event("failed", name, error=str(error))
 
     async def advertise_service(self, service: str, type: str, answer: Value = None, **more: Value) -> None:
@@ -180,9 +180,9 @@ class Adapter:
         try:
             end = await goal.result()
             self._event("result", name, value=end.result, status=int(end.status))
-        except GoalFailed as error:
+        except CallFailed as error:
             self._event("failed", name, error=str(error))
-        except ClientError as error:
+        except RobotError as error:
             self._say({"event": "complaint", "text": str(error)})
 
     async def cancel_goal(self, of: str) -> None:

@@ -6,9 +6,9 @@ import anyio
 import pytest
 
 from rwt_graph import LATCHED, MemoryGraph, Message, Node, QoS, SimulatedClock
-from rwt_graph.program.endpoints import is_coroutine_function
 from rwt_interfaces.errors import InvalidMessage, UnknownType
 from rwt_interfaces.payload import Payload
+from rwt_program.messages import is_coroutine_function
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

@@ -267,7 +267,7 @@ def test_faults_reach_a_real_client(suite: Suite) -> None:
     suite.passes(
         """
         import pytest
-        from rwt_client import NoAnswer
+        from rwt_client import TimedOut
         from rwt_client.blocking import connect
         from websockets.exceptions import ConnectionClosed, InvalidStatus
         from websockets.sync.client import connect as connect_socket
@@ -276,7 +276,7 @@ def test_faults_reach_a_real_client(suite: Suite) -> None:
             rwt_robot.on_service("/beep", "std_srvs/Trigger").returns({"success": True})
             with connect(rwt_server.url) as app:
                 with rwt_server.faults.drop("/beep", op="service_response"):
-                    with pytest.raises(NoAnswer):
+                    with pytest.raises(TimedOut):
                         app.call("/beep", timeout=0.2)
                 assert app.call("/beep").success
 

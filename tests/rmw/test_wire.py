@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_graph.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 from rwt_graph.zenoh.rmw import attachment, keys, qos_text
 from rwt_graph.zenoh.rmw.attachment import Attachment
 from rwt_graph.zenoh.rmw.errors import WireError
 from rwt_graph.zenoh.rmw.gid import gid_of
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, parse
+from rwt_program.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 
 STRING = "std_msgs::msg::dds_::String_"
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"

@@ -20,11 +20,11 @@ from rwt_graph import (
 )
 from rwt_graph.api import GoalEvents, ServerGoal, ServiceCall
 from rwt_graph.program.goals import ActionGoal
-from rwt_graph.qos import DEFAULT_QOS, History
 from rwt_graph.zenoh import ZenohGraph
 from rwt_graph.zenoh import receive_queue as inlets
 from rwt_interfaces.payload import Payload
 from rwt_nodes.introspection import Introspection
+from rwt_program.qos import DEFAULT_QOS, History
 from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
 
 pytestmark = pytest.mark.anyio

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 from rwt_access.quotas import require_advertisement, require_call
 from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_bridge.ops.services import split_suffix
-from rwt_graph.api import GoalEvents, GoalStatus
-from rwt_graph.errors import CallFailed, InvalidTransition
+from rwt_graph.api import GoalEvents
+from rwt_graph.errors import InvalidTransition
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import CallFailed
+from rwt_program.goals import GoalStatus
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
 

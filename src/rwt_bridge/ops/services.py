@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from rwt_access.quotas import require_advertisement, require_call, too_large
 from rwt_access.rosapi_filter import narrowed
 from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
-from rwt_graph.errors import CallFailed
 from rwt_graph.names import resolve
+from rwt_program.errors import CallFailed
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import ServiceResponse
 

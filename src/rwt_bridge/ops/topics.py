@@ -9,8 +9,8 @@ from rwt_bridge.ops.payloads import payload_of
 from rwt_bridge.ops.qos import publisher_qos
 from rwt_bridge.ops.subscriptions import ClientSubscription
 from rwt_graph.names import resolve
-from rwt_graph.qos import LATCHED
 from rwt_interfaces.validation.missing_fields import missing_fields
+from rwt_program.qos import LATCHED
 from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:

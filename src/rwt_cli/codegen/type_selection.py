@@ -128,7 +128,7 @@ async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
     topics, services and actions.
 
     Raises:
-        ClientError: the robot does not know one.
+        RobotError: the robot does not know one.
     """
     wanted = list(words)
     if not wanted:
@@ -147,15 +147,15 @@ async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
 
 async def live_type(robot: Robot, name: str) -> InterfaceType:
     """The type of that name, asked of the robot where it is not known."""
-    from rwt_client import TypeUnavailable
+    from rwt_client import UnknownType
 
-    unavailable: TypeUnavailable | None = None
+    unavailable: UnknownType | None = None
     for kind in _kinds(name):
         try:
             if kind == "msg":
                 return await robot.types.message(name)
             return await (robot.types.service(name) if kind == "srv" else robot.types.action(name))
-        except TypeUnavailable as error:
+        except UnknownType as error:
             unavailable = unavailable or error
     raise CommandError(str(unavailable), FAILED)
 

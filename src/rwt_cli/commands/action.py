@@ -18,6 +18,7 @@ from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
 if TYPE_CHECKING:
     from rwt_client import Goal, Robot
+    from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType, MessageType
 
 
@@ -90,12 +91,14 @@ def _goal_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
+    from rwt_program.messages import to_payload
+
     name = absolute_name(arguments.action)
     if len(arguments.goal) > 2:
         raise CommandError("expected TYPE and GOAL; the goal goes in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.goal)
     action_type = await robot.types.action(kind or await known_action(robot, name))
-    wish = with_stamps(action_type.goal, given)
+    wish = to_payload(action_type.goal, with_stamps(action_type.goal, given))
     told = _Telling(action_type, output)
     told.goal(wish)
     feedback = told.feedback if arguments.feedback else _nothing
@@ -134,12 +137,9 @@ class _Telling:
         self._type = action_type
         self._output = output
 
-    def goal(self, wish: object) -> None:
-        from rwt_client.endpoints.publisher import payload_of
-
-        sent = payload_of(self._type.goal, wish).value()
+    def goal(self, wish: Payload) -> None:
         if not self._output.json:
-            self._tell("Sending goal:", self._type.goal, sent)
+            self._tell("Sending goal:", self._type.goal, wish.value())
 
     def feedback(self, message: Any) -> None:
         if self._output.json:

@@ -222,7 +222,7 @@ def _live(names: Names, given: dict[str, str]) -> list[str]:
     import anyio
 
     from rwt_cli.errors import CommandError
-    from rwt_client import ClientError
+    from rwt_client import RobotError
 
     found: list[str] = []
     arguments = Arguments(url=given.get("url"), token=given.get("token"), timeout=LIVE_SECONDS)
@@ -234,6 +234,6 @@ def _live(names: Names, given: dict[str, str]) -> list[str]:
 
     try:
         anyio.run(ask)
-    except (ClientError, CommandError):
+    except (RobotError, CommandError):
         return []
     return found

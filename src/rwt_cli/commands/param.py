@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from rwt_cli.console.message_argument import STDIN, read_value
 from rwt_cli.console.output import Output
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError, did_you_mean
-from rwt_cli.graph_lookup import NO_ROSAPI, absolute_name, ask_rosapi, unknown
+from rwt_cli.graph_lookup import absolute_name, ask_rosapi, unknown
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
@@ -35,12 +35,7 @@ def add_param_command(commands: Commands) -> None:
 
 
 async def _names(robot: Robot) -> tuple[str, ...]:
-    from rwt_client import ParameterRefused
-
-    try:
-        return await robot.params.names()
-    except ParameterRefused as error:
-        raise CommandError(f"{NO_ROSAPI}: {error}", FAILED) from error
+    return await ask_rosapi(robot.params.names)
 
 
 def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
@@ -80,11 +75,11 @@ def _addressed(robot: Robot, words: list[str]) -> str:
 
 
 async def _get_value(robot: Robot, name: str) -> ParameterValue:
-    from rwt_client import ParameterRefused
+    from rwt_client import NotFound
 
     try:
-        return await robot.params.get(name)
-    except ParameterRefused as error:
+        return await ask_rosapi(lambda: robot.params.get(name))
+    except NotFound as error:
         near = did_you_mean(name, await _names(robot)).removesuffix("?").replace("; did you mean ", "")
         node, _, parameter = near.rpartition(":")
         meant = f"; did you mean {f'{node} {parameter}' if node else near}?" if near and near != name else ""
@@ -177,13 +172,13 @@ def _set_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
-    from rwt_client import ParameterRefused
+    from rwt_client import ParameterRejected
 
     words = _given(arguments.node, arguments.parameter, arguments.value)
     name, value = _addressed(robot, words[:-1]), read_value(words[-1], "the value")
     try:
         await robot.params.set(name, value)
-    except ParameterRefused as error:
+    except ParameterRejected as error:
         raise CommandError(f"setting {name} failed: {error}", FAILED) from error
     if output.json:
         output.record({"name": name, "value": value})
@@ -268,14 +263,14 @@ async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 async def _load_one(robot: Robot, name: str, value: YamlValue) -> str:
     """Give a parameter its value; why that failed, empty if it has it now, as read-only ones may."""
-    from rwt_client import ParameterRefused
+    from rwt_client import NotFound, ParameterRejected
 
     try:
         await robot.params.set(name, value)
-    except ParameterRefused as error:
+    except ParameterRejected as error:
         try:
             return "" if await robot.params.get(name) == value else str(error)
-        except ParameterRefused:
+        except NotFound:
             return str(error)
     return ""
 

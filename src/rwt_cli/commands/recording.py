@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from rwt_cli.errors import CommandError
 
 if TYPE_CHECKING:
-    from rwt_graph.qos import QoS
     from rwt_nodes.recording import Recording
+    from rwt_program.qos import QoS
 
 _EXAMPLES = """\
 examples:

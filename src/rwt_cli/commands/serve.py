@@ -23,10 +23,10 @@ from rwt_access.settings import SettingsError
 from rwt_cli.commands.config import add_settings_options, settings_of
 from rwt_cli.console.logs import FORMATS, log_to_stderr
 from rwt_cli.errors import CommandError
-from rwt_graph.errors import GraphError
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.registry import Registry
+from rwt_program.errors import RobotError
 from rwt_transports.errors import TransportError
 from rwt_transports.relay.dial import check_dial_url
 
@@ -146,7 +146,7 @@ def _told_in_one_line() -> Iterator[None]:
     """Turn what can go wrong into a :exc:`CommandError`."""
     try:
         yield
-    except (TransportError, GraphError) as error:
+    except (TransportError, RobotError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
         raise CommandError(str(error), exit_code=2) from error

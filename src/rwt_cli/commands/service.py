@@ -96,14 +96,14 @@ def _call_arguments(parser: argparse.ArgumentParser) -> None:
 async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
     import anyio
 
-    from rwt_client.endpoints.publisher import payload_of
+    from rwt_program.messages import to_payload
 
     name = absolute_name(arguments.service)
     if len(arguments.request) > 2:
         raise CommandError("expected TYPE and REQUEST; the request goes in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.request)
     service_type = await robot.types.service(kind or await known_service(robot, name))
-    request = payload_of(service_type.request, with_stamps(service_type.request, given)).value()
+    request = to_payload(service_type.request, with_stamps(service_type.request, given)).value()
     while True:
         if not output.json:
             output.line(f"requester: making request: {constructor(service_type.request, request)}\n")

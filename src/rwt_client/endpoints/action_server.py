@@ -8,18 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import anyio
 
-from rwt_client.endpoints.goals import GoalStatus
-from rwt_client.endpoints.publisher import MessageLike, payload_of
-from rwt_client.errors import (
-    ClientError,
-    ConnectionLost,
-    GoalAborted,
-    GoalCanceled,
-    MisfitMessage,
-    ServiceFailed,
-)
-from rwt_client.wire.decoding import Message, request_of
-from rwt_interfaces import InvalidMessage
+from rwt_client.errors import ConnectionLost
+from rwt_client.wire.decoding import request_of
+from rwt_program.errors import GoalAborted, GoalCanceled, InvalidMessage, RobotError, ServiceFailed
+from rwt_program.goals import GoalStatus
+from rwt_program.messages import Message, MessageLike, to_payload
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,
@@ -64,7 +57,7 @@ class ReceivedGoal:
         """Tell the client how far the goal has come (ACT-14).
 
         Raises:
-            MisfitMessage: it does not fit the type.
+            InvalidMessage: it does not fit the type.
         """
         self._offered.send_feedback(self.id, message)
 
@@ -153,7 +146,7 @@ class OfferedAction:
 
     def send_feedback(self, id: str | int | None, message: MessageLike) -> None:
         """Tell of a goal that still runs; of any other there is nothing to tell."""
-        values = RawJson(payload_of(self.type.feedback, message).json())
+        values = RawJson(to_payload(self.type.feedback, message).json())
         if id in self._goals:
             self._line.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
 
@@ -166,11 +159,11 @@ class OfferedAction:
             result, status = ended.result, GoalStatus.ABORTED
         except Exception as error:
             logger.exception("the action %s failed", self.name)
-            self._fail(goal, str(error) if isinstance(error, ClientError) else EXECUTE_FAILED)
+            self._fail(goal, str(error) if isinstance(error, RobotError) else EXECUTE_FAILED)
             return
         try:
-            values = RawJson(payload_of(self.type.result, {} if result is None else result).json())
-        except MisfitMessage as error:
+            values = RawJson(to_payload(self.type.result, {} if result is None else result).json())
+        except InvalidMessage as error:
             logger.exception("the action %s failed", self.name)
             self._fail(goal, str(error))
             return

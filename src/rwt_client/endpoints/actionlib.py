@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Final
 
-from rwt_client.endpoints.goals import Goal, GoalResult, GoalStatus
-from rwt_client.errors import GoalFailed
-from rwt_client.wire.decoding import Message
+from rwt_client.endpoints.goals import Goal
+from rwt_program.errors import GoalRejected
+from rwt_program.goals import GoalResult, GoalStatus
+from rwt_program.messages import Message
 
 if TYPE_CHECKING:
     from rwt_client.endpoints.publisher import Publisher
@@ -83,7 +84,7 @@ class _ActionlibGoal:
             return
         status = _ENDED.get(message.status.status)
         if status is None:
-            self._goal.end(GoalFailed(message.status.text or f"{self._goal.action} rejected the goal"))
+            self._goal.end(GoalRejected(message.status.text or f"{self._goal.action} rejected the goal"))
         else:
             self._goal.end(GoalResult(status, message.result))
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Protocol
 
 import anyio
 
-from rwt_client.endpoints.services import failure_text
-from rwt_client.errors import ConnectionLost, GoalFailed, MisfitMessage
-from rwt_client.wire.decoding import Message, MessageReader
+from rwt_client.endpoints.services import call_error, failure_text
+from rwt_client.errors import ConnectionLost
+from rwt_client.wire.decoding import MessageReader
 from rwt_client.wire.future import Outcome
+from rwt_program.errors import CallFailed, GoalRejected, InvalidMessage
+from rwt_program.goals import GoalResult, GoalStatus
+from rwt_program.messages import Message
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
 from rwt_protocol.payloads import RawJson
 
@@ -24,36 +25,6 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 _FEEDBACK_KEPT = 1000
-
-
-class GoalStatus(IntEnum):
-    """What became of a goal; the numbers are those of ROS 2's ``action_msgs/GoalStatus``."""
-
-    UNKNOWN = 0
-    ACCEPTED = 1
-    EXECUTING = 2
-    CANCELING = 3
-    SUCCEEDED = 4
-    CANCELED = 5
-    ABORTED = 6
-
-
-@dataclass(frozen=True, slots=True)
-class GoalResult:
-    """How a goal ended.
-
-    Attributes:
-        status: ``SUCCEEDED``, ``CANCELED`` or ``ABORTED``.
-        result: the action's result message.
-    """
-
-    status: GoalStatus
-    result: Message
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether the goal was reached."""
-        return self.status is GoalStatus.SUCCEEDED
 
 
 class GoalChannel(Protocol):
@@ -97,8 +68,8 @@ class Goal:
             timeout: seconds; None waits for ever. The goal goes on when they are over.
 
         Raises:
-            GoalFailed: the action did not run it; the server's text.
-            NoAnswer: it has not ended in time.
+            CallFailed: the action did not run it: GoalRejected, ProviderNotFound; the server's text.
+            CallTimeout: it has not ended in time.
             ConnectionLost: the connection was lost first. The goal may go on, unheard.
         """
         return await self._outcome.get(timeout, f"the goal of {self.action} has not ended")
@@ -107,7 +78,7 @@ class Goal:
         """The feedback, until the goal ends.
 
         Raises:
-            GoalFailed: the action did not run it.
+            CallFailed: the action did not run it.
             ConnectionLost: the connection was lost first.
         """
         while True:
@@ -190,7 +161,7 @@ class SentGoal:
 
     def refused(self, text: str) -> None:
         """The server complains instead of answering."""
-        self.goal.end(GoalFailed(text))
+        self.goal.end(call_error(text, self.goal.action, GoalRejected))
 
     def on_feedback(self, op: ActionFeedback) -> None:
         """Feedback has come (ACT-02)."""
@@ -201,11 +172,12 @@ class SentGoal:
         """The result has come (ACT-03, ACT-04)."""
         if not op.result or isinstance(op.values, str):
             text = failure_text(op.values, f"{self.goal.action} failed and gave no reason")
-            self.goal.end(GoalFailed(text))
+            otherwise = CallFailed if op.status else GoalRejected
+            self.goal.end(call_error(text, self.goal.action, otherwise))
             return
         try:
             message = self._result.read(op.values)
-        except MisfitMessage as error:
+        except InvalidMessage as error:
             self.goal.end(error)
         else:
             self.goal.end(GoalResult(GoalStatus(op.status), message))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rwt_client.errors import CallFailed, ParameterRefused
+from rwt_program.errors import NotFound, ParameterRejected, RobotError, ServiceFailed
 
-Ask = Callable[[str, Mapping[str, object]], Awaitable[Any]]
-"""Calls a service of rosapi with plain arguments; gives its plain answer. Raises CallFailed and NoAnswer."""
+if TYPE_CHECKING:
+    from rwt_client.rosapi import Ask
 
 ParameterValue = bool | int | float | str | list[Any] | dict[str, Any] | None
 
@@ -30,50 +29,62 @@ class Parameters:
             default: what to return when there is no such parameter; None raises instead.
 
         Raises:
-            ParameterRefused: there is none, and there is no default.
+            NotFound: there is none, and there is no default.
+            CallFailed: the robot does not tell.
         """
         try:
-            answer = await self._asked("get_param", name=name)
-        except ParameterRefused:
+            answer = await self._asked("get_param", NotFound, name=name)
+        except NotFound:
             if default is not None:
                 return default
             raise
         value: ParameterValue = json.loads(answer.get("value") or "null")
         if value is None and default is None:
-            raise ParameterRefused(f"there is no parameter {name}")
+            raise NotFound(f"there is no parameter {name}")
         return default if value is None else value
 
     async def set(self, name: str, value: ParameterValue) -> None:
         """Give a parameter a value; returns once the node has taken it.
 
         Raises:
-            ParameterRefused: the node does not take it, or there is none of that name; the server's text.
+            ParameterRejected: the node does not take it, or there is none of that name; says why.
+            CallFailed: the robot does not tell.
         """
-        await self._asked("set_param", name=name, value=json.dumps(value))
+        await self._asked("set_param", ParameterRejected, name=name, value=json.dumps(value))
 
     async def has(self, name: str) -> bool:
-        """Whether there is such a parameter."""
+        """Whether there is such a parameter. Raises :exc:`CallFailed`."""
         return bool((await self._asked("has_param", name=name)).get("exists"))
 
     async def delete(self, name: str) -> None:
         """Remove a parameter.
 
         Raises:
-            ParameterRefused: it cannot be removed.
+            ParameterRejected: it cannot be removed.
+            NotFound: there is none of that name.
+            CallFailed: the robot does not tell.
         """
-        await self._asked("delete_param", name=name)
+        try:
+            await self._asked("delete_param", ParameterRejected, name=name)
+        except ParameterRejected as error:
+            if await self.has(name):
+                raise
+            raise NotFound(str(error)) from None
 
     async def names(self) -> tuple[str, ...]:
-        """The names of all parameters."""
+        """The names of all parameters. Raises :exc:`CallFailed`."""
         return tuple(map(str, (await self._asked("get_param_names")).get("names", ())))
 
-    async def _asked(self, question: str, **args: object) -> dict[str, Any]:
+    async def _asked(
+        self, question: str, refused: type[RobotError] = ServiceFailed, **args: object
+    ) -> dict[str, Any]:
+        """The answer, or `refused` with the robot's words."""
         try:
             answer = await self._ask(question, args)
-        except CallFailed as error:
-            raise ParameterRefused(str(error)) from None
+        except ServiceFailed as error:
+            raise refused(str(error)) from None
         found: dict[str, Any] = answer if isinstance(answer, dict) else {}
         if found.get("successful") is False:
             name = args.get("name", "")
-            raise ParameterRefused(str(found.get("reason") or f"{question} of {name} was refused"))
+            raise refused(str(found.get("reason") or f"{question} of {name} was refused"))
         return found

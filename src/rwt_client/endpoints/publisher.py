@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rwt_client.errors import ConnectionClosed, ConnectionLost, MisfitMessage, ServerRefused
-from rwt_interfaces import InvalidMessage, Payload
+from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
+from rwt_program.messages import MessageLike, to_payload
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.ops import Advertise, Qos, Unadvertise
 from rwt_protocol.transport import DropReason, Flow
@@ -15,21 +15,6 @@ from rwt_protocol.transport import DropReason, Flow
 if TYPE_CHECKING:
     from rwt_client.wire.session import Line
     from rwt_interfaces.structs import MessageType
-
-MessageLike = object
-"""What can be sent as a message: an instance of its class, a mapping, a dataclass instance."""
-
-
-def payload_of(message_type: MessageType, message: MessageLike) -> Payload:
-    """`message` checked and completed.
-
-    Raises:
-        MisfitMessage: it does not fit the type; says where and why.
-    """
-    try:
-        return Payload.from_value(message_type, message)
-    except InvalidMessage as error:
-        raise MisfitMessage(f"not {message_type.name}: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +75,7 @@ class Publisher:
                 dataclass does not have gets its default; a header without a stamp gets the time now.
 
         Raises:
-            MisfitMessage: it does not fit the type.
+            InvalidMessage: it does not fit the type.
             ServerRefused: the server has refused the advertisement; its text.
             NotConnected: there is no connection now.
             ConnectionClosed: this publisher, or the connection, was closed.
@@ -99,7 +84,7 @@ class Publisher:
             raise self._error
         if self._flow is None:
             raise self._line.not_connected()
-        self._flow.send(publish_frame(self._prefix, payload_of(self.type, message).json()))
+        self._flow.send(publish_frame(self._prefix, to_payload(self.type, message).json()))
         self.sent += 1
 
     async def drain(self) -> None:

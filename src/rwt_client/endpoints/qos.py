@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from pydantic import ValidationError
 
-from rwt_client.errors import MisfitMessage
+from rwt_program.errors import InvalidMessage
 from rwt_protocol.error_text import explain
 from rwt_protocol.ops import Qos, Subscribe
 
@@ -15,7 +15,7 @@ def qos_of(value: Qos | Mapping[str, object] | None) -> Qos | None:
     """The model of `value`, checked before anything is sent.
 
     Raises:
-        MisfitMessage: a policy is not one; says which, and what it may be.
+        InvalidMessage: a policy is not one; says which, and what it may be.
     """
     if value is None or isinstance(value, Qos):
         return value
@@ -23,4 +23,4 @@ def qos_of(value: Qos | Mapping[str, object] | None) -> Qos | None:
         return Subscribe.model_validate({"topic": "", "qos": dict(value)}).qos
     except ValidationError as error:
         reason = explain("subscribe", Subscribe, error).removeprefix("subscribe.")
-    raise MisfitMessage(reason)
+    raise InvalidMessage("", reason)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
-from rwt_client.errors import ClientError, ConnectionLost, MisfitMessage, ServerRefused
+from rwt_client.errors import ClientError, ConnectionLost, ServerRefused
+from rwt_program.errors import InvalidMessage
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
@@ -107,9 +108,9 @@ class RawSubscription:
         self.received += 1
         try:
             self._callback(self._raw(arrived))
-        except MisfitMessage as error:
+        except InvalidMessage as error:
             self.misfits += 1
-            logger.warning("a message on %s is left out: %s", self.name, error)
+            logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
         except Exception:
             logger.exception("the callback for %s failed", self.name)
 

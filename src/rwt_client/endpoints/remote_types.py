@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from typing import Any, Final, Literal, TypeVar
 
 import msgspec
 
-from rwt_client.errors import CallFailed, ClientError, NoAnswer, TypeUnavailable
+from rwt_client.rosapi import UNANSWERED, Ask
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.decoding import MessageReader
-from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry, UnknownType
+from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry
 from rwt_interfaces.names import parse_type_name
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_program.errors import NotFound, ProviderNotFound, UnknownType
 
 logger = logging.getLogger("rwt_client")
-
-Ask = Callable[[str, Mapping[str, object]], Awaitable[Any]]
-"""Calls a service of rosapi with plain arguments; gives its plain answer. Raises CallFailed and NoAnswer."""
 
 Part = Literal["request", "response", "goal", "result", "feedback"]
 
@@ -54,20 +52,18 @@ class LiveTypes:
         """The class of a message, or of a part of a service or action (``AddTwoInts_Request``).
 
         Raises:
-            TypeUnavailable: it is not in the standard set and has not been fetched.
+            UnknownType: it is not in the standard set and has not been fetched.
         """
         try:
             return self._registry.message(name).struct
         except InterfaceError as error:
-            raise TypeUnavailable(
-                f"{error}; a type of the robot's own comes with `await types.fetch`"
-            ) from None
+            raise UnknownType(f"{error}; a type of the robot's own comes with `await types.fetch`") from None
 
     async def fetch(self, name: str) -> type[msgspec.Struct]:
         """The class of a message, asked of the robot where it is not known.
 
         Raises:
-            TypeUnavailable: the robot does not know it either.
+            UnknownType: the robot does not know it either.
         """
         return (await self.message(name)).struct
 
@@ -75,12 +71,12 @@ class LiveTypes:
         """Add a definition of your own, as its file has it.
 
         Raises:
-            TypeUnavailable: the text or the name cannot be read.
+            UnknownType: the text or the name cannot be read.
         """
         try:
             self._registry.add_text(text, name, kind)
         except InterfaceError as error:
-            raise TypeUnavailable(f"{name}: {error}") from None
+            raise UnknownType(f"{name}: {error}") from None
 
     @property
     def registry(self) -> Registry:
@@ -114,33 +110,33 @@ class LiveTypes:
         return self._registry.full_text(self._registry.message(name))
 
     async def message(self, name: str) -> MessageType:
-        """The message type of that name; raises TypeUnavailable."""
+        """The message type of that name; raises UnknownType."""
         return await self._known(name, self._registry.message, lambda: self._fetch_message(name))
 
     async def service(self, name: str) -> ServiceType:
-        """The service type of that name; raises TypeUnavailable."""
+        """The service type of that name; raises UnknownType."""
         parts: tuple[Part, ...] = ("request", "response")
         return await self._known(name, self._registry.service, lambda: self._fetch_parts(name, "srv", parts))
 
     async def action(self, name: str) -> ActionType:
-        """The action type of that name; raises TypeUnavailable."""
+        """The action type of that name; raises UnknownType."""
         parts: tuple[Part, ...] = ("goal", "result", "feedback")
         return await self._known(
             name, self._registry.action, lambda: self._fetch_parts(name, "action", parts)
         )
 
     async def of_topic(self, topic: str) -> str:
-        """The name of a topic's type; raises TypeUnavailable when nobody has established it."""
+        """The name of a topic's type; raises NotFound, and UnknownType when the robot does not tell."""
         return await self._name_of("topic", topic, "topic_type")
 
     async def of_service(self, service: str) -> str:
-        """The name of a service's type; raises TypeUnavailable."""
+        """The name of a service's type; raises ProviderNotFound, or UnknownType as for topics."""
         if service not in self._services:
             self._services[service] = await self._name_of("service", service, "service_type")
         return self._services[service]
 
     async def of_action(self, action: str) -> str:
-        """The name of an action's type; raises TypeUnavailable."""
+        """The name of an action's type; raises ProviderNotFound, or UnknownType as for topics."""
         if action not in self._actions:
             self._actions[action] = await self._name_of("action", action, "action_type")
         return self._actions[action]
@@ -165,21 +161,21 @@ class LiveTypes:
         try:
             await fetch()
             return find(name)
-        except (CallFailed, NoAnswer, InterfaceError) as error:
+        except (*UNANSWERED, InterfaceError) as error:
             # A robot that knows what we know says the same once more.
             answer = " the same" if str(error) == str(unknown) else f": {error}"
-            raise TypeUnavailable(f"{unknown}; asked for it, the robot says{answer}") from None
+            raise UnknownType(f"{unknown}; asked for it, the robot says{answer}") from None
 
     async def _name_of(self, what: str, name: str, question: str) -> str:
         try:
             answer = await self._ask(question, {what: name})
-        except (CallFailed, NoAnswer) as error:
-            raise TypeUnavailable(
-                f"the robot does not tell the type of {name}, so name it: {error}"
-            ) from None
+        except UNANSWERED as error:
+            raise UnknownType(f"the robot does not tell the type of {name}, so name it: {error}") from None
         found = answer.get("type") if isinstance(answer, dict) else None
         if not isinstance(found, str) or not found:
-            raise TypeUnavailable(f"the robot knows no {what} {name}; name its type if it will come")
+            raise (NotFound if what == "topic" else ProviderNotFound)(
+                f"the robot knows no {what} {name}; name its type if it will come"
+            )
         return found
 
     async def _fetch_message(self, name: str) -> None:
@@ -245,6 +241,3 @@ def _field_type(kind: str, length: int) -> str:
     if length < 0:
         return own
     return f"{own}[{length}]" if length else f"{own}[]"
-
-
-__all__ = ["Ask", "ClientError", "LiveTypes"]

@@ -9,11 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from rwt_client.endpoints.publisher import payload_of
-from rwt_client.errors import CallFailed, ClientError, ConnectionLost, MisfitMessage, ServiceFailed
+from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_client.wire.future import Outcome
-from rwt_interfaces import InvalidMessage
+from rwt_program.errors import (
+    CallFailed,
+    CallTimeout,
+    InvalidMessage,
+    ProviderNotFound,
+    RobotError,
+    ServiceFailed,
+)
+from rwt_program.messages import to_payload
 from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
@@ -26,6 +33,8 @@ logger = logging.getLogger("rwt_client")
 
 ServiceHandler = Callable[[Any], Any]
 """Takes a request; returns the response as an instance, a mapping or a dataclass, or an awaitable of it."""
+
+_TIMEOUT = "Timeout exceeded while waiting for service response"
 
 HANDLER_FAILED = "the service's handler failed; its program's log says why"
 
@@ -57,7 +66,7 @@ class PendingCall:
 
     def refused(self, text: str) -> None:
         """The server complains instead of answering."""
-        self.outcome.fail(CallFailed(text))
+        self.outcome.fail(call_error(text, self._service))
 
 
 class Calls:
@@ -82,8 +91,8 @@ class Calls:
             repeat: wait for a connection where there is none, and call once more when it is lost meanwhile.
 
         Raises:
-            CallFailed: the server said that it failed; its text.
-            NoAnswer: none came in time.
+            ServiceFailed: the server said that it failed; its text. ProviderNotFound: that nobody offers it.
+            CallTimeout: none came in time.
             ConnectionLost: the connection was lost first.
         """
         call = PendingCall(self, service, args, repeat)
@@ -105,7 +114,15 @@ class Calls:
         elif op.result:
             call.outcome.resolve(RawJson(b"{}") if isinstance(op.values, str) else op.values)
         else:
-            call.outcome.fail(CallFailed(failure_text(op.values, f"{op.service} failed and gave no reason")))
+            text = failure_text(op.values, f"{op.service} failed and gave no reason")
+            call.outcome.fail(call_error(text, op.service))
+
+
+def call_error(text: str, name: str, otherwise: type[CallFailed] = ServiceFailed) -> CallFailed:
+    """Why a call or a goal failed, by the two texts that rosbridge servers have in common (SRV-05)."""
+    if text in (f"Service {name} does not exist", f"Action {name} does not exist"):
+        return ProviderNotFound(text)
+    return CallTimeout(text) if text == _TIMEOUT else otherwise(text)
 
 
 def failure_text(values: Encodable | str, otherwise: str) -> str:
@@ -198,8 +215,8 @@ class OfferedService:
 
     def _reply(self, op: CallService, answer: object) -> None:
         try:
-            values = RawJson(payload_of(self.type.response, {} if answer is None else answer).json())
-        except MisfitMessage as error:
+            values = RawJson(to_payload(self.type.response, {} if answer is None else answer).json())
+        except InvalidMessage as error:
             self._fail(op, error)
             return
         self._line.send_if_connected(
@@ -208,11 +225,9 @@ class OfferedService:
 
     def _fail(self, op: CallService, error: Exception) -> None:
         """Tell the caller why, in the handler's words where it chose them (SVP-04)."""
-        if isinstance(error, ServiceFailed | InvalidMessage):
-            reason = str(error)
-        else:
+        if not isinstance(error, ServiceFailed | InvalidMessage):
             logger.error("the handler of %s failed", self.name, exc_info=error)
-            reason = str(error) if isinstance(error, ClientError) else HANDLER_FAILED
+        reason = str(error) if isinstance(error, RobotError) else HANDLER_FAILED
         self._line.send_if_connected(
             ServiceResponse(service=op.service, values=reason, result=False, id=op.id)
         )

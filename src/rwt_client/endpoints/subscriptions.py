@@ -11,16 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import anyio
 
-from rwt_client.errors import (
-    ClientError,
-    ConnectionClosed,
-    ConnectionLost,
-    MisfitMessage,
-    NoAnswer,
-    ServerRefused,
-)
+from rwt_client.errors import ClientError, ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
-from rwt_client.wire.decoding import Arrived, Message, MessageReader
+from rwt_client.wire.decoding import Arrived, MessageReader
+from rwt_program.errors import InvalidMessage, TimedOut
+from rwt_program.messages import Message
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
@@ -174,7 +169,7 @@ class Subscription:
         """Subscribe, unless that has been done.
 
         Raises:
-            TypeUnavailable: the topic's type is not known.
+            UnknownType: the topic's type is not known.
             ConnectionLost: there will be no connection any more.
         """
         if self._reader is not None:
@@ -213,14 +208,14 @@ class Subscription:
             timeout: seconds; None waits for ever.
 
         Raises:
-            NoAnswer: none came in time.
+            TimedOut: none came in time.
             ServerRefused: the server does not serve this topic so; its text.
             ConnectionLost: there will be no connection any more.
         """
         with anyio.move_on_after(timeout):
             await self.start()
             return await self._next()
-        raise NoAnswer(f"no message came on {self.name} within {timeout:g} s")
+        raise TimedOut(f"no message came on {self.name} within {timeout:g} s")
 
     async def __aenter__(self) -> Subscription:
         return await self.start()
@@ -272,9 +267,9 @@ class Subscription:
         assert self._reader is not None  # Nothing arrives before it has started.
         try:
             return self._reader.read(arrived)
-        except MisfitMessage as error:
+        except InvalidMessage as error:
             self.misfits += 1
-            logger.warning("a message on %s is left out: %s", self.name, error)
+            logger.warning("a message on %s is left out: not %s: %s", self.name, self.type_name, error)
             return None
 
     async def _next(self) -> Message:

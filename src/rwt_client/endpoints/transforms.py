@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import anyio
 
-from rwt_client.errors import ClientError, ConnectionLost, TransformUnavailable
+from rwt_client.errors import ConnectionLost
 from rwt_client.events import ConnectionEvent
+from rwt_program.errors import RobotError, TransformUnavailable
 from rwt_tf2 import Buffer, ExtrapolationError, Feed, LookupFailed, StampedTransform, Verdict, stamp_ns
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ class Transforms:
         try:
             await self._subscribe("/tf_static", _MESSAGE, static=True)
             await self._subscribe("/tf", _MESSAGE)
-        except ClientError:
+        except RobotError:
             self.close()
             raise
 
@@ -98,7 +99,7 @@ class Transforms:
         self._thresholds = _Thresholds(rate, linear, angular)
         try:
             await self._follow()
-        except ClientError:
+        except RobotError:
             self._thresholds = None
             raise
         self._stop_listening = self._robot.on_event(self._on_event)
@@ -151,7 +152,7 @@ class Transforms:
     async def _follow_again(self) -> None:
         try:
             await self._follow()
-        except ClientError as error:
+        except RobotError as error:
             logger.warning("the robot's transforms are not heard any more: %s", error)
 
     # -- questions -----------------------------------------------------------------------------------------

@@ -8,18 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from rwt_client.errors import MisfitMessage
 from rwt_client.wire.arrays import ArrayKind, octets_of, to_numpy
 from rwt_client.wire.cbor import TypedArray
-from rwt_interfaces import InvalidMessage, Payload
+from rwt_interfaces import Payload
+from rwt_program.errors import InvalidMessage
+from rwt_program.messages import Message
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
-
-Message = Any
-"""A message: an instance of its type's class, whose fields are those of its definition."""
 
 Cut = tuple[bytes, bytes]
 """What looks like a message's JSON text in a frame, and the frame: whoever decodes the one finds out whether
@@ -57,7 +55,7 @@ class MessageReader:
         """The message.
 
         Raises:
-            MisfitMessage: it does not fit the type.
+            InvalidMessage: it does not fit the type.
         """
         if isinstance(arrived, tuple):
             try:
@@ -73,10 +71,7 @@ class MessageReader:
         return message if self._finish is None else self._finish(message)
 
     def _from_values(self, value: object) -> msgspec.Struct:
-        try:
-            return Payload.from_value(self.type, value).value()
-        except InvalidMessage as error:
-            raise self._misfit(error) from None
+        return Payload.from_value(self.type, value).value()
 
     def _from_text(self, arrived: Encodable) -> msgspec.Struct:
         if self._trusted:
@@ -89,10 +84,8 @@ class MessageReader:
     def _leniently(self, arrived: Encodable) -> msgspec.Struct:
         try:
             return Payload.from_json(self.type, arrived.json()).value()
-        except InvalidMessage as error:
-            raise self._misfit(error) from None
         except MalformedPayload as error:
-            raise MisfitMessage(f"not {self.type.name}: {error}") from None
+            raise InvalidMessage("", f"not {self.type.name}: {error}") from None
 
     def _from_plain(self, plain: dict[str, object]) -> msgspec.Struct:
         # An image's pixels stay where they are: they are no part of what is checked and copied.
@@ -101,16 +94,10 @@ class MessageReader:
             for name, attribute in self._octets
             if isinstance(plain.get(name), memoryview)
         }
-        try:
-            found: msgspec.Struct = self.type.decode_leniently(_with_arrays(plain, self._numpy), time.time_ns)
-        except InvalidMessage as error:
-            raise self._misfit(error) from None
+        found: msgspec.Struct = self.type.decode_leniently(_with_arrays(plain, self._numpy), time.time_ns)
         for attribute, view in views.items():
             setattr(found, attribute, view)
         return found
-
-    def _misfit(self, error: InvalidMessage) -> MisfitMessage:
-        return MisfitMessage(f"not {self.type.name}: {error}")
 
 
 def request_of(message_type: MessageType, args: Encodable) -> Message:

@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 import anyio
 
-from rwt_client.errors import NoAnswer
+from rwt_program.errors import CallTimeout
 
 T = TypeVar("T")
 
@@ -46,13 +46,13 @@ class Outcome(Generic[T]):
             late: what to say when it does not come in time.
 
         Raises:
-            NoAnswer: it did not come in time.
+            CallTimeout: it did not come in time.
             Exception: the error that it is.
         """
         with anyio.move_on_after(timeout):
             await self._event.wait()
         if not self.done:
-            raise NoAnswer(f"{late} within {timeout:g} s")
+            raise CallTimeout(f"{late} within {timeout:g} s")
         if self._error is not None:
             raise self._error
         value: T = self._value  # type: ignore[assignment]  # without an error there is a value, perhaps None

@@ -26,25 +26,12 @@ from enum import Enum, auto
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from rwt_graph.api import (
-    ActionInfo,
-    CallObserver,
-    ClientGoal,
-    GoalEvents,
-    GoalStatus,
-    Registration,
-    ServerGoal,
-)
-from rwt_graph.errors import (
-    CallFailed,
-    GoalRejected,
-    InvalidGraphName,
-    InvalidTransition,
-    ProviderGone,
-    ProviderNotFound,
-)
+from rwt_graph.api import ActionInfo, CallObserver, ClientGoal, GoalEvents, Registration, ServerGoal
+from rwt_graph.errors import InvalidGraphName, InvalidTransition
 from rwt_graph.memory.node_resources import Owner
 from rwt_graph.memory.remote import ActionsElsewhere, Carrier, GoalWatcher
+from rwt_program.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
+from rwt_program.goals import GoalStatus
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

@@ -39,8 +39,8 @@ from rwt_graph.memory.topics import Topics
 from rwt_graph.names import validate
 from rwt_graph.parameters.tree import ParameterTree
 from rwt_graph.program.node import Node
-from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 from rwt_interfaces.registry import Registry
+from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

@@ -10,21 +10,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from rwt_graph.api import (
-        ActionInfo,
-        ClientGoal,
-        GoalEvents,
-        GoalStatus,
-        OnReply,
-        PendingCall,
-        ServiceInfo,
-    )
+    from rwt_graph.api import ActionInfo, ClientGoal, GoalEvents, OnReply, PendingCall, ServiceInfo
     from rwt_graph.memory.node_resources import Owner
     from rwt_graph.memory.services import MemoryProvider
     from rwt_graph.memory.topics import Kept, Topic
-    from rwt_graph.qos import QoS
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
+    from rwt_program.goals import GoalStatus
+    from rwt_program.qos import QoS
 
 
 @dataclass(eq=False, slots=True)

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
-from rwt_graph.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 from rwt_graph.memory.deadlines import Deadlines, Expiring
 from rwt_graph.memory.node_resources import Owner
 from rwt_graph.memory.remote import ServicesElsewhere
+from rwt_program.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

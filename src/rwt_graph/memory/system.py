@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from rwt_graph.api import Graph, Participant
 from rwt_graph.clock import NANOSECONDS, SimulatedClock
-from rwt_graph.qos import Durability, QoS
 from rwt_interfaces.payload import Payload
+from rwt_program.qos import Durability, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro

@@ -25,7 +25,7 @@ from rwt_graph.clock import NANOSECONDS, Clock
 from rwt_graph.errors import TypeConflict
 from rwt_graph.memory.node_resources import Owner
 from rwt_graph.memory.remote import RemoteEndpoint, TopicsElsewhere
-from rwt_graph.qos import Durability, History, QoS
+from rwt_program.qos import Durability, History, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

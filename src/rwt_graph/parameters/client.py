@@ -11,11 +11,11 @@ from collections.abc import Awaitable, Callable
 from typing import TypeAlias
 
 from rwt_graph.api import Graph
-from rwt_graph.errors import NotFound, ParameterRejected, ProviderNotFound
 from rwt_graph.names import resolve, split_parameter
 from rwt_graph.parameters.tree import Value
 from rwt_graph.parameters.values import decode, encode
-from rwt_graph.program.endpoints import Message, MessageLike
+from rwt_program.errors import NotFound, ParameterRejected, ProviderNotFound
+from rwt_program.messages import Message, MessageLike
 
 #: How long a node may take to answer for one of its parameters, in seconds.
 ANSWER_TIMEOUT = 5.0

@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias, TypeVar
 
-from rwt_graph.errors import GraphError, NotFound, ParameterRejected
+from rwt_graph.errors import GraphError
 from rwt_graph.names import parameter_name
 from rwt_graph.parameters.tree import ParameterTree, Value
 from rwt_graph.parameters.values import ParameterType, fitted, type_of
+from rwt_program.errors import NotFound, ParameterRejected
 
 logger = logging.getLogger(__name__)
 

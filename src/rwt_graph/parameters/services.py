@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt_graph.clock import NANOSECONDS
 from rwt_graph.disclosure import Disclosure, Lists, Reads, Writes
-from rwt_graph.errors import NotFound, ParameterRejected
 from rwt_graph.parameters.node_parameters import NodeParameters
 from rwt_graph.parameters.tree import Value
 from rwt_graph.parameters.values import ParameterType, decode, encode, type_of
-from rwt_graph.program.endpoints import Message, TopicPublisher
-from rwt_graph.qos import QoS
+from rwt_graph.program.endpoints import TopicPublisher
+from rwt_program.errors import NotFound, ParameterRejected
+from rwt_program.messages import Message
+from rwt_program.qos import QoS
 
 if TYPE_CHECKING:
-    from rwt_graph.program.endpoints import MessageLike
     from rwt_interfaces.distro import Distro
+    from rwt_program.messages import MessageLike
 
 _PACKAGE: Final = "rcl_interfaces"
 #: ROS 2's profile of `/parameter_events`.

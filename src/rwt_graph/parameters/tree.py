@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import TypeAlias
 
-from rwt_graph.errors import NotFound
+from rwt_program.errors import NotFound
 
 #: A parameter's value: bool, int, float, str, bytes, lists, and on ROS 1 dictionaries and None.
 Value: TypeAlias = object

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
-from rwt_graph.errors import ParameterRejected
 from rwt_graph.parameters.tree import Value
-from rwt_graph.program.endpoints import Message
+from rwt_program.errors import ParameterRejected
+from rwt_program.messages import Message
 
 INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
 

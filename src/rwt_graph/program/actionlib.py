@@ -14,11 +14,13 @@ from enum import IntEnum
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rwt_graph.api import ClientGoal, GoalEvents, GoalStatus, Graph, Participant, Sample, Subscription
+from rwt_graph.api import ClientGoal, GoalEvents, Graph, Participant, Sample, Subscription
 from rwt_graph.clock import NANOSECONDS, Timer
-from rwt_graph.errors import CallFailed, GoalRejected
-from rwt_graph.program.endpoints import Message, TopicPublisher
+from rwt_graph.program.endpoints import TopicPublisher
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import CallFailed, GoalRejected
+from rwt_program.goals import GoalStatus
+from rwt_program.messages import Message
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ActionType

@@ -2,48 +2,22 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING
 
 import anyio
-import msgspec
 
 from rwt_graph.api import Graph, Participant, Publisher, Sample, Subscription
-from rwt_graph.qos import QoS
-from rwt_interfaces.errors import InvalidMessage
-from rwt_interfaces.payload import Payload
+from rwt_program.messages import Message, MessageCallback, MessageLike, is_coroutine_function, to_payload
+from rwt_program.qos import QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger(__name__)
-
-#: What may be given where a message is wanted: values are checked and completed by its type.
-MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object]"
-
-#: A typed message: a Struct compiled from its definition, shared and read-only. Its fields are known when the
-#: program runs and not before, so type checkers are told nothing.
-Message: TypeAlias = Any
-
-#: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.
-MessageCallback: TypeAlias = Callable[[Message], Awaitable[None] | None]
-
-
-def to_payload(interface: MessageType, message: MessageLike, now: Callable[[], int]) -> Payload:
-    """A payload of that type.
-
-    Raises:
-        InvalidMessage: the message does not fit the type, or is a payload of another one.
-    """
-    if isinstance(message, Payload):
-        if message.type is not interface and message.type.name != interface.name:
-            raise InvalidMessage("", f"expected a {interface.name}, got a {message.type.name}")
-        return message
-    return Payload.from_value(interface, message, now)
 
 
 class TopicPublisher:
@@ -245,22 +219,4 @@ def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | Non
     return receive
 
 
-def is_coroutine_function(function: Callable[..., object]) -> bool:
-    """Whether calling it makes a coroutine; looks into partials and objects with `__call__`."""
-    while isinstance(function, partial):
-        function = function.func
-    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
-        getattr(function, "__call__", None)  # noqa: B004 - asked for its kind, not whether it is there
-    )
-
-
-__all__ = [
-    "Message",
-    "MessageCallback",
-    "MessageLike",
-    "SampleQueue",
-    "TopicPublisher",
-    "TopicSubscription",
-    "is_coroutine_function",
-    "to_payload",
-]
+__all__ = ["SampleQueue", "TopicPublisher", "TopicSubscription"]

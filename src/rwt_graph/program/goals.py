@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, TypeAlias
 import anyio
 import anyio.lowlevel
 
-from rwt_graph.api import ClientGoal, GoalEvents, GoalStatus, Graph, Participant, ServerGoal
-from rwt_graph.errors import CallFailed, GoalAborted, GoalCanceled, GoalEnded
-from rwt_graph.program.endpoints import Message, MessageLike, is_coroutine_function, to_payload
+from rwt_graph.api import ClientGoal, GoalEvents, Graph, Participant, ServerGoal
 from rwt_graph.program.future import Outcome
 from rwt_graph.program.service_handlers import failure_text
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import CallFailed, GoalAborted, GoalCanceled, GoalEnded
+from rwt_program.goals import GoalStatus
+from rwt_program.messages import Message, MessageLike, is_coroutine_function, to_payload
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ActionType

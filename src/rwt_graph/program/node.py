@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rwt_graph.api import Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, Timer
-from rwt_graph.errors import NotRunning, ProviderNotFound, WrongThread
+from rwt_graph.errors import NotRunning, WrongThread
 from rwt_graph.memory.system import rosout_qos
 from rwt_graph.names import namespace_of, node_name, resolve
 from rwt_graph.parameters.client import ParameterClient
@@ -30,19 +30,14 @@ from rwt_graph.parameters.services import EVENTS_QOS, ParameterEvents, Parameter
 from rwt_graph.parameters.tree import Value
 from rwt_graph.program import service_handlers
 from rwt_graph.program.actionlib import ActionlibServer
-from rwt_graph.program.endpoints import (
-    Message,
-    MessageCallback,
-    MessageLike,
-    TopicPublisher,
-    TopicSubscription,
-    to_payload,
-)
+from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
 from rwt_graph.program.goals import AcceptGoal, ActionFunction, Execute, GoalHandle
 from rwt_graph.program.logs import NodeLog
 from rwt_graph.program.service_handlers import ServiceFunction, ServiceHandler
 from rwt_graph.program.timers import PeriodicTimer
-from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, LATCHED, QoS
+from rwt_program.errors import ProviderNotFound
+from rwt_program.messages import Message, MessageCallback, MessageLike, to_payload
+from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, LATCHED, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro

@@ -8,10 +8,10 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, TypeAlias
 
 from rwt_graph.api import Graph, Participant, ServiceCall
-from rwt_graph.errors import CallFailed, ServiceFailed
-from rwt_graph.program.endpoints import Message, MessageLike, is_coroutine_function, to_payload
 from rwt_graph.program.future import Outcome
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import CallFailed, ServiceFailed
+from rwt_program.messages import Message, MessageLike, is_coroutine_function, to_payload
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

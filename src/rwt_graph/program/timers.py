@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 
 from rwt_graph.api import Graph
 from rwt_graph.clock import Timer
-from rwt_graph.program.endpoints import is_coroutine_function
+from rwt_program.messages import is_coroutine_function
 
 logger = logging.getLogger(__name__)
 

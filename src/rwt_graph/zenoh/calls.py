@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from rwt_graph.errors import ProviderGone
 from rwt_graph.memory.services import MemoryCall
 from rwt_graph.zenoh.rmw.attachment import Attachment
 from rwt_graph.zenoh.rmw.keys import data_key
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import ProviderGone
 
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply

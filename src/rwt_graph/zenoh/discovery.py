@@ -13,12 +13,12 @@ import zenoh
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.memory.remote import RemoteEndpoint
 from rwt_graph.names import validate
-from rwt_graph.qos import Durability
 from rwt_graph.zenoh.rmw.errors import WireError
 from rwt_graph.zenoh.rmw.gid import gid_of
 from rwt_graph.zenoh.rmw.keys import type_name
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, parse
 from rwt_interfaces.errors import InterfaceError
+from rwt_program.qos import Durability
 
 if TYPE_CHECKING:
     from rwt_graph.memory.introspection import Introspection

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import Sample
     from rwt_graph.clock import Clock
     from rwt_graph.memory.remote import RemoteEndpoint
-    from rwt_graph.qos import QoS
+    from rwt_program.qos import QoS
 
 #: Publishers that a subscription remembers.
 _MOST_REMEMBERED = 1000

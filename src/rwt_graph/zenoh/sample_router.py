@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from rwt_graph.api import Sample
 from rwt_graph.clock import NANOSECONDS
-from rwt_graph.qos import Durability
 from rwt_graph.zenoh.replay_deduplication import KeptElsewhere, Told
 from rwt_graph.zenoh.rmw import attachment
 from rwt_interfaces.payload import Payload
+from rwt_program.qos import Durability
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

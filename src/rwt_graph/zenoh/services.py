@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from rwt_graph.api import ServiceInfo
-from rwt_graph.errors import CallFailed, ProviderGone
 from rwt_graph.memory.node_resources import Owner
 from rwt_graph.memory.services import MemoryCall
 from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
@@ -22,6 +21,7 @@ from rwt_graph.zenoh.rmw.keys import data_key, dds_type, type_name
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import CallFailed, ProviderGone
 
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply, PendingCall

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_graph.qos import QoS
 from rwt_graph.zenoh.actions.names import belongs_to_action
 from rwt_graph.zenoh.receive_queue import Inlet
 from rwt_graph.zenoh.remote_publisher import Outlet
@@ -17,6 +16,7 @@ from rwt_graph.zenoh.replay_deduplication import Told
 from rwt_graph.zenoh.rmw.keys import data_key, dds_type
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind
 from rwt_graph.zenoh.sample_router import Arrivals
+from rwt_program.qos import QoS
 
 if TYPE_CHECKING:
     from rwt_graph.memory.node_resources import Owner

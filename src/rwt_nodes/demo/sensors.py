@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from rwt_graph import Node, Timer
-from rwt_graph.qos import SENSOR_DATA
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.battery import CAPACITY, Battery
 from rwt_nodes.demo.drive import DifferentialDrive
 from rwt_nodes.demo.frames import frame
 from rwt_nodes.demo.model.urdf import BASE, LASER
 from rwt_nodes.demo.world.lidar import Lidar
+from rwt_program.qos import SENSOR_DATA
 
 #: Numbers of `sensor_msgs/BatteryState`.
 _DISCHARGING, _HEALTH_GOOD, _LITHIUM_ION = 2, 1, 2

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph import Graph, Node
-from rwt_graph.qos import SENSOR_DATA
 from rwt_nodes.depth_cloud.latest_only import Closable, LatestOnly
 from rwt_nodes.depth_cloud.parameters import Number
+from rwt_program.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

@@ -7,10 +7,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph import Graph, Node, Sample
-from rwt_graph.qos import SENSOR_DATA
 from rwt_nodes.depth_cloud.latest_only import Closable, LatestOnly
 from rwt_nodes.depth_cloud.parameters import Number
 from rwt_nodes.video.header_stamp import stamp_ns
+from rwt_program.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from rwt_graph import GraphError, Message, MessageLike, Node
+from rwt_graph import Message, MessageLike, Node, RobotError
 from rwt_interfaces.payload import Payload
 from rwt_nodes.interactive_markers.feedback import BadFeedback, Event, Feedback, read_feedback
 from rwt_nodes.interactive_markers.menu import Menu, OnFeedback
@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 _GRIP = 1.0
 
 
-class NoSuchMarker(GraphError, LookupError):
+class NoSuchMarker(RobotError, LookupError):
     """The server has no marker of that name."""
 
 

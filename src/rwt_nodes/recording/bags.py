@@ -17,10 +17,10 @@ from rosbags.rosbag1 import ReaderError as ReaderError1
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import ReaderError as ReaderError2
 
-from rwt_graph.qos import LATCHED, Durability, History, QoS, Reliability
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_nodes.recording.errors import RecordingUnreadable
 from rwt_nodes.recording.recording import RecordedMessage, RecordedTopic, Recording, merged_topics
+from rwt_program.qos import LATCHED, Durability, History, QoS, Reliability
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-from rwt_graph.qos import Durability, History, QoS, Reliability
 from rwt_nodes.recording.json_schemas import json_schema
+from rwt_program.qos import Durability, History, QoS, Reliability
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from rwt_graph.qos import LATCHED, Durability, History, QoS, Reliability
+from rwt_program.qos import LATCHED, Durability, History, QoS, Reliability
 
 _HISTORIES: Final = {"2": History.KEEP_ALL, "keep_all": History.KEEP_ALL}
 _RELIABILITIES: Final = {"2": Reliability.BEST_EFFORT, "best_effort": Reliability.BEST_EFFORT}

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt_graph.qos import BEST_AVAILABLE
 from rwt_nodes.recording.channels import Encoding, channel_form
 from rwt_nodes.recording.selection import EVERYTHING, TopicSelection
 from rwt_nodes.recording.writer import Compression, RecordingWriter, Split
+from rwt_program.qos import BEST_AVAILABLE
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph, Sample, Subscription

@@ -11,9 +11,9 @@ from typing import Literal, Self
 
 from msgspec import Struct
 
-from rwt_graph.qos import QoS
 from rwt_interfaces.distro import Distro
 from rwt_nodes.recording.errors import RecordingUnreadable, require
+from rwt_program.qos import QoS
 
 MessageEncoding = Literal["cdr", "ros1", "json", ""]
 """How a topic's messages are written; empty where nobody here can read them."""

@@ -6,11 +6,12 @@ import socket
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph.disclosure import NOTHING, AsksAbout, Lists
-from rwt_graph.errors import InvalidGraphName, ServiceFailed
+from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.names import two_part
 from rwt_nodes.rosapi.service import Answer, Service
+from rwt_program.errors import ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_graph.api import TopicInfo

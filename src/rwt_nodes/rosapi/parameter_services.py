@@ -10,8 +10,8 @@ import json
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph.disclosure import AsksAbout, Lists, Reads, Writes
-from rwt_graph.errors import GraphError, ServiceFailed
 from rwt_nodes.rosapi.service import Answer, Service
+from rwt_program.errors import RobotError, ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_graph.program.node import Node
@@ -29,7 +29,7 @@ async def get_param(node: Node, request: Any) -> Answer:
     default = request.default_value if node.distro.rosapi_reports_failures else request.default
     try:
         value = await node.get_param(await _full_name(node, request.name))
-    except GraphError as error:
+    except RobotError as error:
         if default or not node.distro.rosapi_reports_failures:
             return {"value": default or "null", **_done(node)}
         return {"value": "null", "successful": False, "reason": str(error)}
@@ -61,7 +61,7 @@ async def set_param(node: Node, request: Any) -> Answer:
         return _failed(node, f"set_param: value of {request.name} is not JSON: {request.value[:80]!r}")
     try:
         await node.set_param(request.name, value)
-    except GraphError as error:
+    except RobotError as error:
         return _failed(node, str(error))
     return _done(node)
 
@@ -70,7 +70,7 @@ async def has_param(node: Node, request: Any) -> Answer:
     """Whether a parameter is there."""
     try:
         return {"exists": await node.has_param(request.name)}
-    except GraphError:
+    except RobotError:
         return {"exists": False}
 
 
@@ -78,7 +78,7 @@ async def delete_param(node: Node, request: Any) -> Answer:
     """Remove one parameter."""
     try:
         await node.delete_param(request.name)
-    except GraphError as error:
+    except RobotError as error:
         return _failed(node, str(error))
     return _done(node)
 

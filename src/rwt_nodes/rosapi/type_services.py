@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from rwt_graph.disclosure import NOTHING
-from rwt_graph.errors import ServiceFailed
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.names import KINDS
 from rwt_nodes.rosapi.service import Answer, Service
 from rwt_nodes.rosapi.typedefs import typedefs
+from rwt_program.errors import ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_graph.program.node import Node

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Final
 from urllib.parse import parse_qsl
 
-from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, SENSOR_DATA, QoS
 from rwt_nodes.video.errors import RequestRefused
+from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, SENSOR_DATA, QoS
 
 #: The largest width and height that may be asked for; squared, what a compressed picture may unfold into.
 MOST_PIXELS: Final = 4096

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwt_graph.program.endpoints import Message, MessageLike
 from rwt_graph.program.node import Node
+from rwt_program.messages import Message, MessageLike
 from rwt_testing.errors import ScriptError
 from rwt_testing.journal import OF_THE_SERVER, Kind, Received
 from rwt_testing.script.errors import read_script

@@ -7,8 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rwt_graph.errors import GraphError
-from rwt_interfaces.errors import InterfaceError
+from rwt_program.errors import RobotError
 from rwt_testing.errors import ScriptError
 from rwt_testing.script.errors import dotted, read_recorded
 from rwt_testing.script.file import Recorded
@@ -105,7 +104,7 @@ class TomlRobot:
         """Let an error name the file and the key."""
         try:
             yield
-        except (ScriptError, GraphError, InterfaceError) as error:
+        except (ScriptError, RobotError) as error:
             raise ScriptError(f"{self._file}: `{dotted(key)}`: {error}") from None
 
     def _topic(self, name: str, script: TopicScript) -> None:

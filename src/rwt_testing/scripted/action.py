@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from rwt_graph.errors import GoalAborted, GoalCanceled
-from rwt_graph.program.endpoints import Message, MessageLike, to_payload
 from rwt_graph.program.goals import ActionGoal, Execute
+from rwt_program.errors import GoalAborted, GoalCanceled
+from rwt_program.messages import Message, MessageLike, to_payload
 from rwt_testing.errors import ScriptError
 from rwt_testing.journal import Kind, Received
 

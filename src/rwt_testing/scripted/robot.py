@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rwt_graph.names import node_name
-from rwt_graph.program.endpoints import Message, MessageLike
 from rwt_graph.program.node import Node
+from rwt_program.messages import Message, MessageLike
 from rwt_testing.errors import ScriptError
 from rwt_testing.expectations import Expectation, expect, expect_soon
 from rwt_testing.journal import Kind

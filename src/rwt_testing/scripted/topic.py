@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from rwt_graph.program.endpoints import MessageLike, TopicPublisher, to_payload
+from rwt_graph.program.endpoints import TopicPublisher
+from rwt_program.messages import MessageLike, to_payload
 from rwt_testing.errors import ScriptError
 from rwt_testing.expectations import PATIENCE, refuse_on_an_event_loop
 

@@ -9,12 +9,13 @@ import anyio
 import pytest
 
 from rwt_graph import MemoryGraph, Message, SimulatedClock
-from rwt_graph.api import GoalEvents, GoalStatus, Graph
-from rwt_graph.errors import CallFailed
+from rwt_graph.api import GoalEvents, Graph
 from rwt_graph.zenoh import ZenohGraph
 from rwt_graph.zenoh import topics as zenoh_topics
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
+from rwt_program.errors import CallFailed
+from rwt_program.goals import GoalStatus
 from tests.contract.graph.zenoh_pair import PairedGraph
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from rwt_graph import LATCHED, Durability, Message, NotRunning, QoS, TypeConflict
 from rwt_graph.api import Sample, Subscription
-from rwt_graph.qos import DEFAULT_QOS
+from rwt_program.qos import DEFAULT_QOS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

@@ -24,11 +24,11 @@ from rwt_graph.api import (
     TopicInfo,
 )
 from rwt_graph.clock import SimulatedClock
-from rwt_graph.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 from tests.zenoh_links import QUICK, Counting, Ripple, free_endpoint
 
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_graph.qos import BEST_AVAILABLE, SENSOR_DATA
 from rwt_nodes.video.errors import RequestRefused
 from rwt_nodes.video.stream_request import TYPES, Jpeg, Png, StreamRequest, Video, read_request
+from rwt_program.qos import BEST_AVAILABLE, SENSOR_DATA
 
 
 def test_the_defaults_are_those_of_web_video_server() -> None:

@@ -165,7 +165,7 @@ def parse_split(text: str) -> Split:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt_client import ClientError  # the client is loaded where it is used
+    from rwt_client import RobotError  # the client is loaded where it is used
 
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.WARNING, stream=sys.stderr)
     # What ends the command is said once, by the command.
@@ -192,7 +192,7 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     try:
         anyio.run(_record, order)
-    except ClientError as error:
+    except RobotError as error:
         raise command_error(error) from error
     except RecordingError as error:
         raise CommandError(str(error)) from error
@@ -266,7 +266,7 @@ def _named(latched: TopicSelection) -> Callable[[str], bool]:
 
 async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
     """Look for new topics and tell of the progress, until `over` is set or nothing can be written."""
-    from rwt_client import ClientError
+    from rwt_client import RobotError
 
     progress = Progress(recorder.writer)
     while not over.is_set() and recorder.writer.failure is None:
@@ -276,7 +276,7 @@ async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
         progress.tell(recorder.topics)
         try:
             await recorder.look()
-        except ClientError as error:
+        except RobotError as error:
             logger.warning("the robot does not tell its topics: %s", error)
 
 

@@ -8,8 +8,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
-from rwt_client import CallFailed, ClientError, ConnectionLost, NoAnswer, TypeUnavailable
+from rwt_client import ConnectionLost, RobotError, UnknownType
 from rwt_client.endpoints.raw_subscription import RawMessage
+from rwt_client.rosapi import UNANSWERED
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
 from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
@@ -17,10 +18,10 @@ from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSel
 if TYPE_CHECKING:
     from rwt_client import Robot
     from rwt_client.endpoints.raw_subscription import RawSubscription
-    from rwt_graph.qos import QoS
     from rwt_interfaces.structs import MessageType
     from rwt_nodes.recording.channels import Encoding
     from rwt_nodes.recording.writer import RecordedChannel, RecordingWriter
+    from rwt_program.qos import QoS
 
 logger = logging.getLogger(__name__)
 
@@ -78,7 +79,7 @@ class RemoteRecorder:
         """Record the topics that are new. Does nothing while there is no connection.
 
         Raises:
-            ClientError: the robot does not answer what its topics are.
+            RobotError: the robot does not answer what its topics are.
         """
         with suppress(ConnectionLost):
             asked_ns = await self.robot.time_ns()
@@ -94,7 +95,7 @@ class RemoteRecorder:
         """Ask for topics that tell of calls and goals, each by its name: lists leave them out (API-02)."""
         for name in await self._hidden_names():
             if name not in self._topics and self._selection.takes(name):
-                with suppress(CallFailed, NoAnswer):
+                with suppress(*UNANSWERED):
                     type_name = await self.robot.api.topic_type(name)
                     if type_name:
                         await self._take(name, type_name, asked_ns)
@@ -106,7 +107,7 @@ class RemoteRecorder:
             services = await self.robot.api.services()
             names += [f"{name}{SERVICE_EVENTS}" for name in services if not name.startswith("/rosapi/")]
         if self._selection.actions and self.robot.types.registry.distro.action_transport == "services":
-            with suppress(CallFailed, NoAnswer):  # Servers that do not know of actions.
+            with suppress(*UNANSWERED):  # Servers that do not know of actions.
                 actions = await self.robot.api.action_servers()
                 names += [f"{name}{ACTION_PARTS}{part}" for name in actions for part in _ACTION_TOPICS]
         return names
@@ -121,7 +122,7 @@ class RemoteRecorder:
             await self._learn(type_name)
             recorded = _RemoteTopic(self, name, type_name, asked_ns)
             recorded.subscription = await self.robot.subscribe_raw(name, type_name, recorded.receive)
-        except TypeUnavailable as error:
+        except UnknownType as error:
             self._refused[name] = type_name
             logger.warning("%s is not recorded: %s", name, error)
             return
@@ -133,7 +134,7 @@ class RemoteRecorder:
         try:
             self.robot.types.registry.message(type_name)
         except InterfaceError:
-            with suppress(ClientError):
+            with suppress(RobotError):
                 await self.robot.types.refresh()
 
     def kept(self, name: str, earlier: bool) -> tuple[QoS, ...]:

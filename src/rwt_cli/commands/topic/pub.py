@@ -64,7 +64,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
     import anyio
 
-    from rwt_client.endpoints.publisher import payload_of
+    from rwt_program.messages import to_payload
 
     name = absolute_name(arguments.topic)
     if len(arguments.message) > 2:
@@ -74,7 +74,7 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
         name, kind or await topic_type(robot, name), latch=arguments.latch, qos=qos_from(arguments)
     ) as publisher:
         given = with_stamps(publisher.type, message)
-        payload_of(publisher.type, given)  # Whether it fits is told before anything is waited for.
+        to_payload(publisher.type, given)  # Whether it fits is told before anything is waited for.
         await _wait_for_subscribers(robot, name, arguments)
         if not output.json:
             output.line("publisher: beginning loop")
@@ -85,10 +85,10 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _publish(publisher: Publisher, given: object, number: int, arguments: Arguments, output: Output) -> None:
-    from rwt_client.endpoints.publisher import payload_of
+    from rwt_program.messages import to_payload
 
     # Made anew each time: a header is stamped when its message is sent.
-    message = payload_of(publisher.type, given).value()
+    message = to_payload(publisher.type, given).value()
     publisher.publish(message)
     if number % arguments.print:
         return

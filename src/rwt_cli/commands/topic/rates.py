@@ -229,12 +229,12 @@ class _RobotClock:
         """Ask the robot, and take half of the way there and back for the way back."""
         import time
 
-        from rwt_client import CallFailed
+        from rwt_client import ProviderNotFound, ServiceFailed
 
         before = time.time()
         try:
             there = await self._robot.time_ns() / _NANOSECONDS
-        except CallFailed:
+        except (ServiceFailed, ProviderNotFound):
             if not self._told:
                 note("rwt: the robot does not tell its time; delays are measured with this computer's clock")
                 self._told = True

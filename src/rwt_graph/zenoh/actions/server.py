@@ -10,14 +10,15 @@ from collections import OrderedDict
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from rwt_graph.api import GoalEvents, GoalStatus
+from rwt_graph.api import GoalEvents
 from rwt_graph.clock import NANOSECONDS, Clock
-from rwt_graph.errors import CallFailed, GoalRejected
 from rwt_graph.memory.cancel_service import cancel_service
 from rwt_graph.memory.node_resources import Owner
-from rwt_graph.qos import LATCHED
 from rwt_graph.zenoh.actions.names import ActionNames, part_type, struct_payload, uuid_struct
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import CallFailed, GoalRejected
+from rwt_program.goals import GoalStatus
+from rwt_program.qos import LATCHED
 
 if TYPE_CHECKING:
     from rwt_graph.api import Participant, ServiceCall

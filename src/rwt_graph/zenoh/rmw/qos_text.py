@@ -9,8 +9,8 @@ liveliness. ROS's default profile is `::,10:,:,:,,`.
 from __future__ import annotations
 
 from rwt_graph.clock import NANOSECONDS
-from rwt_graph.qos import Durability, History, QoS, Reliability
 from rwt_graph.zenoh.rmw.errors import WireError
+from rwt_program.qos import Durability, History, QoS, Reliability
 
 #: The depth that is written as nothing.
 DEFAULT_DEPTH = 42

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from rwt_graph.qos import DEFAULT_QOS, QoS
 from rwt_graph.zenoh.rmw import qos_text
 from rwt_graph.zenoh.rmw.errors import WireError
 from rwt_graph.zenoh.rmw.keys import SLASH, demangle, mangle
+from rwt_program.qos import DEFAULT_QOS, QoS
 
 _PREFIX = "@ros2_lv"
 

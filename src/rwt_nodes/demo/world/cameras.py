@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import anyio.to_thread
 
 from rwt_graph import Node, Timer, TopicPublisher
-from rwt_graph.qos import SENSOR_DATA
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.drive import DifferentialDrive
 from rwt_nodes.demo.frames import frame
@@ -16,6 +15,7 @@ from rwt_nodes.demo.model.urdf import OPTICAL, Mount
 from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.demo.world.map import World
 from rwt_nodes.demo.world.pose import Pose
+from rwt_program.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
     from rwt_nodes.demo.world.view import View

@@ -1,0 +1,1 @@
+"""The vocabulary of robot programs: what a program says alike in the graph and over a connection."""

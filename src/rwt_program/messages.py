@@ -1,0 +1,55 @@
+"""Messages as programs give and take them."""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import msgspec
+
+from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from rwt_interfaces.structs import MessageType
+
+#: What may be given where a message is wanted: values are checked and completed by its type.
+MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object] | DataclassInstance"
+
+#: A typed message: a Struct compiled from its definition, shared and read-only. Its fields are known when the
+#: program runs and not before, so type checkers are told nothing.
+Message: TypeAlias = Any
+
+#: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.
+MessageCallback: TypeAlias = Callable[[Message], Awaitable[None] | None]
+
+
+def to_payload(interface: MessageType, message: object, now: Callable[[], int] = time.time_ns) -> Payload:
+    """A payload of that type.
+
+    Args:
+        message: an instance of the type's class, a mapping, a dataclass instance, or a payload.
+        now: the time for headers without a stamp, nanoseconds since the epoch.
+
+    Raises:
+        InvalidMessage: the message does not fit the type, or is a payload of another one.
+    """
+    if isinstance(message, Payload):
+        if message.type is not interface and message.type.name != interface.name:
+            raise InvalidMessage("", f"expected a {interface.name}, got a {message.type.name}")
+        return message
+    return Payload.from_value(interface, message, now)
+
+
+def is_coroutine_function(function: Callable[..., object]) -> bool:
+    """Whether calling it makes a coroutine; looks into partials and objects with `__call__`."""
+    while isinstance(function, partial):
+        function = function.func
+    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
+        getattr(function, "__call__", None)  # noqa: B004 - asked for its kind, not whether it is there
+    )
