@@ -21,15 +21,7 @@ from rwt_nodes.video.html import topic_list, viewer_page
 from rwt_nodes.video.http_streams import MULTIPART, multipart, timestamp, video_stream
 from rwt_nodes.video.stream_metrics import StreamMetrics
 from rwt_nodes.video.stream_request import StreamRequest, Video, read_request
-from rwt_nodes.video.topics import (
-    COMPRESSED,
-    INFO,
-    RAW,
-    meant_topic,
-    not_found,
-    on_topic,
-    topics_of,
-)
+from rwt_nodes.video.topics import COMPRESSED, INFO, RAW, VisibleTopics
 from rwt_transports.http import (
     Access,
     HttpExtension,
@@ -52,6 +44,9 @@ _NO_CACHE: Final[Mapping[str, str]] = MappingProxyType(
         "Pragma": "no-cache",
     }
 )
+
+_Page = Callable[[HttpRequest, StreamRequest, VisibleTopics], Awaitable[HttpResponse]]
+"""A page that shows the topic of a request, which its reader may see."""
 
 
 class WebVideoServer:
@@ -89,9 +84,8 @@ class WebVideoServer:
 
     def _section(self, request: HttpRequest, reader: Reader) -> str:
         """The list of image topics, for the index page of the server, as HTML."""
-        graph = self._node.graph
-        topics = sorted(topics_of(graph, RAW, reader) + topics_of(graph, COMPRESSED, reader))
-        return topic_list(topics, topics_of(graph, INFO, reader), request.query)
+        topics = VisibleTopics(self._node.graph, reader)
+        return topic_list(topics.of_types(RAW, COMPRESSED), topics.of_types(INFO), request.query)
 
     def _metrics(self) -> Iterator[MetricFamily]:
         """What is counted, for `/metrics`."""
@@ -99,19 +93,20 @@ class WebVideoServer:
 
     # -- pages ---------------------------------------------------------------------------------------------
 
-    async def _answer(
-        self,
-        page: Callable[[HttpRequest, Reader], Awaitable[HttpResponse]],
-        request: HttpRequest,
-        reader: Reader,
-    ) -> HttpResponse:
+    async def _answer(self, page: _Page, request: HttpRequest, reader: Reader) -> HttpResponse:
+        """A page about a topic, for a reader who may see it."""
         try:
-            return await page(request, reader)
+            stream = read_request(request.query)
+            topics = VisibleTopics(self._node.graph, reader)
+            topics.require(stream.topic)
+            return await page(request, stream, topics)
         except RequestRefused as refused:
             return HttpResponse(f"{refused}\n".encode(), refused.status, headers=_NO_CACHE)
 
-    async def _stream(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        stream = await self._settled(read_request(request.query), reader)
+    async def _stream(
+        self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
+    ) -> HttpResponse:
+        stream = await self._resolved(stream, topics)
         self._check_room(stream)
         counts = self._stream_metrics.of(stream.topic, stream.type)
         join = partial(self._join, stream)
@@ -120,19 +115,19 @@ class WebVideoServer:
         media_type = MP4 if stream.type == "h264" else WEBM
         return HttpResponse(video_stream(join, counts), content_type=media_type, headers=_NO_CACHE)
 
-    async def _viewer(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        stream = read_request(request.query)
+    async def _viewer(
+        self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
+    ) -> HttpResponse:
         _check_codec(stream)
-        if not reader.may_subscribe(stream.topic):
-            raise RequestRefused(403, f"you may not subscribe to {stream.topic}")
         page = viewer_page(stream.topic, request.query, video=isinstance(stream.coding, Video))
         return HttpResponse(page, content_type="text/html; charset=utf-8", headers=_NO_CACHE)
 
-    async def _snapshot(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        stream = read_request(request.query)
+    async def _snapshot(
+        self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
+    ) -> HttpResponse:
         if isinstance(stream.coding, Video):
             raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
-        stream = await self._settled(stream, reader)
+        stream = await self._resolved(stream, topics)
         self._check_room(stream)
         picture = await self._one_picture(stream)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
@@ -156,20 +151,19 @@ class WebVideoServer:
 
     # -- sharing -------------------------------------------------------------------------------------------
 
-    async def _settled(self, stream: StreamRequest, reader: Reader) -> StreamRequest:
-        """The stream with the topic that it means, waiting a little for one that is not there yet.
+    async def _resolved(self, stream: StreamRequest, topics: VisibleTopics) -> StreamRequest:
+        """The request with the topic that it means, waiting a little for one that is not there yet.
 
         Raises:
             RequestRefused: there is none, or it may not be shown.
         """
         _check_codec(stream)
-        graph = self._node.graph
         until = anyio.current_time() + PATIENCE
-        while (topic := meant_topic(graph, stream, reader)) is None:
+        while (resolved := topics.resolve(stream)) is None:
             if anyio.current_time() >= until:
-                raise not_found(graph, stream.topic, reader)
+                raise topics.not_found(stream.topic)
             await anyio.sleep(_LOOK_EVERY)
-        return on_topic(graph, stream, topic)
+        return resolved
 
     def _check_room(self, stream: StreamRequest) -> None:
         viewers = sum(len(broadcast.viewers) for broadcast in self._broadcasts.values())

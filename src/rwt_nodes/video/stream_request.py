@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from typing import Final
 from urllib.parse import parse_qsl
 
+from rwt_graph.errors import InvalidGraphName
+from rwt_graph.names import resolve
 from rwt_nodes.video.errors import RequestRefused
 from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, SENSOR_DATA, QoS
 
@@ -143,7 +145,7 @@ def read_request(query: str) -> StreamRequest:
     if (width or 0) * (height or 0) > MOST_AREA:
         raise RequestRefused(400, f"`width` {width} by `height` {height} is more than {MOST_AREA} pixels")
     return StreamRequest(
-        topic=topic if topic.startswith("/") else f"/{topic}",
+        topic=_absolute(topic),
         coding=_coding(type_, given),
         width=width,
         height=height,
@@ -172,6 +174,14 @@ def _coding(type_: str, given: Mapping[str, str]) -> Coding:
     if video.qmin > video.qmax:
         raise RequestRefused(400, f"`qmin` {video.qmin} is more than `qmax` {video.qmax}")
     return video
+
+
+def _absolute(topic: str) -> str:
+    """The topic's canonical name, by which access is decided and encoders are shared."""
+    try:
+        return resolve(topic)
+    except InvalidGraphName as error:
+        raise RequestRefused(400, f"`topic`: {error}") from None
 
 
 def _size(given: Mapping[str, str], name: str) -> int | None:

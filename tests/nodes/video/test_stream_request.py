@@ -50,6 +50,7 @@ def test_what_changes_a_picture(query: str) -> None:
     [
         ("", "`topic` is missing"),
         ("topic=", "`topic` is missing"),
+        ("topic=/a%20b", "`topic`: '/a b' is not a valid name: it contains ' '"),
         ("topic=/a&type=x", "`type` must be one of mjpeg, png, ros_compressed, vp8, vp9, h264, got 'x'"),
         ("topic=/a&width=0", "`width` must be a whole number from 1 to 4096, got '0'"),
         ("topic=/a&height=9999999", "`height` must be a whole number from 1 to 4096, got '9999999'"),
