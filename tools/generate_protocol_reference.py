@@ -16,6 +16,7 @@ from pathlib import Path
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from rwt_protocol.error_text import Expected
 from rwt_protocol.ops import (
     OPS,
     ActionResult,
@@ -30,7 +31,7 @@ from rwt_protocol.ops import (
     Qos,
     ServiceResponse,
 )
-from rwt_protocol.ops.base import Expected, ReplyTo
+from rwt_protocol.ops.base import ReplyTo
 from rwt_protocol.payloads import EMPTY
 from rwt_protocol.profiles import PROFILES
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from pydantic.fields import FieldInfo
 
-from rwt.settings.errors import Key, expected, known_settings, table_at
+from rwt.settings.errors import Key, known_settings, table_at
+from rwt_protocol.error_text import annotation_of, expected
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "settings.md"
 
@@ -51,7 +52,12 @@ def _lines() -> Iterator[str]:
         if key[:-1] != above:
             above = key[:-1]
             yield from _section(above)
-        cells = (f"`{key[-1]}`", _cell(expected(field)), _default(field), _cell(field.description or ""))
+        cells = (
+            f"`{key[-1]}`",
+            _cell(expected(annotation_of(field))),
+            _default(field),
+            _cell(field.description or ""),
+        )
         yield f"| {' | '.join(cells)} |"
     yield ""
 

@@ -1,23 +1,28 @@
-"""How this package says what is wrong with a message: what, where, and what instead."""
+"""Sentences about what pydantic finds wrong in ops, settings and scripts: what, where, and what instead."""
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable
-from typing import Final
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final, Literal, Union, get_args, get_origin
 
 import msgspec
-from pydantic import BaseModel, ValidationError
+from annotated_types import Ge, Gt, Le
+from pydantic import BaseModel, SecretStr, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
-from rwt_protocol.ops import Op
-from rwt_protocol.ops.base import Expected
 from rwt_protocol.payloads import Decoded, JsonKind, RawJson
+
+Key = tuple[str | int, ...]
+"""The way to a member from the top: names, and indices of lists."""
 
 _LONGEST_QUOTE: Final = 40
 
-_KIND: Final[dict[JsonKind, str]] = {
+_KIND: Final[Mapping[JsonKind, str]] = {
     "object": "an object",
     "array": "an array",
     "string": "a string",
@@ -25,6 +30,32 @@ _KIND: Final[dict[JsonKind, str]] = {
     "boolean": "a boolean",
     "null": "null",
 }
+_SCALARS: Final[Mapping[object, str]] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a string",
+    Path: "a path",
+    SecretStr: "a string",
+}
+_PLURALS: Final[Mapping[object, str]] = {
+    int: "whole numbers",
+    float: "numbers",
+    str: "strings",
+    Path: "paths",
+}
+_BOUNDS: Final[Mapping[type, str]] = {
+    Ge: " of at least {0.ge}",
+    Gt: " greater than {0.gt}",
+    Le: " and at most {0.le}",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Metadata of a member: how a refusal names what it should have held, where its type does not say."""
+
+    text: str
 
 
 def describe(value: object) -> str:
@@ -57,50 +88,118 @@ def describe_kind(value: object) -> str:
     return _KIND[RawJson(data).kind]
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`` (did you mean "x"?)`` when something like `name` is known, else nothing."""
-    found = difflib.get_close_matches(name, known, n=1)
-    return f' (did you mean "{found[0]}"?)' if found else ""
-
-
-def explain(op: str, model: type[Op], error: ValidationError) -> str:
-    """The first thing that pydantic found, in our words: ``publish.topic: expected a string, got 42``."""
+def explain(op: str, model: type[BaseModel], error: ValidationError) -> str:
+    """What is wrong with a message, in the words of JSON: ``publish.topic: expected a string, got 42``."""
     first = error.errors(include_url=False, include_context=False)[0]
-    path, field = _locate(model, first["loc"])
-    where = ".".join((op, *path))
-    expected = _expected(field)
+    key, annotation = locate(model, first["loc"])
+    where = ".".join(map(str, (op, *key)))
     if first["type"] == "missing":
-        return f"{where}: expected {expected}, and it is missing"
-    return f"{where}: expected {expected}, got {describe(first['input'])}"
+        return f"{where}: expected {expected(annotation)}, and it is missing"
+    return f"{where}: expected {expected(annotation)}, got {describe(first['input'])}"
 
 
-def _locate(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[list[str], FieldInfo | None]:
-    """The member that an error is about. Parts of `loc` that name a branch of a union are left out."""
-    path: list[str] = []
-    field: FieldInfo | None = None
-    known: type[BaseModel] | None = model
+def first_error(error: ValidationError) -> ErrorDetails:
+    """The first thing that is wrong with a file: an unknown key goes before what is missing, which may be the
+    same key well spelt."""
+    errors = error.errors(include_url=False)
+    return next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
+
+
+def but_got(error: ErrorDetails) -> str:
+    """The end of a sentence about a file: the value that was found, in the words of TOML."""
+    if error["type"] == "missing":
+        return ", and it is missing"
+    value = error["input"]
+    if isinstance(value, Mapping):
+        return ", got a table"
+    return ", got a list" if isinstance(value, tuple | list) else f", got {value!r}"
+
+
+def locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[Key, object]:
+    """The key that an error is about, and what is expected there.
+
+    Args:
+        model: what was validated.
+        loc: the place as pydantic names it, which ends with parts that are no keys, for members of a union.
+    """
+    key: list[str | int] = []
     for part in loc:
-        found = known.model_fields.get(str(part)) if known else None
-        if found is None:
-            continue
-        path.append(str(part))
-        field = found
-        known = _model_in(found)
-    return path, field
+        known = annotation_at(model, [*key, part]) is not None
+        if not known and model_in(annotation_at(model, key)) is None:
+            break
+        key.append(part)
+    return tuple(key), annotation_at(model, key)
 
 
-def _model_in(field: FieldInfo) -> type[BaseModel] | None:
-    """The nested model that a member holds, if it does."""
-    candidates: tuple[object, ...] = (field.annotation, *getattr(field.annotation, "__args__", ()))
-    for candidate in candidates:
-        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
-            return candidate
-    return None
+def annotation_at(model: type[BaseModel], key: Sequence[str | int]) -> object:
+    """The type of the member under `key`, with its metadata; None where there is none.
+
+    A part of the key may be any name where names are chosen freely.
+    """
+    annotation: object = model
+    for part in key:
+        plain = plain_type(annotation)
+        if isinstance(plain, type) and issubclass(plain, BaseModel):
+            field = plain.model_fields.get(str(part))
+            if field is None:
+                return None
+            annotation = annotation_of(field)
+        elif get_origin(plain) is Mapping and isinstance(part, str):
+            annotation = get_args(plain)[1]
+        elif get_origin(plain) is tuple and isinstance(part, int):
+            annotation = get_args(plain)[0]
+        else:
+            return None
+    return annotation
 
 
-def _expected(field: FieldInfo | None) -> str:
-    """What a member should hold; every member of every op says so."""
-    for item in field.metadata if field else ():
-        if isinstance(item, Expected):
-            return item.text
-    return "something else"
+def annotation_of(field: FieldInfo) -> object:
+    """The type of a member with its metadata."""
+    return Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+
+
+def model_in(annotation: object) -> type[BaseModel] | None:
+    """The model that a member holds, if it does."""
+    plain = plain_type(annotation)
+    return plain if isinstance(plain, type) and issubclass(plain, BaseModel) else None
+
+
+def plain_type(annotation: object) -> object:
+    """A type without its metadata and without None; a union of several stays one."""
+    if get_origin(annotation) is Annotated:
+        return plain_type(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, types.UnionType):
+        rest = [part for part in get_args(annotation) if part is not type(None)]
+        return plain_type(rest[0]) if len(rest) == 1 else annotation
+    return annotation
+
+
+def expected(annotation: object) -> str:
+    """What a member takes, for example ``a whole number of at least 1``."""
+    if get_origin(annotation) is Annotated:
+        for item in get_args(annotation)[1:]:
+            if isinstance(item, Expected):
+                return item.text
+    plain = plain_type(annotation)
+    if get_origin(plain) in (Union, types.UnionType):
+        return " or ".join(expected(part) for part in get_args(plain) if part is not type(None))
+    if get_origin(plain) is Literal:
+        return " or ".join(f'"{choice}"' for choice in get_args(plain))
+    if get_origin(plain) is tuple:
+        item = plain_type(get_args(plain)[0])
+        if get_origin(item) is Literal:
+            return f"a list of {expected(item)}"
+        return f"a list of {_PLURALS.get(item, 'tables')}"
+    return _SCALARS.get(plain, "a table") + _bounds(annotation)
+
+
+def _bounds(annotation: object) -> str:
+    if get_origin(annotation) in (Union, types.UnionType):
+        return "".join(_bounds(part) for part in get_args(annotation))
+    if get_origin(annotation) is not Annotated:
+        return ""
+    inner, *metadata = get_args(annotation)
+    every = [each for item in metadata for each in (item, *getattr(item, "metadata", ()))]
+    return _bounds(inner) + "".join(
+        _BOUNDS[type(each)].format(each) for each in every if type(each) in _BOUNDS
+    )

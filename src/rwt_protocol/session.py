@@ -11,13 +11,14 @@ from pydantic import ValidationError
 
 from rwt_protocol.codecs import CBOR, JSON, png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members
-from rwt_protocol.error_text import describe, explain, nearest
+from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
 from rwt_protocol.ops import ALIASES, OPS, Direction, Fragment, Op, Png, ReplyTo, SetLevel, Status
 from rwt_protocol.payloads import Encodable
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
+from rwt_protocol.spelling import nearest
 from rwt_protocol.transport import Frame
 
 _MAPS: Final = frozenset(bytes((byte,)) for byte in range(0xA0, 0xC0))
@@ -246,7 +247,9 @@ class Session:
             return f"op: expected a string, got {describe(name)}"
         if name in OPS and name in self._profile.ops:
             return f'operation "{name}" only goes {OPS[name].direction.value}'
-        return f"unknown operation {describe(name)}{nearest(name, map(str, self._readers))}: {allowed}"
+        meant = nearest(name, map(str, self._readers))
+        instead = f' (did you mean "{meant}"?)' if meant else ""
+        return f"unknown operation {describe(name)}{instead}: {allowed}"
 
     def _refusal(self, members: Members, reason: str) -> Refusal:
         reply_to = _reply_to(members)

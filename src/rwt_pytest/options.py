@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+
+from rwt_protocol.spelling import nearest
 
 DISTROS = ("jazzy", "noetic")
 BOTH = "both"
@@ -77,8 +78,8 @@ def _marked(marks: list[pytest.Mark]) -> dict[str, object]:
             raise pytest.UsageError(f"@pytest.mark.rwt takes {', '.join(_KEYS)} by name, not {mark.args!r}")
         for key in mark.kwargs:
             if key not in _KEYS:
-                near = difflib.get_close_matches(key, _KEYS, n=1)
-                instead = f"did you mean {near[0]}?" if near else f"known are {', '.join(_KEYS)}"
+                near = nearest(key, _KEYS)
+                instead = f"did you mean {near}?" if near else f"known are {', '.join(_KEYS)}"
                 raise pytest.UsageError(f"@pytest.mark.rwt has no argument {key}; {instead}")
         asked.update(mark.kwargs)
     return asked

@@ -8,8 +8,9 @@ An expectation that is not met raises :exc:`AssertionError`, as tests expect.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
+
+from rwt_protocol.spelling import nearest
 
 
 class ScriptError(Exception):
@@ -23,9 +24,9 @@ class BlockingWait(RuntimeError):
 def instead(name: str, known: Iterable[str]) -> str:
     """The nearest known name in words, or all of them: ``did you mean `rate`?``."""
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=1)
+    near = nearest(name, names)
     if near:
-        return f"did you mean `{near[0]}`?"
+        return f"did you mean `{near}`?"
     return f"known are {', '.join(names)}" if names else "none is known here"
 
 

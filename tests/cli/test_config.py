@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.settings.errors import expected, known_settings
+from rwt.settings.errors import known_settings
 from rwt.settings.models import Settings
 from rwt.settings.sources import Given, load_settings, read_settings
 from rwt_access.settings import SettingsError
 from rwt_cli import main
 from rwt_cli.commands.config import show
+from rwt_protocol.error_text import annotation_of, expected
 
 TOKEN = "a-token-of-some-length"
 
@@ -215,7 +216,7 @@ def test_set_without_a_value_is_one_line(capsys: pytest.CaptureFixture[str]) -> 
 def test_every_setting_says_what_it_is_and_what_it_takes() -> None:
     for key, field in known_settings():
         assert field.description, key
-        assert expected(field), key
+        assert expected(annotation_of(field)), key
 
 
 def test_the_reference_page_is_what_the_models_say() -> None:

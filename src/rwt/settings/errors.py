@@ -2,63 +2,44 @@
 
 from __future__ import annotations
 
-import difflib
-import types
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Annotated, Final, Literal, Union, get_args, get_origin
+from typing import Final, get_args, get_origin
 
-from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, SecretStr, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails
 
 from rwt.settings.models import Settings
+from rwt_protocol.error_text import (
+    annotation_at,
+    but_got,
+    expected,
+    first_error,
+    locate,
+    model_in,
+    plain_type,
+)
+from rwt_protocol.spelling import nearest
 
 Key = tuple[str, ...]
 """The way to a setting from the top: tables, then its own name."""
 
-_KINDS: Final[Mapping[object, str]] = {
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    str: "a string",
-    Path: "a path",
-    SecretStr: "a string",
-}
-_PLURALS: Final[Mapping[object, str]] = {str: "strings", Path: "paths"}
 _NAME: Final = "NAME"
 
 
 def known_settings(model: type[BaseModel] = Settings, above: Key = ()) -> Iterator[tuple[Key, FieldInfo]]:
     """Every setting that can be written, in order; `NAME` stands where the operator chooses a name."""
-    tables: list[tuple[Key, FieldInfo]] = []
+    tables: list[tuple[Key, type[BaseModel]]] = []
     for name, field in model.model_fields.items():
-        if _model_in(field) is None:
+        kind = plain_type(field.annotation)
+        is_named = get_origin(kind) is Mapping
+        table = model_in(get_args(kind)[1] if is_named else kind)
+        if table is None:
             yield (*above, name), field
         else:
-            tables.append(((*above, name), field))
-    for key, field in tables:
-        inner = _model_in(field)
-        if inner is not None:
-            yield from known_settings(inner, (*key, _NAME) if _is_mapping(field) else key)
-
-
-def field_at(key: Sequence[str]) -> FieldInfo | None:
-    """The setting of that key, or None where there is none."""
-    model: type[BaseModel] | None = Settings
-    field: FieldInfo | None = None
-    named = False  # the next part is a name that the operator chose
-    for part in key:
-        if named:
-            named = False
-            continue
-        field = model.model_fields.get(part) if model else None
-        if field is None:
-            return None
-        model = _model_in(field)
-        named = _is_mapping(field)
-    return field
+            tables.append(((*above, name, _NAME) if is_named else (*above, name), table))
+    for key, table in tables:
+        yield from known_settings(table, key)
 
 
 def table_at(key: Sequence[str]) -> type[BaseModel]:
@@ -67,114 +48,53 @@ def table_at(key: Sequence[str]) -> type[BaseModel]:
     Raises:
         KeyError: there is no such table.
     """
-    field = field_at(key) if key else None
-    model = _model_in(field) if field else Settings if not key else None
+    annotation = annotation_at(Settings, key)
+    if get_origin(plain_type(annotation)) is Mapping:
+        annotation = annotation_at(Settings, (*key, _NAME))
+    model = model_in(annotation)
     if model is None:
         raise KeyError(".".join(key))
     return model
 
 
-def is_list(field: FieldInfo) -> bool:
-    """Whether the setting holds several values."""
-    return get_origin(_plain(field.annotation)) is tuple
+def is_list(key: Sequence[str]) -> bool:
+    """Whether the setting of that key holds several values."""
+    return get_origin(plain_type(annotation_at(Settings, key))) is tuple
 
 
 def is_secret(key: Sequence[str]) -> bool:
     """Whether the value may not be shown."""
-    field = field_at(key)
-    return field is not None and _plain(field.annotation) is SecretStr
+    return plain_type(annotation_at(Settings, key)) is SecretStr
 
 
-def expected(field: FieldInfo) -> str:
-    """What a setting takes, for example ``a whole number of at least 1``."""
-    kind = _plain(field.annotation)
-    if _model_in(field) is not None:
-        return "a table"
-    if get_origin(kind) is tuple:
-        item = get_args(kind)[0]
-        return f"a list of {_choices(item) if get_origin(item) is Literal else _PLURALS[item]}"
-    if get_origin(kind) is Literal:
-        return _choices(kind)
-    return _KINDS[kind] + "".join(_bound(item) for item in field.metadata)
-
-
-def _choices(kind: object) -> str:
-    return " or ".join(f'"{choice}"' for choice in get_args(kind))
-
-
-def fault(error: ValidationError) -> tuple[Key, str]:
-    """The first thing that is wrong: where, and one line about it that names the key.
-
-    An unknown key goes before what is missing, which may be the same key well spelt.
-    """
-    errors = error.errors(include_url=False)
-    first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
-    key = tuple(str(part) for part in first["loc"])
-    while key and field_at(key) is None and first["type"] != "extra_forbidden":
-        key = key[:-1]  # an item of a list: the list is the setting
+def explain(error: ValidationError) -> tuple[Key, str]:
+    """The first thing that is wrong: where, and one line about it that names the key."""
+    first = first_error(error)
+    found, _ = locate(Settings, first["loc"])
+    # An item of a list: the list is the setting.
+    key = tuple(str(part) for part in itertools.takewhile(lambda part: isinstance(part, str), found))
     dotted = ".".join(key)
     if first["type"] == "extra_forbidden":
         return key, f"unknown setting `{dotted}`; {_instead(key)}"
     if first["type"] == "value_error":
         text = str(first["ctx"]["error"])
         return key, f"`{dotted}`: {text}" if key else text
-    field = field_at(key)
-    wanted = expected(field) if field else "a table"
-    return key, f"`{dotted}`: expected {wanted}{_but_got(key, first)}"
+    # Everything below `auth.tokens` may be a secret.
+    is_shown = key[:2] != ("auth", "tokens") or first["type"] == "missing"
+    wanted = expected(annotation_at(Settings, key))
+    return key, f"`{dotted}`: expected {wanted}{but_got(first) if is_shown else ''}"
 
 
 def _instead(key: Key) -> str:
     """The nearest known key: beside it, or of the same name in another table."""
     above, name = key[:-1], key[-1]
-    field = field_at(above) if above else None
-    model = Settings if not above else _model_in(field) if field else None
+    model = model_in(annotation_at(Settings, above))
     beside = tuple(model.model_fields) if model else ()
-    elsewhere = {known[-1]: known for known, _ in known_settings()}
-    near = difflib.get_close_matches(name, beside, n=1, cutoff=0.6)
+    near = nearest(name, beside)
     if near:
-        return f"did you mean `{'.'.join((*above, near[0]))}`?"
-    far = difflib.get_close_matches(name, elsewhere, n=1, cutoff=0.6)
+        return f"did you mean `{'.'.join((*above, near))}`?"
+    anywhere = {known[-1]: known for known, _ in known_settings()}
+    far = nearest(name, anywhere)
     if far:
-        return f"did you mean `{'.'.join(elsewhere[far[0]])}`?"
+        return f"did you mean `{'.'.join(anywhere[far])}`?"
     return f"known {'in ' + '.'.join(above) if above else 'at the top'} are {', '.join(beside)}"
-
-
-def _but_got(key: Key, error: ErrorDetails) -> str:
-    """The value that was found, unless it may be a secret: everything below `auth.tokens` may."""
-    if error["type"] == "missing":
-        return ", and it is missing"
-    if key[:2] == ("auth", "tokens"):
-        return ""
-    value = error["input"]
-    return f", got {'a table' if isinstance(value, Mapping) else repr(value)}"
-
-
-def _bound(item: object) -> str:
-    if isinstance(item, Ge):
-        return f" of at least {item.ge}"
-    if isinstance(item, Gt):
-        return f" greater than {item.gt}"
-    if isinstance(item, Le):
-        return f" and at most {item.le}"
-    return ""
-
-
-def _plain(annotation: object) -> object:
-    """A type without `None` and without what annotates it."""
-    if get_origin(annotation) is Annotated:
-        return _plain(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, types.UnionType):
-        return next(_plain(part) for part in get_args(annotation) if part is not type(None))
-    return annotation
-
-
-def _is_mapping(field: FieldInfo) -> bool:
-    return get_origin(_plain(field.annotation)) is Mapping
-
-
-def _model_in(field: FieldInfo) -> type[BaseModel] | None:
-    """The table that a setting is, or that each of its named entries is."""
-    kind = _plain(field.annotation)
-    if _is_mapping(field):
-        kind = get_args(kind)[1]
-    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None

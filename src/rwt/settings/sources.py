@@ -10,7 +10,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from rwt.settings.errors import Key, fault, field_at, is_list
+from rwt.settings.errors import Key, explain, is_list
 from rwt.settings.models import Settings
 from rwt_access.settings import SettingsError
 
@@ -84,7 +84,7 @@ def load_settings(
     try:
         settings = Settings.model_validate(values)
     except ValidationError as error:
-        key, text = fault(error)
+        key, text = explain(error)
         raise SettingsError(f"{_where(key, sources)}: {text}") from None
     return LoadedSettings(settings, sources)
 
@@ -108,8 +108,7 @@ def from_text(dotted: str, text: str, source: str) -> Given:
 
 
 def _from_text(key: Key, text: str, source: str) -> Given:
-    field = field_at(key)
-    if field is None or not is_list(field):
+    if not is_list(key):
         return Given(key, text, source)
     if not text.lstrip().startswith("["):
         return Given(key, [item.strip() for item in text.split(",") if item.strip()], source)

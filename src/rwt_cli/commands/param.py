@@ -15,6 +15,7 @@ from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError, did_you_mean
 from rwt_cli.graph_lookup import absolute_name, ask_rosapi, unknown
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments, Verb, add_family, gather
+from rwt_protocol.spelling import nearest
 
 if TYPE_CHECKING:
     from rwt_cli.console.yaml_text import YamlValue
@@ -80,7 +81,7 @@ async def _get_value(robot: Robot, name: str) -> ParameterValue:
     try:
         return await ask_rosapi(lambda: robot.params.get(name))
     except NotFound as error:
-        near = did_you_mean(name, await _names(robot)).removesuffix("?").replace("; did you mean ", "")
+        near = nearest(name, await _names(robot)) or ""
         node, _, parameter = near.rpartition(":")
         meant = f"; did you mean {f'{node} {parameter}' if node else near}?" if near and near != name else ""
         raise CommandError(f"{str(error).rstrip('.')}{meant}", FAILED) from error

@@ -7,11 +7,11 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from rwt_protocol.error_text import Expected
 from rwt_protocol.errors import Level
 from rwt_protocol.ops.base import (
     Arguments,
     Direction,
-    Expected,
     Flag,
     Op,
     OpSpec,

@@ -19,15 +19,9 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
+from rwt_protocol.error_text import Expected
 from rwt_protocol.errors import Level
 from rwt_protocol.payloads import EMPTY, Decoded, Encodable, RawJson, RawPayload
-
-
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """How a refusal names what a member should have held."""
-
-    text: str
 
 
 @dataclass(frozen=True, slots=True)

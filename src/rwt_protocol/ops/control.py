@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
+from rwt_protocol.error_text import Expected
 from rwt_protocol.errors import Level
-from rwt_protocol.ops.base import Count, Direction, Expected, Op, OpSpec, ReplyTo, RequiredId, Text
+from rwt_protocol.ops.base import Count, Direction, Op, OpSpec, ReplyTo, RequiredId, Text
 
 LevelName = Annotated[Level, Expected('"info", "warning", "error" or "none"')]
 

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from rwt_protocol.error_text import Expected
 from rwt_protocol.ops.base import (
     Count,
     Direction,
-    Expected,
     Flag,
     Message,
     Op,
