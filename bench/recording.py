@@ -20,8 +20,8 @@ from mcap.writer import CompressionType, Writer
 
 from bench import messages
 from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
-from rwt_client.endpoints.remote_types import LiveTypes
-from rwt_client.wire.session import Line
+from rwt_client.endpoints.remote_types import RemoteTypes
+from rwt_client.wire.session import ReconnectingSession
 from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Payload
 from rwt_interfaces.structs import MessageType
@@ -58,7 +58,7 @@ def main() -> int:
     print(f"{'message':<16}{'recording':>14}{'library alone':>16}{'ratio':>8}{'bound':>8}")
     missed = False
     for name, load in LOADS.items():
-        types = LiveTypes(_nobody)
+        types = RemoteTypes(_nobody)
         types.set_distro(JAZZY)
         message = types.registry.message(load.stream.type)
         payloads = [Payload.from_value(message, each) for each in load.stream.messages]
@@ -74,7 +74,7 @@ def main() -> int:
     return int(missed)
 
 
-def _recording(load: Load, types: LiveTypes, message: MessageType, payloads: list[Payload]) -> float:
+def _recording(load: Load, types: RemoteTypes, message: MessageType, payloads: list[Payload]) -> float:
     encode = CODECS["cbor-raw"].publish_encoder(load.stream.topic)
     frames = [encode(Sample(load.stream.topic, payload, STAMP, "/bench")).data for payload in payloads]
     form = channel_form(load.stream.topic, message, "ros")
@@ -87,7 +87,7 @@ def _recording(load: Load, types: LiveTypes, message: MessageType, payloads: lis
                 stamp = raw.stamp_ns or 0
                 writer.write(channel, stamp, stamp, raw.data)
 
-            line = Line(None, WireLimits())
+            line = ReconnectingSession(None, WireLimits())
             subscription = RawSubscription(line, types, load.stream.topic, message, receive, binary=True)
             subscription.start()
             for index in range(load.count):

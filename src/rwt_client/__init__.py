@@ -8,13 +8,13 @@
 """
 
 from rwt_client.connection import connect
-from rwt_client.endpoints.action_server import OfferedAction, ReceivedGoal
+from rwt_client.endpoints.action_server import ActionServer, ReceivedGoal
 from rwt_client.endpoints.goals import Goal
 from rwt_client.endpoints.parameters import Parameters
 from rwt_client.endpoints.publisher import Publisher
 from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
-from rwt_client.endpoints.remote_types import LiveTypes
-from rwt_client.endpoints.services import OfferedService
+from rwt_client.endpoints.remote_types import RemoteTypes
+from rwt_client.endpoints.services import ServiceServer
 from rwt_client.endpoints.subscriptions import Subscription
 from rwt_client.endpoints.transforms import Transforms
 from rwt_client.errors import (
@@ -59,15 +59,15 @@ __all__ = [
     "RawSubscription",
     "RawMessage",
     "Publisher",
-    "OfferedService",
+    "ServiceServer",
     "Goal",
     "GoalResult",
     "GoalStatus",
-    "OfferedAction",
+    "ActionServer",
     "ReceivedGoal",
     "Parameters",
     "Transforms",
-    "LiveTypes",
+    "RemoteTypes",
     "RosApi",
     "TopicInfo",
     "NodeInfo",

@@ -18,12 +18,12 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from rwt_client import connection
 from rwt_client.connection import ConnectKeywords
-from rwt_client.endpoints.action_server import Execute, OfferedAction
+from rwt_client.endpoints.action_server import ActionServer, Execute
 from rwt_client.endpoints.goals import Goal
 from rwt_client.endpoints.parameters import Parameters
 from rwt_client.endpoints.publisher import Publisher
-from rwt_client.endpoints.remote_types import LiveTypes
-from rwt_client.endpoints.services import OfferedService, ServiceHandler
+from rwt_client.endpoints.remote_types import RemoteTypes
+from rwt_client.endpoints.services import ServiceHandler, ServiceServer
 from rwt_client.endpoints.subscriptions import Callback, Subscription
 from rwt_client.endpoints.transforms import Transforms
 from rwt_client.errors import ConnectionClosed
@@ -241,7 +241,7 @@ class BlockingGoal(_Face):
 class BlockingOffer(_Face):
     """A service or an action that this program offers."""
 
-    _inner: OfferedService | OfferedAction
+    _inner: ServiceServer | ActionServer
 
     @property
     def name(self) -> str:
@@ -290,7 +290,7 @@ class BlockingRobot(_Face):
         return self._inner.connected
 
     @property
-    def types(self) -> LiveTypes:
+    def types(self) -> RemoteTypes:
         """The robot's types; to fetch one: ``robot.run(robot.types.fetch, name)``."""
         return self._inner.types
 

@@ -15,7 +15,7 @@ from rwt_client.errors import BadAddress, CannotConnect, ConnectionClosed, Conne
 from rwt_client.events import ConnectionEvent
 from rwt_client.robot import Robot
 from rwt_client.wire.arrays import ArrayKind, check_kind
-from rwt_client.wire.session import Line
+from rwt_client.wire.session import ReconnectingSession
 from rwt_protocol.errors import Level
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.session import WireLimits
@@ -97,28 +97,30 @@ async def connect(
     check_kind(arrays)
     bounds = limits or Limits()
     fragments = FragmentLimits(max_size=2 * bounds.message_bytes)
-    line = Line(status_level, WireLimits(bounds.message_bytes, fragments=fragments))
+    session = ReconnectingSession(status_level, WireLimits(bounds.message_bytes, fragments=fragments))
     dial = _dial(target, bounds, timeout, headers, tls)
-    keeper = _Keeper(line, dial, reconnect)
+    reconnector = _Reconnector(session, dial, reconnect)
     name = target if isinstance(target, str) else "memory"
     async with background_tasks() as tasks:
         binary = not isinstance(target, str) or carries_binary(target)
         starter = TaskStarter()
         tasks.start_soon(starter.run, tasks)
-        robot = Robot(name, line, starter, keeper.drain, timeout=timeout, arrays=arrays, binary=binary)
+        robot = Robot(
+            name, session, starter, reconnector.drain, timeout=timeout, arrays=arrays, binary=binary
+        )
         try:
-            await _begin(keeper, tasks)
+            await _begin(reconnector, tasks)
             await robot.identify(ros_version, fetch_types)
             yield robot
         finally:
             with anyio.move_on_after(_FAREWELL_SECONDS):
-                await keeper.drain()
-            line.close(ConnectionClosed("the connection was closed by this program"))
+                await reconnector.drain()
+            session.close(ConnectionClosed("the connection was closed by this program"))
 
 
-async def _begin(keeper: _Keeper, tasks: TaskGroup) -> None:
+async def _begin(reconnector: _Reconnector, tasks: TaskGroup) -> None:
     try:
-        await tasks.start(keeper.run)
+        await tasks.start(reconnector.run)
     except BadUrl as error:
         raise BadAddress(str(error)) from error
     except TransportError as error:
@@ -151,11 +153,11 @@ async def _dial_memory(server: Accept, accept: Accept) -> AsyncIterator[Drained]
         yield anyio.lowlevel.checkpoint
 
 
-class _Keeper:
-    """Keeps one line connected."""
+class _Reconnector:
+    """Connects a session, and again whenever the connection is lost."""
 
-    def __init__(self, line: Line, dial: Dial, backoff: Backoff | None) -> None:
-        self._line = line
+    def __init__(self, session: ReconnectingSession, dial: Dial, backoff: Backoff | None) -> None:
+        self._session = session
         self._dial = dial
         self._backoff = backoff
         self._drained: Drained | None = None
@@ -172,7 +174,7 @@ class _Keeper:
 
     async def drain(self) -> None:
         """Wait until everything sent so far was handed to the network, or the connection is gone."""
-        if self._drained is None or not self._line.backlog:
+        if self._drained is None or not self._session.backlog:
             await anyio.lowlevel.checkpoint()
             return
         async with anyio.create_task_group() as tasks:
@@ -181,20 +183,20 @@ class _Keeper:
             tasks.cancel_scope.cancel()
 
     async def _cancel_when_lost(self, scope: anyio.CancelScope) -> None:
-        await self._line.ended()
+        await self._session.ended()
         scope.cancel()
 
     async def _stay_connected(self, begun: Callable[[], object]) -> None:
-        async with self._dial(self._line.accept) as self._drained:
+        async with self._dial(self._session.accept) as self._drained:
             begun()
-            await self._line.ended()
+            await self._session.ended()
         self._drained = None
 
     async def _come_back(self) -> bool:
         """Connect again and stay so until that connection is lost, too; False when it is given up."""
         text = "the connection was lost"
         for attempt, delay in enumerate(() if self._backoff is None else self._backoff.delays(), 1):
-            self._line.events.tell(ConnectionEvent("retrying", text, attempt, delay))
+            self._session.events.tell(ConnectionEvent("retrying", text, attempt, delay))
             await anyio.sleep(delay)
             try:
                 await self._stay_connected(_nothing)
@@ -202,7 +204,7 @@ class _Keeper:
                 text = str(error)
             else:
                 return True
-        self._line.close(ConnectionLost(f"{text}, and it is not tried again"))
+        self._session.close(ConnectionLost(f"{text}, and it is not tried again"))
         return False
 
 

@@ -8,23 +8,29 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import msgspec
 
-from rwt_client.endpoints.action_server import Execute, OfferedAction, OfferedActions
+from rwt_client.endpoints.action_server import ActionServer, ActionServers, Execute
 from rwt_client.endpoints.actionlib import ActionlibGoals
 from rwt_client.endpoints.goals import Goal, SentGoals
 from rwt_client.endpoints.parameters import Parameters
 from rwt_client.endpoints.publisher import AdvertiseOptions, Publisher
 from rwt_client.endpoints.qos import qos_of
 from rwt_client.endpoints.raw_subscription import RawCallback, RawSubscription
-from rwt_client.endpoints.remote_types import LiveTypes
-from rwt_client.endpoints.services import Calls, OfferedService, OfferedServices, ServiceHandler
-from rwt_client.endpoints.subscriptions import Callback, Compression, Hub, SubscribeOptions, Subscription
+from rwt_client.endpoints.remote_types import RemoteTypes
+from rwt_client.endpoints.services import Calls, ServiceHandler, ServiceServer, ServiceServers
+from rwt_client.endpoints.subscriptions import (
+    Callback,
+    Compression,
+    SubscribeOptions,
+    Subscription,
+    SubscriptionTable,
+)
 from rwt_client.endpoints.transforms import Transforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent, EventStream
 from rwt_client.rosapi import UNANSWERED, RosApi
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.future import Outcome
-from rwt_client.wire.session import Line
+from rwt_client.wire.session import ReconnectingSession
 from rwt_interfaces import NOETIC, Distro, InterfaceError
 from rwt_interfaces.distro import closest_distro
 from rwt_program.errors import CallTimeout, InvalidMessage, ServiceFailed
@@ -91,7 +97,7 @@ class Robot:
     def __init__(
         self,
         url: str,
-        line: Line,
+        session: ReconnectingSession,
         tasks: TaskStarter,
         drained: Callable[[], Awaitable[None]],
         *,
@@ -100,35 +106,35 @@ class Robot:
         binary: bool,
     ) -> None:
         self.url = url
-        self.types = LiveTypes(self._ask)
+        self.types = RemoteTypes(self._ask)
         self.api = RosApi(self._ask)
         self.params = Parameters(self._ask)
-        self._line = line
+        self._session = session
         self._tasks = tasks
         self._drained = drained
         self._timeout = timeout
         self._arrays: ArrayKind = arrays
         self._identifying = RosApi(self._ask_briefly)
-        self._hub = Hub(line, self.types, tasks, binary=binary)
+        self._table = SubscriptionTable(session, self.types, tasks, binary=binary)
         self.tf = Transforms(self, tasks.start_soon, timeout)
-        self._calls = Calls(line)
-        self._goals = SentGoals(line)
-        self._services = OfferedServices()
-        self._actions = OfferedActions()
+        self._calls = Calls(session)
+        self._goals = SentGoals(session)
+        self._services = ServiceServers()
+        self._actions = ActionServers()
         self._publishers: dict[str, Publisher] = {}
-        line.dispatcher = self._dispatcher()
+        session.dispatcher = self._dispatcher()
 
-    # -- the connection ------------------------------------------------------------------------------------
+    # -- the connection --------------------------------------------------------------------------------------
 
     @property
     def connected(self) -> bool:
         """Whether there is a connection now."""
-        return self._line.connected
+        return self._session.connected
 
     @property
     def takes_binary(self) -> bool:
         """Whether the transport can carry CBOR, and the server offers it as far as is known."""
-        return self._hub.cbor_offered
+        return self._table.cbor_offered
 
     async def wait_connected(self, *, timeout: float | None = _DEFAULT) -> None:
         """Wait until there is a connection, with everything subscribed, advertised and offered on it again.
@@ -155,17 +161,17 @@ class Robot:
 
     def events(self) -> EventStream:
         """What happens to the connection from now on, as an async iterator."""
-        return self._line.events.stream()
+        return self._session.events.stream()
 
     def on_event(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
         """Call `callback` with what happens to the connection; returns a function that ends this."""
-        return self._line.events.listen(callback)
+        return self._session.events.listen(callback)
 
     async def drain(self) -> None:
         """Wait until the network has taken everything that was sent."""
         await self._drained()
 
-    # -- topics --------------------------------------------------------------------------------------------
+    # -- topics ----------------------------------------------------------------------------------------------
 
     def topic(
         self, name: str, type_name: str | None = None, **options: Unpack[SubscribeKeywords]
@@ -177,7 +183,7 @@ class Robot:
             type_name: its type; None asks the robot, which must know the topic then.
             options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
         """
-        return Subscription(self._hub, name, type_name, self._options(options))
+        return Subscription(self._table, name, type_name, self._options(options))
 
     async def subscribe(
         self,
@@ -194,7 +200,7 @@ class Robot:
         Raises:
             UnknownType: the topic's type is not known.
         """
-        return await Subscription(self._hub, name, type_name, self._options(options), callback).start()
+        return await Subscription(self._table, name, type_name, self._options(options), callback).start()
 
     async def subscribe_raw(self, name: str, type_name: str | None, callback: RawCallback) -> RawSubscription:
         """Call `callback` with each message of a topic as the robot serialises it, and with its stamp.
@@ -206,8 +212,8 @@ class Robot:
             UnknownType: the topic's type is not known.
         """
         message_type = await self.types.message(type_name or await self.types.of_topic(name))
-        binary = self._hub.cbor_offered
-        subscription = RawSubscription(self._line, self.types, name, message_type, callback, binary=binary)
+        binary = self._table.cbor_offered
+        subscription = RawSubscription(self._session, self.types, name, message_type, callback, binary=binary)
         subscription.start()
         return subscription
 
@@ -242,7 +248,7 @@ class Robot:
         wire_type = self.types.wire_name(message_type.name)
         qos = qos_of(options.get("qos"))
         advertised = AdvertiseOptions(options.get("latch", False), options.get("queue_size"), qos)
-        return Publisher(self._line, name, message_type, wire_type, advertised, self._drained)
+        return Publisher(self._session, name, message_type, wire_type, advertised, self._drained)
 
     async def publish(self, name: str, message: MessageLike, type_name: str | None = None) -> None:
         """Publish one message; the topic is advertised with the first and stays so.
@@ -263,7 +269,7 @@ class Robot:
             publisher = self._publishers[name] = await self.advertise(name, wanted)
         publisher.publish(message)
 
-    # -- services ------------------------------------------------------------------------------------------
+    # -- services --------------------------------------------------------------------------------------------
 
     async def call(
         self,
@@ -299,9 +305,7 @@ class Robot:
         answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
-    async def advertise_service(
-        self, service: str, type_name: str, handler: ServiceHandler
-    ) -> OfferedService:
+    async def advertise_service(self, service: str, type_name: str, handler: ServiceHandler) -> ServiceServer:
         """Offer a service.
 
         Args:
@@ -312,13 +316,13 @@ class Robot:
             UnknownType: the type is not known.
         """
         service_type = await self.types.service(type_name)
-        offered = OfferedService(
-            self._line, service, service_type, self._interface_name(service_type), handler, self._tasks
+        offered = ServiceServer(
+            self._session, service, service_type, self._interface_name(service_type), handler, self._tasks
         )
         self._services.add(offered)
         return offered
 
-    # -- actions -------------------------------------------------------------------------------------------
+    # -- actions ---------------------------------------------------------------------------------------------
 
     async def send_goal(
         self,
@@ -342,7 +346,7 @@ class Robot:
         """
         action_type = await self.types.action(type_name or await self.types.of_action(action))
         payload = to_payload(action_type.goal, {} if goal is None else goal)
-        sent = Goal(action, self._line.next_id("send_action_goal", action), on_feedback)
+        sent = Goal(action, self._session.next_id("send_action_goal", action), on_feedback)
         if self.types.registry.distro.action_transport == "topics":
             return await ActionlibGoals(self).send(sent, action_type, payload)
         readers = (
@@ -351,7 +355,7 @@ class Robot:
         )
         return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
 
-    async def advertise_action(self, action: str, type_name: str, execute: Execute) -> OfferedAction:
+    async def advertise_action(self, action: str, type_name: str, execute: Execute) -> ActionServer:
         """Offer an action (ROS 2).
 
         Args:
@@ -361,13 +365,13 @@ class Robot:
             UnknownType: the type is not known.
         """
         action_type = await self.types.action(type_name)
-        offered = OfferedAction(
-            self._line, action, action_type, self._interface_name(action_type), execute, self._tasks
+        offered = ActionServer(
+            self._session, action, action_type, self._interface_name(action_type), execute, self._tasks
         )
         self._actions.add(offered)
         return offered
 
-    # -- time ----------------------------------------------------------------------------------------------
+    # -- time ------------------------------------------------------------------------------------------------
 
     async def time_ns(self) -> int:
         """The robot's time, in nanoseconds; simulated time where the robot is simulated.
@@ -380,7 +384,7 @@ class Robot:
     def __repr__(self) -> str:
         return f"<Robot {self.url} {'connected' if self.connected else 'not connected'}>"
 
-    # -- beginning -----------------------------------------------------------------------------------------
+    # -- beginning -------------------------------------------------------------------------------------------
 
     async def identify(self, ros_version: int | None, fetch_types: bool) -> None:
         """Find out which ROS the robot speaks, and take its types. Does not fail: rosapi may not be there."""
@@ -411,7 +415,7 @@ class Robot:
             return False
         return True
 
-    # -- parts ---------------------------------------------------------------------------------------------
+    # -- parts -----------------------------------------------------------------------------------------------
 
     def _dispatcher(self) -> Dispatcher[None]:
         return Dispatcher(
@@ -476,7 +480,7 @@ class Robot:
 
 
 def _nothing(_: None, op: Op) -> None:
-    """The line has taken it already."""
+    """Published messages and complaints are taken by the session itself."""
 
 
 def _log_failure(_: None, op: Op, error: Exception) -> None:

@@ -185,7 +185,7 @@ class RosApi:
         answer = await self._answer("get_ros_version", {}, dict[str, Any])
         return RosVersion(int(answer.get("version", 0)), str(answer.get("distro", "")))
 
-    # -- answers -------------------------------------------------------------------------------------------
+    # -- answers ---------------------------------------------------------------------------------------------
 
     async def _answer(self, question: str, args: Mapping[str, object], expected: type[T]) -> T:
         answer = await self._ask(question, args)

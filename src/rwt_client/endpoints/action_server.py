@@ -24,7 +24,7 @@ from rwt_protocol.ops import (
 from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
-    from rwt_client.wire.session import Line
+    from rwt_client.wire.session import ReconnectingSession
     from rwt_interfaces.structs import ActionType
     from rwt_transports.background import TaskStarter
 
@@ -42,7 +42,7 @@ class ReceivedGoal:
         canceled: set once somebody wants it to end early; wait for it with ``await goal.canceled.wait()``.
     """
 
-    def __init__(self, offered: OfferedAction, id: str | int | None, request: Message) -> None:
+    def __init__(self, offered: ActionServer, id: str | int | None, request: Message) -> None:
         self.request = request
         self.id = id
         self.canceled = anyio.Event()
@@ -66,12 +66,12 @@ Execute = Callable[[ReceivedGoal], Awaitable[Any]]
 """Works on a goal and returns its result; raises GoalCanceled or GoalAborted to end it otherwise."""
 
 
-class OfferedAction:
+class ActionServer:
     """An action that this program offers, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
         self,
-        line: Line,
+        session: ReconnectingSession,
         name: str,
         action_type: ActionType,
         wire_type: str,
@@ -80,15 +80,15 @@ class OfferedAction:
     ) -> None:
         self.name = name
         self.type = action_type
-        self.id = line.next_id("advertise_action", name)
-        self._line = line
+        self.id = session.next_id("advertise_action", name)
+        self._session = session
         self._wire_type = wire_type
         self._execute = execute
         self._tasks = tasks
         self._goals: dict[str | int | None, ReceivedGoal] = {}
         self._on_close: Callable[[], None] | None = None
-        line.add(self.id, self)
-        if line.connected:
+        session.add(self.id, self)
+        if session.connected:
             self.restore()
 
     def close(self) -> None:
@@ -97,10 +97,10 @@ class OfferedAction:
         if on_close is not None:
             on_close()
             self._cancel_all()
-            self._line.remove(self.id)
-            self._line.send_if_connected(UnadvertiseAction(action=self.name, id=self.id))
+            self._session.remove(self.id)
+            self._session.send_if_connected(UnadvertiseAction(action=self.name, id=self.id))
 
-    def __enter__(self) -> OfferedAction:
+    def __enter__(self) -> ActionServer:
         return self
 
     def __exit__(self, *exc: object) -> None:
@@ -112,7 +112,7 @@ class OfferedAction:
 
     def restore(self) -> None:
         """Advertise on a new connection."""
-        self._line.send(AdvertiseAction(type=self._wire_type, action=self.name, id=self.id))
+        self._session.send(AdvertiseAction(type=self._wire_type, action=self.name, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """Nobody hears of the goals any more, so they are asked to end (ACT-19)."""
@@ -127,7 +127,7 @@ class OfferedAction:
             goal.canceled.set()
         self._goals.clear()
 
-    # -- goals ---------------------------------------------------------------------------------------------
+    # -- goals -----------------------------------------------------------------------------------------------
 
     def on_goal(self, op: SendActionGoal) -> None:
         """Somebody sends a goal (ACT-12)."""
@@ -148,7 +148,7 @@ class OfferedAction:
         """Tell of a goal that still runs; of any other there is nothing to tell."""
         values = RawJson(to_payload(self.type.feedback, message).json())
         if id in self._goals:
-            self._line.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
+            self._session.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
 
     async def _run(self, goal: ReceivedGoal) -> None:
         try:
@@ -181,16 +181,16 @@ class OfferedAction:
         """Tell of the end, unless the connection on which the goal came is gone."""
         if self._goals.get(goal.id) is goal:
             del self._goals[goal.id]
-            self._line.send_if_connected(op)
+            self._session.send_if_connected(op)
 
 
-class OfferedActions:
+class ActionServers:
     """What this program offers, by name."""
 
     def __init__(self) -> None:
-        self._offered: dict[str, OfferedAction] = {}
+        self._offered: dict[str, ActionServer] = {}
 
-    def add(self, action: OfferedAction) -> None:
+    def add(self, action: ActionServer) -> None:
         """Offer one, in place of any other of that name."""
         previous = self._offered.get(action.name)
         if previous is not None:
@@ -198,7 +198,7 @@ class OfferedActions:
         self._offered[action.name] = action
         action.when_closed(lambda: self._forget(action))
 
-    def _forget(self, action: OfferedAction) -> None:
+    def _forget(self, action: ActionServer) -> None:
         if self._offered.get(action.name) is action:
             del self._offered[action.name]
 
@@ -210,7 +210,7 @@ class OfferedActions:
         """A goal should end early."""
         self._find(op.action).on_cancel(op)
 
-    def _find(self, name: str) -> OfferedAction:
+    def _find(self, name: str) -> ActionServer:
         action = self._offered.get(name)
         if action is None:
             raise ServiceFailed(f"this client does not offer {name}")

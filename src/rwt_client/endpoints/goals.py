@@ -20,7 +20,7 @@ from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, Sen
 from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
-    from rwt_client.wire.session import Line
+    from rwt_client.wire.session import ReconnectingSession
 
 logger = logging.getLogger("rwt_client")
 
@@ -106,7 +106,7 @@ class Goal:
     def __repr__(self) -> str:
         return f"<Goal {self.id} {self.status.name}>"
 
-    # -- what the action says ------------------------------------------------------------------------------
+    # -- what the action says --------------------------------------------------------------------------------
 
     def take_feedback(self, message: Message) -> None:
         """How far it has come."""
@@ -146,7 +146,7 @@ class SentGoal:
 
     def send_cancel(self) -> None:
         """Ask that it end early (ACT-07)."""
-        self._goals.line.send(CancelActionGoal(id=self.goal.id, action=self.goal.action))
+        self._goals.session.send(CancelActionGoal(id=self.goal.id, action=self.goal.action))
 
     def forget(self) -> None:
         """It has ended."""
@@ -186,8 +186,8 @@ class SentGoal:
 class SentGoals:
     """The goals that have not ended, by their id."""
 
-    def __init__(self, line: Line) -> None:
-        self.line = line
+    def __init__(self, session: ReconnectingSession) -> None:
+        self.session = session
         self._sent: dict[str, SentGoal] = {}
 
     def send(
@@ -208,15 +208,15 @@ class SentGoals:
         sent = SentGoal(self, goal, *readers)
         goal.channel = sent
         op = SendActionGoal(action=goal.action, action_type=action_type, args=args, feedback=True, id=goal.id)
-        self.line.send(op)
-        self.line.add(goal.id, sent)
+        self.session.send(op)
+        self.session.add(goal.id, sent)
         self._sent[goal.id] = sent
         return goal
 
     def forget(self, id: str) -> None:  # as on the wire
         """A goal has ended."""
         self._sent.pop(id, None)
-        self.line.remove(id)
+        self.session.remove(id)
 
     def on_feedback(self, _: None, op: ActionFeedback) -> None:
         """Feedback of some goal."""

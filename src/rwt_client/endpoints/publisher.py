@@ -13,7 +13,7 @@ from rwt_protocol.ops import Advertise, Qos, Unadvertise
 from rwt_protocol.transport import DropReason, Flow
 
 if TYPE_CHECKING:
-    from rwt_client.wire.session import Line
+    from rwt_client.wire.session import ReconnectingSession
     from rwt_interfaces.structs import MessageType
 
 
@@ -44,7 +44,7 @@ class Publisher:
 
     def __init__(
         self,
-        line: Line,
+        session: ReconnectingSession,
         name: str,
         message_type: MessageType,
         wire_type: str,
@@ -55,16 +55,16 @@ class Publisher:
         self.type = message_type
         self.sent = 0
         self.dropped = 0
-        self._line = line
+        self._session = session
         self._wire_type = wire_type
         self._options = options
         self._drained = drained
-        self._id = line.next_id("advertise", name)
+        self._id = session.next_id("advertise", name)
         self._prefix = publish_prefix(name)
         self._flow: Flow | None = None
         self._error: Exception | None = None
-        line.add(self._id, self)
-        if line.connected:
+        session.add(self._id, self)
+        if session.connected:
             self.restore()
 
     def publish(self, message: MessageLike) -> None:
@@ -83,7 +83,7 @@ class Publisher:
         if self._error is not None:
             raise self._error
         if self._flow is None:
-            raise self._line.not_connected()
+            raise self._session.not_connected()
         self._flow.send(publish_frame(self._prefix, to_payload(self.type, message).json()))
         self.sent += 1
 
@@ -95,8 +95,8 @@ class Publisher:
         """Withdraw the advertisement; a second call does nothing."""
         if self._error is None or not isinstance(self._error, ConnectionClosed):
             self._error = ConnectionClosed(f"the publisher on {self.name} was closed")
-            self._line.remove(self._id)
-            self._line.send_if_connected(Unadvertise(topic=self.name, id=self._id))
+            self._session.remove(self._id)
+            self._session.send_if_connected(Unadvertise(topic=self.name, id=self._id))
 
     def __enter__(self) -> Publisher:
         return self
@@ -107,7 +107,7 @@ class Publisher:
     def __repr__(self) -> str:
         return f"<Publisher {self.name} {self.type.name}>"
 
-    # -- what the line says --------------------------------------------------------------------------------
+    # -- what the session says -------------------------------------------------------------------------------
 
     def restore(self) -> None:
         """Advertise on a new connection."""
@@ -119,8 +119,8 @@ class Publisher:
             given["queue_size"] = options.queue_size
         if options.qos is not None:
             given["qos"] = options.qos
-        self._line.send(Advertise(topic=self.name, type=self._wire_type, id=self._id, **given))
-        self._flow = self._line.flow(self.name, self._on_drop)
+        self._session.send(Advertise(topic=self.name, type=self._wire_type, id=self._id, **given))
+        self._flow = self._session.flow(self.name, self._on_drop)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """A gap, of which :meth:`publish` tells, or the end."""

@@ -13,9 +13,9 @@ from rwt_program.errors import InvalidMessage
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
-    from rwt_client.endpoints.remote_types import LiveTypes
-    from rwt_client.wire.decoding import Arrived
-    from rwt_client.wire.session import Line
+    from rwt_client.endpoints.remote_types import RemoteTypes
+    from rwt_client.wire.decoding import UnparsedMessage
+    from rwt_client.wire.session import ReconnectingSession
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger("rwt_client")
@@ -63,8 +63,8 @@ class RawSubscription:
 
     def __init__(
         self,
-        line: Line,
-        types: LiveTypes,
+        session: ReconnectingSession,
+        types: RemoteTypes,
         name: str,
         message_type: MessageType,
         callback: RawCallback,
@@ -77,9 +77,9 @@ class RawSubscription:
         self.misfits = 0
         self.error: ClientError | None = None
         self._closed = False
-        self._line = line
+        self._session = session
         self._callback = callback
-        self._id = line.next_id("subscribe", name)
+        self._id = session.next_id("subscribe", name)
         self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if binary else "none"
         self._wire_type = types.wire_name(message_type.name)
         self._reader = types.reader(message_type)
@@ -87,10 +87,10 @@ class RawSubscription:
 
     def start(self) -> None:
         """Subscribe. Raises ConnectionLost when there will be no connection any more."""
-        self._line.add(self._id, self)
-        self._line.listen(self.name, self)
-        self._line.raw_topics += 1
-        if self._line.connected:
+        self._session.add(self._id, self)
+        self._session.listen(self.name, self)
+        self._session.raw_topics += 1
+        if self._session.connected:
             self.restore()
 
     def close(self) -> None:
@@ -98,12 +98,12 @@ class RawSubscription:
         if self._closed:
             return
         self._closed = True
-        self._line.raw_topics -= 1
-        self._line.remove(self._id)
-        self._line.listen(self.name, None)
-        self._line.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
+        self._session.raw_topics -= 1
+        self._session.remove(self._id)
+        self._session.listen(self.name, None)
+        self._session.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
 
-    def deliver(self, arrived: Arrived, size: int) -> None:
+    def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         """One message has arrived; satisfies :class:`rwt_client.wire.session.Destination`."""
         self.received += 1
         try:
@@ -114,7 +114,7 @@ class RawSubscription:
         except Exception:
             logger.exception("the callback for %s failed", self.name)
 
-    def _raw(self, arrived: Arrived) -> RawMessage:
+    def _raw(self, arrived: UnparsedMessage) -> RawMessage:
         if isinstance(arrived, dict) and arrived.keys() == _MEMBERS:
             seconds, nanoseconds, data = arrived["secs"], arrived["nsecs"], arrived["bytes"]
             is_stamp = isinstance(seconds, int) and isinstance(nanoseconds, int)
@@ -122,11 +122,11 @@ class RawSubscription:
                 return RawMessage(data, seconds * NANOSECONDS + nanoseconds)  # type: ignore[operator]  # ints
         return RawMessage(self._serialise(self._reader.read(arrived)), None)
 
-    # -- what the line says --------------------------------------------------------------------------------
+    # -- what the session says -------------------------------------------------------------------------------
 
     def restore(self) -> None:
         """Subscribe on a new connection."""
-        self._line.send(
+        self._session.send(
             Subscribe(
                 topic=self.name,
                 type=self._wire_type,

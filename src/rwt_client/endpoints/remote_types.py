@@ -32,7 +32,7 @@ _OWN_NAMES: Final = {
 _TIMES: Final = frozenset({"time", "duration"})
 
 
-class LiveTypes:
+class RemoteTypes:
     """The types of one robot.
 
     ``types["nav_msgs/Odometry"]`` is the class of that message; called without arguments it makes a complete
@@ -46,7 +46,7 @@ class LiveTypes:
         self._services: dict[str, str] = {}
         self._actions: dict[str, str] = {}
 
-    # -- what people use -----------------------------------------------------------------------------------
+    # -- what people use -------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> type[msgspec.Struct]:
         """The class of a message, or of a part of a service or action (``AddTwoInts_Request``).
@@ -88,7 +88,7 @@ class LiveTypes:
         """What the robot speaks; None while that is not known."""
         return self._distro
 
-    # -- for the other parts of the client -----------------------------------------------------------------
+    # -- for the other parts of the client -------------------------------------------------------------------
 
     def set_distro(self, distro: Distro | None) -> None:
         """Use the names and times of that distribution; of the default one while it is not known."""
@@ -151,7 +151,7 @@ class LiveTypes:
             if isinstance(name, str) and isinstance(text, str) and name:
                 self._add_full_text(name, text)
 
-    # -- fetching ------------------------------------------------------------------------------------------
+    # -- fetching --------------------------------------------------------------------------------------------
 
     async def _known(self, name: str, find: Callable[[str], T], fetch: Callable[[], Awaitable[None]]) -> T:
         try:

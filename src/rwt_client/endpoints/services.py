@@ -25,7 +25,7 @@ from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, Una
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
-    from rwt_client.wire.session import Line
+    from rwt_client.wire.session import ReconnectingSession
     from rwt_interfaces.structs import ServiceType
     from rwt_transports.background import TaskStarter
 
@@ -47,7 +47,7 @@ class PendingCall:
     """
 
     def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
-        self.id = calls.line.next_id("call_service", service)
+        self.id = calls.session.next_id("call_service", service)
         self.outcome: Outcome[Encodable] = Outcome()
         self._calls = calls
         self._service = service
@@ -57,7 +57,7 @@ class PendingCall:
     def restore(self) -> None:
         """Send it, for the first time or once more."""
         if not self.outcome.done:
-            self._calls.line.send(CallService(service=self._service, args=self._args, id=self.id))
+            self._calls.session.send(CallService(service=self._service, args=self._args, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """It fails, unless it may be sent once more."""
@@ -72,8 +72,8 @@ class PendingCall:
 class Calls:
     """The calls that wait for their answers."""
 
-    def __init__(self, line: Line) -> None:
-        self.line = line
+    def __init__(self, session: ReconnectingSession) -> None:
+        self.session = session
         self._pending: dict[str, PendingCall] = {}
 
     async def call(
@@ -96,15 +96,15 @@ class Calls:
             ConnectionLost: the connection was lost first.
         """
         call = PendingCall(self, service, args, repeat)
-        self.line.add(call.id, call)
+        self.session.add(call.id, call)
         self._pending[call.id] = call
         try:
-            if self.line.connected or not repeat:
+            if self.session.connected or not repeat:
                 call.restore()
             return await call.outcome.get(timeout, f"{service} gave no answer")
         finally:
             self._pending.pop(call.id, None)
-            self.line.remove(call.id)
+            self.session.remove(call.id)
 
     def on_response(self, _: None, op: ServiceResponse) -> None:
         """An answer has come (SRV-14)."""
@@ -137,12 +137,12 @@ def failure_text(values: Encodable | str, otherwise: str) -> str:
     return otherwise if text in ("", "{}", "null") else text
 
 
-class OfferedService:
+class ServiceServer:
     """A service that this program offers, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
         self,
-        line: Line,
+        session: ReconnectingSession,
         name: str,
         service_type: ServiceType,
         wire_type: str,
@@ -151,14 +151,14 @@ class OfferedService:
     ) -> None:
         self.name = name
         self.type = service_type
-        self.id = line.next_id("advertise_service", name)
-        self._line = line
+        self.id = session.next_id("advertise_service", name)
+        self._session = session
         self._wire_type = wire_type
         self._handler = handler
         self._tasks = tasks
         self._on_close: Callable[[], None] | None = None
-        line.add(self.id, self)
-        if line.connected:
+        session.add(self.id, self)
+        if session.connected:
             self.restore()
 
     def close(self) -> None:
@@ -166,10 +166,10 @@ class OfferedService:
         on_close, self._on_close = self._on_close, None
         if on_close is not None:
             on_close()
-            self._line.remove(self.id)
-            self._line.send_if_connected(UnadvertiseService(service=self.name, id=self.id))
+            self._session.remove(self.id)
+            self._session.send_if_connected(UnadvertiseService(service=self.name, id=self.id))
 
-    def __enter__(self) -> OfferedService:
+    def __enter__(self) -> ServiceServer:
         return self
 
     def __exit__(self, *exc: object) -> None:
@@ -181,7 +181,7 @@ class OfferedService:
 
     def restore(self) -> None:
         """Advertise on a new connection."""
-        self._line.send(AdvertiseService(type=self._wire_type, service=self.name, id=self.id))
+        self._session.send(AdvertiseService(type=self._wire_type, service=self.name, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """Nothing: who called has heard of it from the server."""
@@ -190,7 +190,7 @@ class OfferedService:
         """The server does not take it."""
         logger.error("the service %s is not offered: %s", self.name, text)
 
-    # -- calls ---------------------------------------------------------------------------------------------
+    # -- calls -----------------------------------------------------------------------------------------------
 
     def on_call(self, op: CallService) -> None:
         """Somebody calls: run the handler, in a task of its own where it waits."""
@@ -219,7 +219,7 @@ class OfferedService:
         except InvalidMessage as error:
             self._fail(op, error)
             return
-        self._line.send_if_connected(
+        self._session.send_if_connected(
             ServiceResponse(service=op.service, values=values, result=True, id=op.id)
         )
 
@@ -228,18 +228,18 @@ class OfferedService:
         if not isinstance(error, ServiceFailed | InvalidMessage):
             logger.error("the handler of %s failed", self.name, exc_info=error)
         reason = str(error) if isinstance(error, RobotError) else HANDLER_FAILED
-        self._line.send_if_connected(
+        self._session.send_if_connected(
             ServiceResponse(service=op.service, values=reason, result=False, id=op.id)
         )
 
 
-class OfferedServices:
+class ServiceServers:
     """What this program offers, by name."""
 
     def __init__(self) -> None:
-        self._offered: dict[str, OfferedService] = {}
+        self._offered: dict[str, ServiceServer] = {}
 
-    def add(self, service: OfferedService) -> None:
+    def add(self, service: ServiceServer) -> None:
         """Offer one, in place of any other of that name."""
         previous = self._offered.get(service.name)
         if previous is not None:
@@ -247,7 +247,7 @@ class OfferedServices:
         self._offered[service.name] = service
         service.when_closed(lambda: self._forget(service))
 
-    def _forget(self, service: OfferedService) -> None:
+    def _forget(self, service: ServiceServer) -> None:
         if self._offered.get(service.name) is service:
             del self._offered[service.name]
 

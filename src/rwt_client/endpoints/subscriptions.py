@@ -13,14 +13,14 @@ import anyio
 
 from rwt_client.errors import ClientError, ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
-from rwt_client.wire.decoding import Arrived, MessageReader
+from rwt_client.wire.decoding import MessageReader, UnparsedMessage
 from rwt_program.errors import InvalidMessage, TimedOut
 from rwt_program.messages import Message
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
-    from rwt_client.endpoints.remote_types import LiveTypes
-    from rwt_client.wire.session import Line
+    from rwt_client.endpoints.remote_types import RemoteTypes
+    from rwt_client.wire.session import ReconnectingSession
     from rwt_interfaces.structs import MessageType
     from rwt_transports.background import TaskStarter
 
@@ -71,23 +71,25 @@ class TopicSubscriptions:
     def __init__(self) -> None:
         self.subscriptions: tuple[Subscription, ...] = ()
 
-    def deliver(self, arrived: Arrived, size: int) -> None:
+    def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         """Pass one message to every subscription."""
         for subscription in self.subscriptions:
             subscription.take(arrived, size)
 
 
-class Hub:
+class SubscriptionTable:
     """What all subscriptions of a client share.
 
     Args:
         binary: whether the transport can carry CBOR (TCP-05).
     """
 
-    __slots__ = ("_topics", "cbor_offered", "line", "tasks", "types")
+    __slots__ = ("_topics", "cbor_offered", "session", "tasks", "types")
 
-    def __init__(self, line: Line, types: LiveTypes, tasks: TaskStarter, *, binary: bool) -> None:
-        self.line = line
+    def __init__(
+        self, session: ReconnectingSession, types: RemoteTypes, tasks: TaskStarter, *, binary: bool
+    ) -> None:
+        self.session = session
         self.types = types
         self.tasks = tasks
         self.cbor_offered = binary
@@ -97,7 +99,7 @@ class Hub:
         """Pass the messages of its topic to a subscription."""
         topic = self._topics.setdefault(subscription.name, TopicSubscriptions())
         topic.subscriptions = (*topic.subscriptions, subscription)
-        self.line.listen(subscription.name, topic)
+        self.session.listen(subscription.name, topic)
 
     def remove(self, subscription: Subscription) -> None:
         """Pass nothing more to a subscription."""
@@ -105,7 +107,7 @@ class Hub:
         topic.subscriptions = tuple(each for each in topic.subscriptions if each is not subscription)
         if not topic.subscriptions:
             del self._topics[subscription.name]
-            self.line.listen(subscription.name, None)
+            self.session.listen(subscription.name, None)
 
     def compression(self, wanted: Compression, message_type: MessageType) -> Literal["none", "png", "cbor"]:
         """What to ask for."""
@@ -135,7 +137,7 @@ class Subscription:
 
     def __init__(
         self,
-        hub: Hub,
+        table: SubscriptionTable,
         name: str,
         type_name: str | None,
         options: SubscribeOptions,
@@ -146,15 +148,15 @@ class Subscription:
         self.received_bytes = 0
         self.dropped = 0
         self.misfits = 0
-        self._hub = hub
+        self._table = table
         self._type_name = type_name
         self._options = options
-        self._id = hub.line.next_id("subscribe", name)
+        self._id = table.session.next_id("subscribe", name)
         self._reader: MessageReader | None = None
         self._compression: Literal["none", "png", "cbor"] = "none"
         self._callback = callback
         self._direct = callback is not None and not _is_asynchronous(callback)
-        self._queue: deque[tuple[Arrived, int]] = deque()
+        self._queue: deque[tuple[UnparsedMessage, int]] = deque()
         self._queued = 0
         self._awake = anyio.Event()
         self._error: ClientError | None = None
@@ -174,17 +176,17 @@ class Subscription:
         """
         if self._reader is not None:
             return self
-        types = self._hub.types
+        types = self._table.types
         message_type = await types.message(self._type_name or await types.of_topic(self.name))
         self._type_name = message_type.name
-        self._compression = self._hub.compression(self._options.compression, message_type)
+        self._compression = self._table.compression(self._options.compression, message_type)
         self._reader = types.reader(message_type, self._options.arrays)
-        line = self._hub.line
-        line.add(self._id, self)
-        self._hub.add(self)
+        session = self._table.session
+        session.add(self._id, self)
+        self._table.add(self)
         if self._callback is not None and not self._direct:
-            self._hub.tasks.start_soon(self._call_back)
-        if line.connected:
+            self._table.tasks.start_soon(self._call_back)
+        if session.connected:
             self.restore()
         return self
 
@@ -196,10 +198,10 @@ class Subscription:
         self._awake.set()
         if self._reader is None:
             return
-        line = self._hub.line
-        line.remove(self._id)
-        self._hub.remove(self)
-        line.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
+        session = self._table.session
+        session.remove(self._id)
+        self._table.remove(self)
+        session.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
 
     async def get(self, timeout: float | None = None) -> Message:
         """The next message.
@@ -236,9 +238,9 @@ class Subscription:
     def __repr__(self) -> str:
         return f"<Subscription {self.name} {self.type_name}>"
 
-    # -- messages ------------------------------------------------------------------------------------------
+    # -- messages --------------------------------------------------------------------------------------------
 
-    def take(self, arrived: Arrived, size: int) -> None:
+    def take(self, arrived: UnparsedMessage, size: int) -> None:
         """One message has arrived."""
         self.received += 1
         self.received_bytes += size
@@ -263,7 +265,7 @@ class Subscription:
         except Exception:
             logger.exception("the callback for %s failed", self.name)
 
-    def _read(self, arrived: Arrived) -> Message | None:
+    def _read(self, arrived: UnparsedMessage) -> Message | None:
         assert self._reader is not None  # Nothing arrives before it has started.
         try:
             return self._reader.read(arrived)
@@ -303,7 +305,7 @@ class Subscription:
             except Exception:
                 logger.exception("the callback for %s failed", self.name)
 
-    # -- what the line says --------------------------------------------------------------------------------
+    # -- what the session says -------------------------------------------------------------------------------
 
     def restore(self) -> None:
         """Subscribe on a new connection."""
@@ -317,8 +319,8 @@ class Subscription:
             given["fragment_size"] = options.fragment_size
         if options.qos is not None:
             given["qos"] = options.qos
-        wire_type = self._hub.types.wire_name(self.type_name)
-        self._hub.line.send(Subscribe(topic=self.name, type=wire_type, id=self._id, **given))
+        wire_type = self._table.types.wire_name(self.type_name)
+        self._table.session.send(Subscribe(topic=self.name, type=wire_type, id=self._id, **given))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """A gap, or the end."""
@@ -328,7 +330,7 @@ class Subscription:
     def refused(self, text: str) -> None:
         """The server does not serve it so; in CBOR perhaps, and then JSON is asked for."""
         if self._compression == "cbor" and self._options.compression == "auto":
-            self._hub.cbor_offered = False
+            self._table.cbor_offered = False
             self._compression = "none"
             self.restore()
         else:

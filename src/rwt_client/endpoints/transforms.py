@@ -66,7 +66,7 @@ class Transforms:
         self._thresholds: _Thresholds | None = None
         self._closed = False
 
-    # -- listening -----------------------------------------------------------------------------------------
+    # -- listening -------------------------------------------------------------------------------------------
 
     async def start(self) -> None:
         """Listen to `/tf` and `/tf_static`, unless that has begun. Every question does so by itself."""
@@ -155,7 +155,7 @@ class Transforms:
         except RobotError as error:
             logger.warning("the robot's transforms are not heard any more: %s", error)
 
-    # -- questions -----------------------------------------------------------------------------------------
+    # -- questions -------------------------------------------------------------------------------------------
 
     async def lookup(
         self, target: str, source: str, time: When = None, *, timeout: float | None = _DEFAULT

@@ -19,11 +19,11 @@ from rwt_protocol.payloads import Decoded, Encodable, RawJson
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-Cut = tuple[bytes, bytes]
+SplitFrame = tuple[bytes, bytes]
 """What looks like a message's JSON text in a frame, and the frame: whoever decodes the one finds out whether
 it is, and otherwise reads the other. A tuple, because nearly every message comes so."""
 
-Arrived = Cut | Encodable | dict[str, object]
+UnparsedMessage = SplitFrame | Encodable | dict[str, object]
 """A message as it came: JSON text, or what a CBOR map held."""
 
 _REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InvalidMessage)
@@ -51,7 +51,7 @@ class MessageReader:
         self._trusted = trusted
         self._octets = octets_of(message_type) if self._numpy else ()
 
-    def read(self, arrived: Arrived) -> Message:
+    def read(self, arrived: UnparsedMessage) -> Message:
         """The message.
 
         Raises:
@@ -122,7 +122,7 @@ class _Envelope(msgspec.Struct, gc=False):
 _read_envelope = msgspec.json.Decoder(_Envelope).decode
 
 
-def _proven(cut: Cut) -> RawJson:
+def _proven(cut: SplitFrame) -> RawJson:
     """The message that a parse of the whole frame finds; what it cannot find is read as it was cut."""
     try:
         return RawJson(bytes(_read_envelope(cut[1]).msg))

@@ -1,8 +1,9 @@
-"""The line to the server: one conversation over as many connections as it takes.
+"""The session with the server: one conversation over as many connections as it takes.
 
-The parts of a client (subscriptions, publishers, calls, goals, what it offers) send through the line and
-register with it. When a connection is lost each part hears of it; when there is a new one each says again
-what it wants. Everything here is synchronous and runs on the event loop's thread.
+What lasts longer than a connection (subscriptions, publishers, calls, goals, service and action servers) is
+restorable: it sends through the session and is registered with it, hears of it when a connection is lost, and
+says again what it wants when there is a new one. Everything here is synchronous and runs on the event loop's
+thread.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import msgspec
 from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
-from rwt_client.wire.decoding import Arrived
+from rwt_client.wire.decoding import UnparsedMessage
 from rwt_protocol.errors import Level
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
 from rwt_protocol.payloads import RawJson
@@ -44,7 +45,7 @@ _MAPS: Final = frozenset(range(0xA0, 0xC0))
 """First bytes of a CBOR map."""
 
 
-class Part(Protocol):
+class Restorable(Protocol):
     """Something that lasts longer than one connection."""
 
     def restore(self) -> None:
@@ -54,13 +55,13 @@ class Part(Protocol):
         """The connection is gone; `final`: there will not be another. Never raises."""
 
     def refused(self, text: str) -> None:
-        """The server complains of what this part has sent under its id. Never raises."""
+        """The server complains of what was sent under its id. Never raises."""
 
 
 class Destination(Protocol):
     """Where the messages of one topic go."""
 
-    def deliver(self, arrived: Arrived, size: int) -> None:
+    def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         """One message, and the bytes that it holds."""
 
 
@@ -77,11 +78,11 @@ _NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 _match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match
 """How servers begin a published message. What follows up to the last brace is the message, if it is one JSON
-value: see :data:`rwt_client.wire.decoding.Cut`."""
+value: see :data:`rwt_client.wire.decoding.SplitFrame`."""
 
 
-class Line:
-    """The line of one client.
+class ReconnectingSession:
+    """What one client has to say and hear, whatever becomes of its connections.
 
     Args:
         level: of which complaints the server is asked to tell; None does not ask.
@@ -94,8 +95,19 @@ class Line:
     """
 
     __slots__ = (
-        "_closed", "_count", "_destinations", "_ended", "_level", "_limits", "_parts", "_session", "_sink",
-        "_ups", "dispatcher", "events", "raw_topics",
+        "_closed",
+        "_connect_count",
+        "_count",
+        "_destinations",
+        "_ended",
+        "_level",
+        "_limits",
+        "_restorables",
+        "_session",
+        "_sink",
+        "dispatcher",
+        "events",
+        "raw_topics",
     )  # fmt: skip
 
     def __init__(self, level: Level | None, limits: WireLimits) -> None:
@@ -105,16 +117,16 @@ class Line:
         self._sink: Sink | None = None
         self._closed: ConnectionLost | None = None
         self._ended = anyio.Event()
-        self._parts: dict[str, Part] = {}
+        self._restorables: dict[str, Restorable] = {}
         self._count = 0
-        self._ups = 0
+        self._connect_count = 0
         self.events = Events()
         # By the bytes of the topic's name, as frames have them.
         self._destinations: dict[bytes, Destination] = {}
         self.dispatcher: Dispatcher[None] | None = None
         self.raw_topics = 0
 
-    # -- for the parts -------------------------------------------------------------------------------------
+    # -- for what is restorable ------------------------------------------------------------------------------
 
     @property
     def connected(self) -> bool:
@@ -131,8 +143,8 @@ class Line:
         self._count += 1
         return f"{kind}:{name}:{self._count}"
 
-    def add(self, id: str, part: Part) -> None:  # as on the wire
-        """Restore `part` with every new connection, and tell it what is said of `id`.
+    def add(self, id: str, restorable: Restorable) -> None:  # as on the wire
+        """Restore `restorable` with every new connection, and tell it what is said of `id`.
 
         Raises:
             ConnectionClosed: this program has closed the connection.
@@ -140,7 +152,7 @@ class Line:
         """
         if self._closed is not None:
             raise self._closed
-        self._parts[id] = part
+        self._restorables[id] = restorable
 
     def listen(self, topic: str, destination: Destination | None) -> None:
         """Pass the messages of a topic, by its name on the wire, to `destination`; None: to nobody."""
@@ -150,8 +162,8 @@ class Line:
             self._destinations[topic.encode()] = destination
 
     def remove(self, id: str) -> None:  # as on the wire
-        """Forget the part of that id."""
-        self._parts.pop(id, None)
+        """Forget the restorable of that id."""
+        self._restorables.pop(id, None)
 
     def send(self, op: Op) -> None:
         """Send one op.
@@ -183,21 +195,21 @@ class Line:
         if self._sink is not None:
             self._sink.send(self._session.encode(op))
 
-    # -- for what keeps the connection ---------------------------------------------------------------------
+    # -- for what keeps the connection -----------------------------------------------------------------------
 
-    def accept(self, sink: Sink, peer: PeerInfo) -> _Ear:
+    def accept(self, sink: Sink, peer: PeerInfo) -> _Endpoint:
         """A connection has opened; everything is said again before anything else is sent."""
         self._sink = sink
         self._session = Session(COMPAT, Direction.TO_CLIENT, self._limits)
         self._ended = anyio.Event()
-        self._ups += 1
+        self._connect_count += 1
         if self._level is not None:
             self.send(SetLevel(level=self._level))
-        for part in tuple(self._parts.values()):
-            part.restore()
-        kind: Literal["connected", "restored"] = "connected" if self._ups == 1 else "restored"
+        for restorable in tuple(self._restorables.values()):
+            restorable.restore()
+        kind: Literal["connected", "restored"] = "connected" if self._connect_count == 1 else "restored"
         self.events.tell(ConnectionEvent(kind))
-        return _Ear(self)
+        return _Endpoint(self)
 
     async def ended(self) -> None:
         """Wait until the connection is gone."""
@@ -209,7 +221,7 @@ class Line:
             return
         self._sink = None
         text = reason or f"closed with code {code}"
-        self._tell_parts(ConnectionLost(f"the connection to the server was lost: {text}"), False)
+        self._tell_all(ConnectionLost(f"the connection to the server was lost: {text}"), False)
         if self._closed is None:
             self.events.tell(ConnectionEvent("lost", text))
         self._ended.set()
@@ -218,8 +230,8 @@ class Line:
         """There will be no more connections, because of `error`."""
         if self._closed is None:
             self._closed = error
-            self._tell_parts(error, True)
-            self._parts.clear()
+            self._tell_all(error, True)
+            self._restorables.clear()
             text = "" if isinstance(error, ConnectionClosed) else str(error)
             self.events.tell(ConnectionEvent("closed", text))
 
@@ -228,11 +240,11 @@ class Line:
         """Whether there will be no more connections."""
         return self._closed is not None
 
-    def _tell_parts(self, error: ConnectionLost, final: bool) -> None:
-        for part in tuple(self._parts.values()):
-            part.lost(error, final)
+    def _tell_all(self, error: ConnectionLost, final: bool) -> None:
+        for restorable in tuple(self._restorables.values()):
+            restorable.lost(error, final)
 
-    # -- what arrives --------------------------------------------------------------------------------------
+    # -- what arrives ----------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, binary: bool) -> None:
         """One message has arrived."""
@@ -313,24 +325,24 @@ class Line:
             destination.deliver(op.msg, op.msg.size)
 
     def _take_status(self, op: Status) -> None:
-        """A complaint goes to the part it is about, and else to whoever listens to events (STA-03)."""
-        part = self._parts.get(op.id) if isinstance(op.id, str) else None
-        if part is not None and op.level == "error":
-            part.refused(op.msg)
+        """A complaint goes to the restorable it is about, and else to whoever listens to events (STA-03)."""
+        restorable = self._restorables.get(op.id) if isinstance(op.id, str) else None
+        if restorable is not None and op.level == "error":
+            restorable.refused(op.msg)
             return
         logger.warning("the server says (%s): %s", op.level, op.msg)
         self.events.tell(ConnectionEvent("status", op.msg, level=op.level))
 
 
-class _Ear:
+class _Endpoint:
     """The endpoint of one connection; satisfies :class:`rwt_protocol.transport.Endpoint`."""
 
-    __slots__ = ("_line", "receive")
+    __slots__ = ("_session", "receive")
 
-    def __init__(self, line: Line) -> None:
-        self._line = line
-        self.receive: Callable[[bytes, bool], None] = line.receive
+    def __init__(self, session: ReconnectingSession) -> None:
+        self._session = session
+        self.receive: Callable[[bytes, bool], None] = session.receive
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended."""
-        self._line.hang_up(code, reason)
+        self._session.hang_up(code, reason)
