@@ -93,6 +93,10 @@ def parser_for(wanted: str | None) -> Parser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code, see :mod:`rwt_cli.errors`."""
+    if "_ARGCOMPLETE" in os.environ:
+        from rwt_cli.commands.completion import complete
+
+        complete()
     words = sys.argv[1:] if argv is None else list(argv)
     try:
         command = next((word for word in words if not word.startswith("-")), None)
