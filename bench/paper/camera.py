@@ -24,7 +24,7 @@ from rwt_nodes.demo.world.map import house
 from rwt_nodes.demo.world.pose import Pose
 from rwt_nodes.demo.world.view import View
 from rwt_nodes.video import WebVideoServer
-from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 Picture = NDArray[np.uint8]
 
@@ -113,7 +113,7 @@ def _latency_page(request: HttpRequest, reader: Reader) -> HttpResponse:
     )
 
 
-LATENCY_PAGE: Final = HttpExtension((Route("/latency.html", _latency_page, Access.ADMITTED),))
+LATENCY_PAGE: Final = HttpExtension((Route("/latency.html", _latency_page, Audience.ADMITTED),))
 
 
 async def main() -> None:

@@ -6,19 +6,21 @@ import html
 import json
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from rwt.observability.metrics import metrics
 from rwt.observability.prometheus import CONTENT_TYPE
-from rwt_access.roles import Role
-from rwt_access.settings import RoleSettings
 from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http import Access, Handler, HttpExtension, HttpRequest, HttpResponse, Routes
+from rwt_transports.http import Audience, HttpResponse, Route, Routes
 
 if TYPE_CHECKING:
+    from rwt.observability.metrics import ServerMetrics
+    from rwt_access.access import Access
+    from rwt_access.graph_view import GraphView
     from rwt_bridge.bridge import Bridge
+    from rwt_transports.http import Handler, HttpExtension, HttpRequest
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -46,12 +48,9 @@ Gather = Callable[[bytes], Awaitable[bytes]]
 """Makes of the metrics of this process those of all that serve its port."""
 
 
-_RolePage = Callable[[HttpRequest, "Role"], HttpResponse | Awaitable[HttpResponse]]
-"""A page that asks more of a role than nodes do; each :data:`rwt_transports.http.Page` is one too."""
-
-
 def routes(
     bridge: Bridge,
+    metrics: ServerMetrics,
     extensions: Iterable[HttpExtension] = (),
     *,
     loopback: bool = True,
@@ -61,41 +60,47 @@ def routes(
 
     Args:
         bridge: whose graph and clients the pages show.
+        metrics: what is counted.
         extensions: what nodes bring.
         loopback: whether the listener is only reached from this machine.
         gather: joins the metrics with those of other processes on the same port.
     """
     extensions = tuple(extensions)
+    own = (
+        Route("/healthz", lambda request, reader: _health(bridge), Audience.ANYBODY),
+        Route("/metrics", lambda request, reader: _metrics(metrics, gather), Audience.EVERY_TOPIC),
+    )
     routes = Routes()
-
-    def add(path: str, page: _RolePage, access: Access) -> None:
-        routes.get(path, guarded(bridge, page, access, loopback=loopback))
-
-    for route in (route for extension in extensions for route in extension.routes):
-        add(route.path, route.page, route.access)
-    add("/", lambda request, role: _index(bridge, extensions, request, role), Access.ADMITTED)
-    add("/healthz", lambda request, role: _health(bridge), Access.ANYBODY)
-    add("/metrics", lambda request, role: _metrics(bridge, extensions, gather), Access.EVERY_TOPIC)
+    for route in (*(route for extension in extensions for route in extension.routes), *own):
+        routes.get(route.path, guarded(bridge.access, route.page, route.audience, loopback=loopback))
+    index = partial(_index, bridge, extensions)
+    routes.get("/", guarded(bridge.access, index, Audience.ADMITTED, loopback=loopback))
     return routes
 
 
-def guarded(bridge: Bridge, page: _RolePage, access: Access, *, loopback: bool = True) -> Handler:
-    """A page behind its access rule.
+def guarded(
+    access: Access,
+    page: Callable[[HttpRequest, GraphView], HttpResponse | Awaitable[HttpResponse]],
+    audience: Audience,
+    *,
+    loopback: bool = True,
+) -> Handler:
+    """A page that only its audience gets, as the graph's reader that the request proves to be.
 
     Unless the page is for anybody, scripts of other origins may read the answer where their page may connect
     by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials).
     """
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
-        if access is Access.ANYBODY:
-            return page(request, _NOBODY)
+        if audience is Audience.ANYBODY:
+            return page(request, access.nobody)
         answer = answer_admitted(request)
         origin = request.headers.get("origin")
         # An origin is ASCII (RFC 6454 section 6.2); what is not cannot be sent back, whatever globs allow.
         if (
             origin is None
             or not origin.isascii()
-            or not bridge.admission.allows_page(request.headers, loopback=loopback)
+            or not access.admission.allows_page(request.headers, loopback=loopback)
         ):
             return answer
         headers = {"Access-Control-Allow-Origin": origin, "Vary": "Origin"}
@@ -104,20 +109,15 @@ def guarded(bridge: Bridge, page: _RolePage, access: Access, *, loopback: bool =
     def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         target = f"{request.path}?{request.query}"
         try:
-            role = bridge.admission.role_of(PeerInfo("http", request.address, 0, target, request.headers))
+            reader = access.reader(PeerInfo("http", request.address, 0, target, request.headers))
+            if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
+                role = reader.role.name
+                raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
         except Refused as refused:
             return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
-        if role is None:
-            return HttpResponse(b"this page is for clients that authenticate by a token (auth.tokens)\n", 401)
-        if access is Access.EVERY_TOPIC and not role.sees_every_topic:
-            why = f"role {role.name!r} may not see every topic (roles.{role.name}.subscribe)\n"
-            return HttpResponse(why.encode(), 403)
-        return page(request, role)
+        return page(request, reader)
 
     return handler
-
-
-_NOBODY: Final = Role("nobody", RoleSettings())
 
 
 def _with_headers(answer: HttpResponse, headers: Mapping[str, str]) -> HttpResponse:
@@ -129,38 +129,27 @@ async def _later(answer: Awaitable[HttpResponse], headers: Mapping[str, str]) ->
 
 
 def _index(
-    bridge: Bridge, extensions: Iterable[HttpExtension], request: HttpRequest, role: Role
+    bridge: Bridge, extensions: Iterable[HttpExtension], request: HttpRequest, reader: GraphView
 ) -> HttpResponse:
     """What is running, and what to connect."""
-    graph = bridge.graph
     address = request.headers.get("host", "localhost:9090")
     host, port = _host_and_port(address)
-    registry = graph.registry
+    registry = reader.registry
     clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
     page = _PAGE.format(
         version=html.escape(version("robot-web-tools")),
-        ros=graph.distro.ros_version,
-        distro=graph.distro.name,
+        ros=reader.distro.ros_version,
+        distro=reader.distro.name,
         clients=clients,
         url=html.escape(f"ws://{address}"),
         host=html.escape(host),
         port=html.escape(port),
         topics=_rows(
-            (topic.name, registry.type_name(topic.type) if topic.type else "")
-            for topic in graph.topics()
-            if role.sees_topic(topic.name)
+            (topic.name, registry.type_name(topic.type) if topic.type else "") for topic in reader.topics()
         ),
-        services=_rows(
-            (service.name, registry.type_name(service.type))
-            for service in graph.services()
-            if role.sees_service(service.name)
-        ),
-        actions=_rows(
-            (action.name, registry.type_name(action.type))
-            for action in graph.actions()
-            if role.sees_action(action.name)
-        ),
-        sections="\n".join(its.section(request, role) for its in extensions if its.section is not None),
+        services=_rows((service.name, registry.type_name(service.type)) for service in reader.services()),
+        actions=_rows((action.name, registry.type_name(action.type)) for action in reader.actions()),
+        sections="\n".join(its.section(request, reader) for its in extensions if its.section is not None),
     )
     return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
 
@@ -171,17 +160,9 @@ def _host_and_port(address: str) -> tuple[str, str]:
     return (host, port) if colon and port.isdecimal() else (address, "80")
 
 
-def _metrics(
-    bridge: Bridge, extensions: Iterable[HttpExtension], gather: Gather | None
-) -> HttpResponse | Awaitable[HttpResponse]:
-    own = HttpResponse(metrics_page(bridge, extensions), content_type=CONTENT_TYPE)
+def _metrics(metrics: ServerMetrics, gather: Gather | None) -> HttpResponse | Awaitable[HttpResponse]:
+    own = HttpResponse(metrics.text(), content_type=CONTENT_TYPE)
     return own if gather is None else _with_others(own, gather)
-
-
-def metrics_page(bridge: Bridge, extensions: Iterable[HttpExtension]) -> bytes:
-    """What this process counts, as Prometheus reads it."""
-    counting = [its.metrics for its in extensions if its.metrics is not None]
-    return metrics(bridge, (family for count in counting for family in count()))
 
 
 async def _with_others(own: HttpResponse, gather: Gather) -> HttpResponse:
@@ -198,7 +179,7 @@ def _rows(pairs: Iterable[tuple[str, str]]) -> str:
 
 def _health(bridge: Bridge) -> HttpResponse:
     """That the server answers, for load balancers and supervisors."""
-    running = bridge.graph.running
+    running = bridge.shared.graph.running
     body = {
         "status": "ok" if running else "stopped",
         "version": version("robot-web-tools"),

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING
 
 import anyio
 
+from rwt.observability.metrics import ServerMetrics
 from rwt.pages import routes
 from rwt.settings.models import Settings
+from rwt_access.access import Access
 from rwt_access.origins import is_loopback_listener
 from rwt_access.tls import client_tls, server_tls
 from rwt_bridge.bridge import Bridge
+from rwt_nodes.rosapi import DISCLOSURES
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import dial
@@ -36,11 +39,13 @@ class Server:
     Attributes:
         urls: where it listens, with the ports it has got.
         bridge: the clients.
+        metrics: what is counted.
         dials: how each dial-out goes (`dial.urls`).
     """
 
     urls: tuple[str, ...]
     bridge: Bridge
+    metrics: ServerMetrics
     dials: tuple[RelayStatus, ...]
     _listeners: tuple[Listener, ...]
 
@@ -86,14 +91,16 @@ async def serve(
         SettingsError: a file that the settings name cannot be used.
     """
     settings = settings or Settings()
-    bridge = Bridge(graph, settings)
+    bridge = Bridge(graph, settings, Access(graph, settings, DISCLOSURES))
     extensions = tuple(http)
+    metrics = ServerMetrics(bridge, extensions)
     limits = _transport_limits(settings)
     dial_token = settings.dial.token.get_secret_value() if settings.dial.token else None
     dial_tls = client_tls(settings.dial.cafile)
     tls = server_tls(settings.tls)
     async with AsyncExitStack() as stack:
         stack.callback(bridge.close)
+        stack.callback(metrics.close)
         listeners = [
             await stack.enter_async_context(
                 listen(
@@ -101,6 +108,7 @@ async def serve(
                     _accept_at(url, bridge, around),
                     routes=routes(
                         bridge,
+                        metrics,
                         extensions,
                         loopback=is_loopback_listener(url),
                         gather=together,
@@ -117,9 +125,9 @@ async def serve(
             dialing = dial(
                 url, _accept_at(url, bridge, around), token=dial_token, limits=limits, tls=dial_tls
             )
-            bridge.dials.append(await stack.enter_async_context(dialing))
+            metrics.dials.append(await stack.enter_async_context(dialing))
         urls_in_use = tuple(listener.url for listener in listeners)
-        yield Server(urls_in_use, bridge, tuple(bridge.dials), tuple(listeners))
+        yield Server(urls_in_use, bridge, metrics, tuple(metrics.dials), tuple(listeners))
 
 
 def _accept_at(url: str, bridge: Bridge, around: Callable[[Accept], Accept] | None) -> Accept:

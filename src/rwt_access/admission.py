@@ -6,9 +6,9 @@ import logging
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from rwt_access.audit import write
-from rwt_access.credentials import NotAuthenticated, Tokens, presented_token, rosauth_of
-from rwt_access.log_rate import LogRate
+from rwt_access.audit import LineRate
+from rwt_access.credentials import Tokens, presented_token, rosauth_of
+from rwt_access.errors import NotAuthenticated
 from rwt_access.origins import Origins, is_local
 from rwt_access.roles import roles
 from rwt_transports.errors import Refused
@@ -16,6 +16,7 @@ from rwt_transports.errors import Refused
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rwt_access.audit import Audit
     from rwt_access.credentials import Rosauth
     from rwt_access.roles import Role
     from rwt_access.settings import AccessSettings
@@ -28,7 +29,7 @@ _HOW = (
 
 
 class Admission:
-    """The door of one bridge.
+    """Decides on every connection of one server before it opens.
 
     Attributes:
         roles: every role, by name.
@@ -39,17 +40,23 @@ class Admission:
         settings: everything that is configured.
         now: seconds since 1970.
         monotonic: seconds on a clock that never goes back.
+        audit: the log of refusals.
 
     Raises:
         SettingsError: the secret of rosauth cannot be had.
     """
 
     def __init__(
-        self, settings: AccessSettings, now: Callable[[], float], monotonic: Callable[[], float]
+        self,
+        settings: AccessSettings,
+        now: Callable[[], float],
+        monotonic: Callable[[], float],
+        audit: Audit,
     ) -> None:
         auth = settings.auth
+        self._audit = audit
         self._monotonic = monotonic
-        self._log_rate = LogRate(per_second=10, burst=100)
+        self._log_rate = LineRate(per_second=10, burst=100)
         self.roles: Mapping[str, Role] = roles(settings)
         self.rosauth: Rosauth | None = rosauth_of(auth, self.roles, bool(settings.roles), now)
         self._tokens = Tokens(auth.tokens, self.roles)
@@ -137,7 +144,7 @@ class Admission:
             f"turned {info.address or info.transport} away: {reason}", self._monotonic()
         )
         if line is not None:
-            write(logging.WARNING, "%s", line)
+            self._audit.write(logging.WARNING, "%s", line)
 
     def _refused(self, info: PeerInfo, status: int, reason: str) -> Refused:
         self.log_refusal(info, reason)

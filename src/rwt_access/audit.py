@@ -1,9 +1,11 @@
-"""The bridge's log: every line says which client and which op it is about, as text and as fields."""
+"""The log of what clients do: each line names the client and the op it is about, as text and as fields."""
 
 from __future__ import annotations
 
 import logging
 from typing import Final
+
+from rwt_access.quotas import RateLimit
 
 logger: Final = logging.getLogger("rwt.bridge")
 
@@ -11,32 +13,42 @@ logger: Final = logging.getLogger("rwt.bridge")
 _LONGEST_LINE: Final = 500
 
 
-class LostLines:
-    """How many lines a log could not take since the process began."""
+class Audit:
+    """The log of one server.
 
-    count = 0
-
-
-def write(
-    level: int,
-    text: str,
-    *arguments: object,
-    client: int | None = None,
-    op_id: object = None,
-    error: BaseException | None = None,
-) -> None:
-    """One line, with the fields `client` and `op_id` for whoever formats it.
-
-    A log that cannot be written, because its disk is full, costs the line and never the server.
+    Attributes:
+        dropped_lines: lines that the log could not take, as when its disk is full.
     """
-    if not is_written(level):
-        return
-    try:
-        logger.log(
-            level, text, *arguments, exc_info=error, extra={"client": client, "op_id": op_id}, stacklevel=2
-        )
-    except OSError:
-        LostLines.count += 1
+
+    def __init__(self) -> None:
+        self.dropped_lines = 0
+
+    def write(
+        self,
+        level: int,
+        text: str,
+        *arguments: object,
+        client: int | None = None,
+        op_id: object = None,
+        error: BaseException | None = None,
+    ) -> None:
+        """One line, with the fields `client` and `op_id` for formatters.
+
+        A log that cannot be written costs the line and never the server.
+        """
+        if not is_written(level):
+            return
+        try:
+            logger.log(
+                level,
+                text,
+                *arguments,
+                exc_info=error,
+                extra={"client": client, "op_id": op_id},
+                stacklevel=2,
+            )
+        except OSError:
+            self.dropped_lines += 1
 
 
 def is_written(level: int) -> bool:
@@ -48,3 +60,36 @@ def one_line(text: str) -> str:
     """A text of the client's own making, cut and without line breaks, so that it cannot forge log lines."""
     line = text if text.isprintable() else text.encode("unicode_escape").decode()
     return line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}…"
+
+
+class LineRate:
+    """How many lines of the log a client may cause: a burst, then so many a second.
+
+    Those beyond the rate are counted, and mentioned in the next line.
+
+    Attributes:
+        left_out: lines left out since the last one that was written.
+
+    Args:
+        per_second: lines in the long run.
+        burst: lines at once.
+    """
+
+    __slots__ = ("_rate", "left_out")
+
+    def __init__(self, per_second: int, burst: int) -> None:
+        self._rate = RateLimit(per_second, burst)
+        self.left_out = 0
+
+    def admit(self, text: str, now: float) -> str | None:
+        """The line to write in place of `text`, or None to leave it out.
+
+        Args:
+            text: the line.
+            now: seconds on a clock that never goes back.
+        """
+        if not self._rate.take(now):
+            self.left_out += 1
+            return None
+        left_out, self.left_out = self.left_out, 0
+        return f"{text} ({left_out} lines like it were left out)" if left_out else text

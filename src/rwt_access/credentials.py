@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl
 
+from rwt_access.errors import NotAuthenticated
 from rwt_access.settings import SettingsError
 
 if TYPE_CHECKING:
@@ -32,10 +33,6 @@ _BEARER: Final = re.compile(r"bearer +(\S+)", re.IGNORECASE)
 
 _SUBPROTOCOL_TOKEN: Final = "bearer."
 _QUERY_NAMES: Final = ("token", "access_token")
-
-
-class NotAuthenticated(Exception):
-    """Credentials that are not good. The text says why, as far as the sender may know."""
 
 
 def read_secret(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""What a client may do: roles, each with globs for every kind of act. The one place that decides."""
+"""Roles: what each allows, as globs of names for every kind of act."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
+from rwt_access.errors import NotAllowed
 from rwt_access.settings import BUILT_IN_ROLES
-from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
     from rwt_access.settings import AccessSettings, RoleSettings
@@ -23,7 +23,7 @@ _READ_ONLY: Final[Mapping[Act, tuple[str, ...]]] = {"subscribe": ("*",), "get_pa
 #: Services every role may call: rosapi, whose answers hold only what the role may see (CFG-10, API-13).
 _ALWAYS_CALLED: Final = ("/rosapi/*",)
 
-#: Decisions a role remembers. Names come from clients, so there is an end to it; then it starts afresh.
+#: Decisions a role remembers. Names come from clients, so they are bounded; at the bound all are forgotten.
 _MOST_DECISIONS: Final = 4096
 
 _WORDS: Final[Mapping[Act, str]] = {
@@ -73,10 +73,10 @@ class Role:
         """Refuse unless this role may do `act` with `name`.
 
         Raises:
-            Refused: it may not; the text names the setting that would allow it.
+            NotAllowed: it may not; the text names the setting that would allow it.
         """
         if not self.unrestricted and not self.allows(act, name):
-            raise Refused(f"role {self.name!r} may not {_WORDS[act]} {name} (roles.{self.name}.{act})")
+            raise NotAllowed(f"role {self.name!r} may not {_WORDS[act]} {name} (roles.{self.name}.{act})")
 
     def may_subscribe(self, topic: str) -> bool:
         """Whether this role may subscribe to `topic`, an absolute name."""
@@ -88,19 +88,19 @@ class Role:
         return self.allows("subscribe", "/*")
 
     def sees_topic(self, name: str) -> bool:
-        """Whether a topic is shown: to who may listen to it or publish on it."""
+        """Whether a topic is shown: to those who may subscribe to it or publish on it."""
         return self.allows("subscribe", name) or self.allows("publish", name)
 
     def sees_service(self, name: str) -> bool:
-        """Whether a service is shown: to who may call or provide it."""
+        """Whether a service is shown: to those who may call or provide it."""
         return self.allows("call", name) or self.allows("provide", name)
 
     def sees_action(self, name: str) -> bool:
-        """Whether an action is shown: to who may send goals to it or provide it."""
+        """Whether an action is shown: to those who may send goals to it or provide it."""
         return self.allows("goals", name) or self.allows("provide", name)
 
     def sees_parameter(self, name: str) -> bool:
-        """Whether a parameter is shown: to who may read or write it."""
+        """Whether a parameter is shown: to those who may read or write it."""
         return self.allows("get_param", name) or self.allows("set_param", name)
 
     def __repr__(self) -> str:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
 
 
-class Census:
+class ConnectedClients:
     """One latched publisher of each topic, whatever the number of listeners, saying 0 and [] at first.
 
     The client that connects is itself counted. The list is made when clients have come or gone and the clock

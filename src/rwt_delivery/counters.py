@@ -1,15 +1,14 @@
-"""What a bridge has counted since it began: plain integers on objects that the hot path holds anyway."""
+"""What a gateway has counted since it began: plain integers on objects that the hot path holds anyway."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rwt_bridge.peer import Peer
-    from rwt_protocol.transport import DropReason
+    from rwt_protocol.transport import DropReason, Traffic
 
 MOST_TOPICS = 1000
-"""Topics that are remembered; clients choose their names, so those that are not in use go first."""
+"""The most topics that are remembered; clients choose their names. Those not in use are forgotten first."""
 
 
 UNKNOWN = "unknown"
@@ -41,7 +40,7 @@ class TopicCounts:
         received_bytes: bytes of their payloads, as they came.
         sent: by encoding.
         dropped: samples that did not go to a client, by reason.
-        users: publications and fan-outs that count here now.
+        users: shared publishers and fan-outs that count here now.
     """
 
     __slots__ = ("dropped", "received", "received_bytes", "sent", "users")
@@ -62,8 +61,8 @@ class TopicCounts:
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
 
-class Ledger:
-    """Everything that one bridge counts.
+class Counters:
+    """Everything that one gateway counts.
 
     Attributes:
         topics: by absolute name.
@@ -91,7 +90,7 @@ class Ledger:
         self.sent_bytes = 0
 
     def use_topic(self, name: str) -> TopicCounts:
-        """Where a topic counts, for somebody who holds on to it until :meth:`release_topic`."""
+        """The counts of a topic, which stay until :meth:`release_topic` at least."""
         counts = self.topics.get(name)
         if counts is None:
             if len(self.topics) >= MOST_TOPICS:
@@ -105,7 +104,7 @@ class Ledger:
         counts.users -= 1
 
     def _forget_one(self) -> None:
-        """Forget the topic that was heard of first among those not in use."""
+        """Forget the oldest topic that is not in use."""
         for name, counts in self.topics.items():
             if not counts.users:
                 del self.topics[name]
@@ -115,10 +114,9 @@ class Ledger:
         """Count a refused op."""
         self.refusals[op] = self.refusals.get(op, 0) + 1
 
-    def left(self, peer: Peer) -> None:
-        """Keep what a client that leaves has counted."""
-        traffic = peer.sink.traffic
-        self.received += peer.messages
+    def left(self, messages: int, traffic: Traffic) -> None:
+        """Keep the counts of a client that leaves: the messages it sent, and its connection's traffic."""
+        self.received += messages
         self.received_bytes += traffic.received_bytes
         self.sent += traffic.messages
         self.sent_bytes += traffic.bytes

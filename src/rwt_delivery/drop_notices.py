@@ -1,19 +1,17 @@
-"""Telling a client what did not reach it, and why: one line per topic and second at the most."""
+"""Tells a client which samples did not reach it, and why: at most one notice per topic and second."""
 
 from __future__ import annotations
 
-import logging
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from rwt_protocol.transport import DropReason, FlowRules
+from rwt_protocol.transport import DropReason
 
 if TYPE_CHECKING:
-    from rwt_bridge.peer import Peer
-    from rwt_delivery.counters import TopicCounts
-    from rwt_graph.clock import Timer
-    from rwt_protocol.transport import Flow
+    from rwt_delivery.counters import Counters, TopicCounts
+    from rwt_graph.clock import Clock, Timer
 
-TELL_SECONDS: Final = 1.0
+NOTICE_SECONDS: Final = 1.0
 LOG_SECONDS: Final = 60.0
 
 _BECAUSE: Final = {
@@ -27,68 +25,78 @@ _BECAUSE: Final = {
 }
 
 
-class Losses:
+class DropNotices:
     """The samples of one topic that one client did not get.
 
-    What a client wanted dropped (`throttle_rate`) is counted and not told. The rest is: after a second, in
-    one `status` that gives the count since the subscription began. It goes through a flow of depth one, so
-    that a client which reads nothing is owed one line and not one for each second.
+    What a client asked to have dropped (`throttle_rate`) is counted only. The rest is reported: a second
+    after the first drop, with the count since the subscription began.
+
+    Args:
+        topic: as the client spells it.
+        counts: of the topic.
+        counters: of the gateway.
+        clock: the graph's.
+        notify: tells the client.
+        log: writes a line of the log.
     """
 
-    def __init__(self, peer: Peer, topic: str, counts: TopicCounts) -> None:
-        self._peer = peer
+    def __init__(
+        self,
+        topic: str,
+        counts: TopicCounts,
+        counters: Counters,
+        clock: Clock,
+        notify: Callable[[str], None],
+        log: Callable[[str], None],
+    ) -> None:
         self._topic = topic
         self._counts = counts
+        self._counters = counters
+        self._clock = clock
+        self._notify = notify
+        self._log = log
         self._total: dict[DropReason, int] = {}
         self._deadlines = 0
-        self._untold: set[str] = set()
+        self._unreported: set[str] = set()
         self._timer: Timer | None = None
-        self._lines: Flow | None = None
         self._logged = float("-inf")
 
     def withheld(self, reason: DropReason) -> None:
-        """The gate kept a sample back, as the client asked."""
+        """The throttle held a sample back, as the client asked."""
         self._counts.drop(reason)
 
     def dropped(self, reason: DropReason) -> None:
         """A sample was lost on its way to the client."""
         self._counts.drop(reason)
         self._total[reason] = self._total.get(reason, 0) + 1
-        self._tell(reason)
+        self._schedule(reason)
 
     def deadline_missed(self) -> None:
         """No sample came within the time that the client expects one in."""
         self._deadlines += 1
-        self._peer.bridge.ledger.missed_deadlines += 1
-        self._tell("deadline")
+        self._counters.missed_deadlines += 1
+        self._schedule("deadline")
 
     def close(self) -> None:
-        """Tell nothing more."""
+        """Report nothing more."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if self._lines is not None:
-            self._lines.close()
 
-    def _tell(self, what: str) -> None:
-        self._untold.add(what)
+    def _schedule(self, what: str) -> None:
+        self._unreported.add(what)
         if self._timer is None:
-            self._timer = self._peer.bridge.graph.clock.call_later(TELL_SECONDS, self._report)
+            self._timer = self._clock.call_later(NOTICE_SECONDS, self._report)
 
     def _report(self) -> None:
         self._timer = None
-        text = "; ".join([f"{self._topic}: {self._reason(what)}" for what in sorted(self._untold)])
-        self._untold.clear()
-        now = self._peer.bridge.graph.clock.monotonic()
+        text = "; ".join([f"{self._topic}: {self._reason(what)}" for what in sorted(self._unreported)])
+        self._unreported.clear()
+        now = self._clock.monotonic()
         if now - self._logged >= LOG_SECONDS:
             self._logged = now
-            self._peer.log(logging.INFO, text)
-        frame = self._peer.warning(text)
-        if frame is None:
-            return
-        if self._lines is None:
-            self._lines = self._peer.sink.flow(f"status of {self._topic}", FlowRules(depth=1, notes=True))
-        self._lines.send(frame)
+            self._log(text)
+        self._notify(text)
 
     def _reason(self, what: str) -> str:
         if what == "deadline":

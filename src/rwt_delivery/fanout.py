@@ -10,7 +10,7 @@ from rwt_protocol.transport import Frame
 
 if TYPE_CHECKING:
     from rwt_delivery.counters import EncodingCounts, TopicCounts
-    from rwt_delivery.throttle import Gate
+    from rwt_delivery.throttle import Throttle
     from rwt_graph.api import Participant, Sample, Subscription
     from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
@@ -22,7 +22,7 @@ class _Encoded:
 
     __slots__ = ("_channel", "_frame", "sample")
 
-    def __init__(self, channel: Channel, sample: Sample, frame: Frame | None = None) -> None:
+    def __init__(self, channel: EncodedStream, sample: Sample, frame: Frame | None = None) -> None:
         self._channel = channel
         self._frame = frame
         self.sample = sample
@@ -36,7 +36,7 @@ class _Encoded:
         return self._frame
 
 
-class Channel:
+class EncodedStream:
     """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
 
     A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels.
@@ -52,24 +52,24 @@ class Channel:
         self._encode = encode
         self._monotonic = monotonic
         self._sent_at = float("-inf")
-        self._open_since: dict[Gate, int] = {}
+        self._open_since: dict[Throttle, int] = {}
         self._sendings = 0
         self.counts = counts
-        self._gates: list[Gate] = []
+        self._gates: list[Throttle] = []
         self._direct: tuple[Callable[[Frame], None], ...] = ()
-        self._gated: tuple[Gate, ...] = ()
+        self._gated: tuple[Throttle, ...] = ()
         self._encoded = 0
         self._encoded_bytes = 0
 
     def __len__(self) -> int:
         return len(self._gates)
 
-    def add(self, gate: Gate) -> None:
+    def add(self, gate: Throttle) -> None:
         """Let a gate take part from the next sample on."""
         self._gates.append(gate)
         self.sort()
 
-    def remove(self, gate: Gate) -> None:
+    def remove(self, gate: Throttle) -> None:
         """Take a gate out."""
         self._gates.remove(gate)
         self._open_since.pop(gate, None)
@@ -122,11 +122,11 @@ class Channel:
         if self._gated:
             self._offer(_Encoded(self, sample, frame), self._gated)
 
-    def _offer(self, encoded: _Encoded, gates: Iterable[Gate]) -> None:
+    def _offer(self, encoded: _Encoded, gates: Iterable[Throttle]) -> None:
         for gate in gates:
             gate.offer(encoded)
 
-    def replay(self, sample: Sample, gate: Gate) -> None:
+    def replay(self, sample: Sample, gate: Throttle) -> None:
         """Send one kept sample to one gate (SUB-13)."""
         gate.offer(_Encoded(self, sample))
 
@@ -151,8 +151,8 @@ class Fanout:
         self.topic = topic
         self.type = type
         self.counts = counts
-        self._channels: dict[tuple[str, str], Channel] = {}
-        self._active: tuple[Channel, ...] = ()
+        self._channels: dict[tuple[str, str], EncodedStream] = {}
+        self._active: tuple[EncodedStream, ...] = ()
         self.subscription: Subscription = participant.subscribe(topic, self._deliver, type)
 
     @property
@@ -185,19 +185,19 @@ class Fanout:
         self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
         old.close()
 
-    def join(self, gate: Gate, name: str, encoding: Encoding) -> Channel:
+    def join(self, gate: Throttle, name: str, encoding: Encoding) -> EncodedStream:
         """Add a gate to the channel of that spelling and encoding."""
         key = (name, encoding.name)
         channel = self._channels.get(key)
         if channel is None:
-            channel = self._channels[key] = Channel(
+            channel = self._channels[key] = EncodedStream(
                 encoding.publish_encoder(name), self.counts.encoding(encoding.name), self._clock.monotonic
             )
             self._active = tuple(self._channels.values())
         channel.add(gate)
         return channel
 
-    def leave(self, gate: Gate, name: str, encoding: Encoding) -> None:
+    def leave(self, gate: Throttle, name: str, encoding: Encoding) -> None:
         """Take a gate out of its channel."""
         key = (name, encoding.name)
         channel = self._channels[key]

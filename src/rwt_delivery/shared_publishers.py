@@ -1,97 +1,88 @@
-"""The publishers that rosbridge clients share: one per topic, however many clients advertise it (ADV-03)."""
+"""The publishers that clients share: one per topic, however many clients advertise it (ADV-03)."""
 
 from __future__ import annotations
 
-import logging
 from typing import TYPE_CHECKING
 
-from rwt_access.audit import write
-from rwt_bridge.ops.qos import disagreement
 from rwt_delivery.deadline import DeadlineWatch
 from rwt_delivery.drop_notices import LOG_SECONDS
-from rwt_delivery.startup_buffer import SECONDS as EARLY_SECONDS
-from rwt_delivery.startup_buffer import EarlySamples
+from rwt_delivery.startup_buffer import SECONDS, StartupBuffer
 from rwt_graph.api import Sample
-from rwt_graph.errors import TypeConflict
-from rwt_program.qos import Durability
-from rwt_protocol.errors import Refused
+from rwt_graph.errors import GraphError, TypeConflict
+from rwt_program.qos import Durability, QoS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
-    from rwt_delivery.counters import Ledger
+    from rwt_delivery.counters import Counters
     from rwt_graph.api import Participant, Publisher
     from rwt_graph.clock import Clock, Timer
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
-    from rwt_program.qos import QoS
-    from rwt_protocol.ops.topics import Qos
+
+    Lacks = Callable[[QoS], str]
+    """Which of the policies that a client asks for a publisher does not offer, in words; empty if none."""
 
 
-class Publication:
-    """One shared publisher, who uses it, and the timer that ends it.
+class IncompatiblePolicies(GraphError):
+    """Other clients publish on the topic with other policies than those that are asked for."""
+
+
+class SharedPublisher:
+    """The publisher of one topic, with the clients that use it and the timer that ends it.
 
     Attributes:
         publish: hands on a message, which its caller counts.
-        counts: what is counted of the topic.
-        deadline: watches that clients publish as often as they said they would.
+        counts: of the topic.
+        deadline: watches that clients publish as often as they promised.
+        users: what the publisher was acquired for.
+        linger: ends a publisher that has no users.
     """
 
     __slots__ = (
-        "_clock",
-        "_early",
-        "_early_timer",
-        "_ledger",
-        "_logged",
-        "_node",
-        "_publish",
-        "counts",
-        "deadline",
-        "linger",
-        "publish",
-        "publisher",
-        "topic",
-        "type",
-        "users",
-    )
+        "_clock", "_counters", "_log", "_logged", "_node", "_publish", "_startup", "_startup_timer", "counts",
+        "deadline", "linger", "publish", "publisher", "topic", "type", "users",
+    )  # fmt: skip
 
-    def __init__(self, publisher: Publisher, node: str, clock: Clock, ledger: Ledger) -> None:
+    def __init__(
+        self, publisher: Publisher, node: str, clock: Clock, counters: Counters, log: Callable[[str], None]
+    ) -> None:
         self.publisher = publisher
         self.topic = publisher.topic
         self.type = publisher.type
         self.users: set[Hashable] = set()
         self.linger: Timer | None = None
         self._clock = clock
-        self._ledger = ledger
+        self._counters = counters
+        self._log = log
         self._logged = float("-inf")
-        self.counts = ledger.use_topic(publisher.topic)
+        self.counts = counters.use_topic(publisher.topic)
         seconds = publisher.qos.deadline
-        self.deadline = DeadlineWatch(clock, seconds, self._late) if seconds else None
+        self.deadline = DeadlineWatch(clock, seconds, self._missed) if seconds else None
         self._publish = publisher.publish if self.deadline is None else self._publish_in_time
         self.publish: Callable[[Payload], None] = self._publish
         self._node = node
-        self._early: EarlySamples | None = None
-        self._early_timer: Timer | None = None
+        self._startup: StartupBuffer | None = None
+        self._startup_timer: Timer | None = None
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
-            self._early = EarlySamples()
-            self.publish = self._publish_early
-            self._early_timer = clock.call_later(EARLY_SECONDS, self.forget_early)
+            self._startup = StartupBuffer()
+            self.publish = self._publish_at_startup
+            self._startup_timer = clock.call_later(SECONDS, self.end_startup)
 
     @property
-    def early(self) -> tuple[Sample, ...]:
-        """What late readers still get of the first second, oldest first (ADV-08); nothing of latched topics,
-        whose samples the graph keeps."""
-        return () if self._early is None else self._early.samples()
+    def startup_samples(self) -> tuple[Sample, ...]:
+        """The samples of the first second, oldest first (ADV-08); none of latched topics."""
+        return () if self._startup is None else self._startup.samples()
 
-    def _publish_early(self, payload: Payload) -> None:
+    def _publish_at_startup(self, payload: Payload) -> None:
         self._publish(payload)
-        if self._early is not None:
+        if self._startup is not None:
             sample = Sample(self.topic, payload, self._clock.time_ns(), self._node)
-            self._early.add(sample, len(payload.json()))
+            self._startup.add(sample, len(payload.json()))
 
-    def forget_early(self) -> None:
-        """Keep nothing for late readers: the first second is over, or everybody who published has left."""
-        self._early = None
+    def end_startup(self) -> None:
+        """Keep nothing for late readers: the first second is over, or all users have left."""
+        self._startup = None
         self.publish = self._publish
 
     def _publish_in_time(self, payload: Payload) -> None:
@@ -99,15 +90,15 @@ class Publication:
             self.deadline.met()
         self.publisher.publish(payload)
 
-    def _late(self) -> None:
+    def _missed(self) -> None:
         if not self.users:
             return
-        self._ledger.missed_deadlines += 1
+        self._counters.missed_deadlines += 1
         now = self._clock.monotonic()
         if now - self._logged >= LOG_SECONDS:
             self._logged = now
             seconds = self.publisher.qos.deadline
-            write(logging.INFO, "nothing came for %s within its deadline of %g s", self.topic, seconds)
+            self._log(f"nothing came for {self.topic} within its deadline of {seconds:g} s")
 
     def close(self) -> None:
         """Leave the topic."""
@@ -115,34 +106,42 @@ class Publication:
             self.linger.cancel()
         if self.deadline is not None:
             self.deadline.close()
-        if self._early_timer is not None:
-            self._early_timer.cancel()
-        self.forget_early()
-        self._ledger.release_topic(self.counts)
+        if self._startup_timer is not None:
+            self._startup_timer.cancel()
+        self.end_startup()
+        self._counters.release_topic(self.counts)
         self.publisher.close()
 
 
-class Publications:
-    """All shared publishers of one bridge.
+class SharedPublishers:
+    """All shared publishers of one gateway.
 
-    A publisher stays `linger` seconds after its last user has left, so that a client which reconnects finds
-    its topic, and latched samples outlive a page reload (UNA-04, DIS-02).
+    A publisher outlives its last user by `linger` seconds, so that a client which reconnects finds its topic,
+    and latched samples outlive a page reload (UNA-04, DIS-02).
     """
 
-    def __init__(self, participant: Participant, clock: Clock, linger: float, ledger: Ledger) -> None:
-        self._ledger = ledger
+    def __init__(
+        self,
+        participant: Participant,
+        clock: Clock,
+        linger: float,
+        counters: Counters,
+        log: Callable[[str], None],
+    ) -> None:
         self._participant = participant
         self._clock = clock
         self._linger = linger
-        self._by_topic: dict[str, Publication] = {}
+        self._counters = counters
+        self._log = log
+        self._by_topic: dict[str, SharedPublisher] = {}
 
     def __contains__(self, topic: str) -> bool:
         return topic in self._by_topic
 
-    def early(self, topic: str) -> tuple[Sample, ...]:
-        """What clients published on `topic` in the first second of their publisher, while that lasts."""
-        publication = self._by_topic.get(topic)
-        return () if publication is None else publication.early
+    def startup_samples(self, topic: str) -> tuple[Sample, ...]:
+        """The samples of the first second of the publisher of `topic`, while that lasts."""
+        shared = self._by_topic.get(topic)
+        return () if shared is None else shared.startup_samples
 
     def acquire(
         self,
@@ -150,67 +149,63 @@ class Publications:
         type: MessageType,
         qos: QoS | None,
         user: Hashable,
-        wish: Qos | None = None,
-    ) -> Publication:
+        lacks: Lacks | None = None,
+    ) -> SharedPublisher:
         """Use the topic's publisher, made with `qos` if there is none yet: the first use decides (ADV-07).
 
         Args:
-            wish: policies that the publisher has to have (ADV-11). One that nobody else uses is replaced.
+            lacks: tells the policies that the publisher has to have and has not (ADV-11). A publisher that
+                nobody else uses is replaced.
 
         Raises:
             TypeConflict: the topic has another type.
-            Refused: others use the publisher, and it has other policies.
+            IncompatiblePolicies: others use the publisher, and it has other policies.
         """
-        publication = self._by_topic.get(topic)
-        if publication is not None and wish is not None and not self._offers(publication, wish, user):
-            self._end(topic, publication)
-            publication = None
-        if publication is None:
+        shared = self._by_topic.get(topic)
+        if shared is not None and lacks is not None and (lacking := lacks(shared.publisher.qos)):
+            if shared.users - {user}:
+                raise IncompatiblePolicies(
+                    f"{topic} is published here with other policies: {lacking}; "
+                    "leave `qos` out to publish with these"
+                )
+            self._end(topic, shared)
+            shared = None
+        if shared is None:
             publisher = (
                 self._participant.advertise(topic, type)
                 if qos is None
                 else self._participant.advertise(topic, type, qos)
             )
-            publication = self._by_topic[topic] = Publication(
-                publisher, self._participant.name, self._clock, self._ledger
+            shared = self._by_topic[topic] = SharedPublisher(
+                publisher, self._participant.name, self._clock, self._counters, self._log
             )
-        elif publication.type.name != type.name:
+        elif shared.type.name != type.name:
             raise TypeConflict(
                 f"tried to register topic {topic} with type {type.name} "
-                f"but it is already established with type {publication.type.name}"
+                f"but it is already established with type {shared.type.name}"
             )
-        if publication.linger is not None:
-            publication.linger.cancel()
-            publication.linger = None
-        publication.users.add(user)
-        return publication
-
-    def _offers(self, publication: Publication, wish: Qos, user: Hashable) -> bool:
-        """Whether a publisher has the policies of `wish`; False if it has not, and may be replaced."""
-        problem = disagreement(wish, publication.publisher.qos)
-        if problem and publication.users - {user}:
-            raise Refused(
-                f"advertise.qos: {publication.topic} is published here with other policies: {problem}; "
-                "leave `qos` out to publish with these"
-            )
-        return not problem
+        if shared.linger is not None:
+            shared.linger.cancel()
+            shared.linger = None
+        shared.users.add(user)
+        return shared
 
     def release(self, topic: str, user: Hashable) -> None:
         """Stop using the topic's publisher; unknown topics and users are ignored."""
-        publication = self._by_topic.get(topic)
-        if publication is None or user not in publication.users:
+        shared = self._by_topic.get(topic)
+        if shared is None or user not in shared.users:
             return
-        publication.users.discard(user)
-        if not publication.users:
-            publication.forget_early()
-            publication.linger = self._clock.call_later(self._linger, lambda: self._end(topic, publication))
+        shared.users.discard(user)
+        if not shared.users:
+            shared.end_startup()
+            shared.linger = self._clock.call_later(self._linger, lambda: self._end(topic, shared))
 
     def close(self) -> None:
         """End every publisher at once."""
-        for topic, publication in list(self._by_topic.items()):
-            self._end(topic, publication)
+        for topic, shared in list(self._by_topic.items()):
+            self._end(topic, shared)
 
-    def _end(self, topic: str, publication: Publication) -> None:
-        if self._by_topic.get(topic) is publication:
+    def _end(self, topic: str, shared: SharedPublisher) -> None:
+        if self._by_topic.get(topic) is shared:
             del self._by_topic[topic]
-        publication.close()
+        shared.close()

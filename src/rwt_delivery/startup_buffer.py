@@ -1,4 +1,4 @@
-"""What clients published before its readers had come: kept for the first second of a publisher (ADV-08)."""
+"""The samples of a publisher's first second, kept for readers that subscribe late (ADV-08)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MOST_SAMPLES: Final = 100
 _MOST_BYTES: Final = 256 * 1024
 
 
-class EarlySamples:
+class StartupBuffer:
     """The samples of one publisher's first second, the newest of them where they are many or large.
 
     A program that advertises and publishes at once cannot know whether its readers have subscribed yet.

@@ -30,7 +30,7 @@ class Encoded(Protocol):
         """The frame to send; asked for each time one is sent."""
 
 
-class Gate:
+class Throttle:
     """One client's flow of one topic.
 
     * ``throttle == 0``: every sample at once (THR-01); what waits then, waits for the network, in the flow,

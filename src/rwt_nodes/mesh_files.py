@@ -17,7 +17,7 @@ import anyio
 import anyio.to_thread
 
 from rwt_interfaces.definitions.package_directories import package_name
-from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 PATH: Final = "/packages/"
 
@@ -72,7 +72,7 @@ class MeshFiles:
             for root in _packages(folder):
                 self._roots.setdefault(package_name(root), root)
         # A robot's looks are no secret of one topic.
-        self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Access.ADMITTED),))
+        self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Audience.ADMITTED),))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from rwt_transports.api import Listener, OversizeAware
 from rwt_transports.errors import BadUrl, ListenError, Refused, TransportError
-from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route, Routes
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route, Routes
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
@@ -18,7 +18,7 @@ __all__ = [
     "HttpResponse",
     "HttpExtension",
     "Route",
-    "Access",
+    "Audience",
     "Reader",
     "OversizeAware",
     "TransportError",

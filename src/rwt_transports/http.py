@@ -74,7 +74,7 @@ Page = Callable[[HttpRequest, Reader], HttpResponse | Awaitable[HttpResponse]]
 """What answers the requests of a route; it shows what its reader may see."""
 
 
-class Access(Enum):
+class Audience(Enum):
     """Who may ask for a route. Each route declares it; there is no default."""
 
     ANYBODY = auto()
@@ -92,12 +92,12 @@ class Route:
     Attributes:
         path: as :class:`Routes` takes it, ``/stream`` or ``/packages/*``.
         page: what answers ``GET`` and ``HEAD``.
-        access: who may ask.
+        audience: who may ask.
     """
 
     path: str
     page: Page
-    access: Access
+    audience: Audience
 
 
 class MetricFamily(NamedTuple):

@@ -9,7 +9,6 @@ from typing import Any
 
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.peer import Peer
-from rwt_bridge.pending_auth import Doorstep
 from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, Frame, PeerInfo, Traffic
 
 Message = dict[str, Any]
@@ -87,9 +86,6 @@ class Client:
     @property
     def peer(self) -> Peer:
         """What the bridge holds of this client, once it has let it in."""
-        if isinstance(self.endpoint, Doorstep):
-            assert self.endpoint.peer is not None
-            return self.endpoint.peer
         assert isinstance(self.endpoint, Peer)
         return self.endpoint
 

@@ -18,7 +18,8 @@ from websockets.exceptions import ConnectionClosed
 
 from rwt import Settings, SettingsError
 from rwt.server import serve
-from rwt_access.credentials import NotAuthenticated, Rosauth, mac_of, presented_token
+from rwt_access.credentials import Rosauth, mac_of, presented_token
+from rwt_access.errors import NotAuthenticated
 from rwt_access.roles import Role
 from rwt_access.settings import RoleSettings
 from rwt_bridge import Bridge
@@ -156,7 +157,7 @@ def test_the_secret_is_the_first_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "secret"
     path.write_bytes(text.encode())
     bridge = Bridge(MemoryGraph(), Settings.model_validate({"auth": {"rosauth_secret_file": path}}))
-    assert bridge.admission.rosauth is not None
+    assert bridge.access.admission.rosauth is not None
 
 
 @pytest.mark.parametrize("text", ["", "short", SECRET + "q", f"\n{SECRET}", f" {SECRET}"])
@@ -271,10 +272,10 @@ def test_a_replayed_auth_is_refused_on_another_connection(graph: MemoryGraph) ->
 def test_the_level_names_the_role(graph: MemoryGraph) -> None:
     bridge, viewer = _guarded(graph)
     viewer.say("auth", **signed(level="viewer"))
-    assert viewer.peer.role.name == "viewer"
+    assert viewer.peer.graph.role.name == "viewer"
     anybody = Client(bridge)
     anybody.say("auth", **signed(level="whatever"))
-    assert anybody.peer.role.name == "admin"
+    assert anybody.peer.graph.role.name == "admin"
 
 
 def test_with_roles_a_level_that_names_none_is_refused(graph: MemoryGraph) -> None:
@@ -321,8 +322,8 @@ def _with_tokens(graph: MemoryGraph, **auth: Any) -> Bridge:
 @pytest.mark.parametrize("how", HOW)
 def test_a_token_gives_its_role(graph: MemoryGraph, how: str) -> None:
     bridge = _with_tokens(graph)
-    assert Client(bridge, **HOW[how](TOKEN)).peer.role.name == "admin"
-    assert Client(bridge, **HOW[how](OTHER_TOKEN)).peer.role.name == "viewer"
+    assert Client(bridge, **HOW[how](TOKEN)).peer.graph.role.name == "admin"
+    assert Client(bridge, **HOW[how](OTHER_TOKEN)).peer.graph.role.name == "viewer"
 
 
 @pytest.mark.parametrize("default_role", [None, "viewer"])
@@ -349,7 +350,7 @@ def test_without_a_token_nobody_comes_in(graph: MemoryGraph) -> None:
 
 
 def test_without_a_token_the_default_role_comes_in(graph: MemoryGraph) -> None:
-    assert Client(_with_tokens(graph, default_role="viewer")).peer.role.name == "viewer"
+    assert Client(_with_tokens(graph, default_role="viewer")).peer.graph.role.name == "viewer"
 
 
 def test_two_different_tokens_are_one_too_many() -> None:
@@ -368,7 +369,7 @@ def test_with_tokens_and_a_secret_a_client_may_use_either(graph: MemoryGraph) ->
     bridge, by_mac = _guarded(graph, tokens=TOKENS)
     by_mac.say("auth", **signed(rand="either"))
     by_token = Client(bridge, **HOW["header"](OTHER_TOKEN))
-    assert (by_mac.peer.role.name, by_token.peer.role.name) == ("admin", "viewer")
+    assert (by_mac.peer.graph.role.name, by_token.peer.graph.role.name) == ("admin", "viewer")
 
 
 # -- over a real socket ------------------------------------------------------------------------------------

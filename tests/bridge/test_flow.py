@@ -188,7 +188,7 @@ def test_a_throttle_is_counted_and_not_told(client: Client, clock: SimulatedCloc
         client.say("publish", topic="/n", msg={"data": number})
     clock.advance(5)
     assert [message["op"] for message in client.heard()] == ["publish"] * 3
-    assert bridge.ledger.topics["/n"].dropped == {DropReason.THROTTLE: 4, DropReason.QUEUE: 3}
+    assert bridge.shared.counters.topics["/n"].dropped == {DropReason.THROTTLE: 4, DropReason.QUEUE: 3}
 
 
 def test_nothing_is_told_after_unsubscribing(client: Client, other: Client, clock: SimulatedClock) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from rwt.observability.prometheus import Exposition, merged
+from rwt.observability.prometheus import PrometheusText, merged
 
 
 def page(clients: int, topic: str) -> bytes:
-    made = Exposition()
+    made = PrometheusText()
     made.single("clients", "gauge", "Who is here.", clients)
     made.family("sent", "counter", "What went out.", [({"topic": topic}, 1.5), ({"topic": "{ }"}, 2)])
     made.histogram("lag", "How late.", [0.1], [3, 4], 0.5)

@@ -13,12 +13,12 @@ from prometheus_client.parser import text_string_to_metric_families
 from websockets.asyncio.client import connect as connect_websocket
 
 from rwt import Settings
-from rwt.observability.metrics import metrics
-from rwt.observability.prometheus import Exposition
+from rwt.observability.metrics import ServerMetrics
+from rwt.observability.prometheus import PrometheusText
 from rwt.pages import routes
 from rwt.server import serve
 from rwt_bridge.bridge import Bridge
-from rwt_delivery.counters import MOST_TOPICS, Ledger
+from rwt_delivery.counters import MOST_TOPICS, Counters
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_protocol.transport import DropReason, Traffic
@@ -47,9 +47,14 @@ class Page:
 
 
 @pytest.fixture
-def page(bridge: Bridge) -> Callable[[], Page]:
+def metrics(bridge: Bridge) -> ServerMetrics:
+    return ServerMetrics(bridge)
+
+
+@pytest.fixture
+def page(metrics: ServerMetrics) -> Callable[[], Page]:
     def read() -> Page:
-        text = metrics(bridge)
+        text = metrics.text()
         return Page(text)
 
     return read
@@ -65,7 +70,7 @@ def _publish(client: Client, count: int, topic: str = "/n") -> None:
 
 @pytest.mark.parametrize("text", ['say "hi"', "back\\slash", "two\nlines", "\\n", "ü€😀", "{} =,#"])
 def test_labels_and_help_survive_whatever_they_hold(text: str) -> None:
-    page = Exposition()
+    page = PrometheusText()
     page.family("x_total", "counter", text, [({"a": text, "b": "2"}, 3)])
     (family,) = text_string_to_metric_families(page.text().decode())
     (sample,) = family.samples
@@ -74,7 +79,7 @@ def test_labels_and_help_survive_whatever_they_hold(text: str) -> None:
 
 
 def test_the_text_itself() -> None:
-    page = Exposition()
+    page = PrometheusText()
     page.single("a_total", "counter", "Help.", 3)
     page.family("nothing", "gauge", "Not there.", [])
     page.family("b", "gauge", "Help.", [({"l": "x"}, 1.5), ({"l": "y"}, float("inf"))])
@@ -155,12 +160,12 @@ def test_calls_and_refusals(client: Client, other: Client, page: Callable[[], Pa
     assert read.value("rwt_refusals_total", op="unknown") == 3
 
 
-def test_loop_lag(page: Callable[[], Page], clock: SimulatedClock, bridge: Bridge) -> None:
+def test_loop_lag(page: Callable[[], Page], clock: SimulatedClock, metrics: ServerMetrics) -> None:
     clock.advance(2.1)
     read = page()
     assert read.value("rwt_loop_lag_seconds_count") == 4
     assert read.value("rwt_loop_lag_seconds_bucket", le="0.001") == 4
-    bridge.loop_lag._due -= 1.0
+    metrics._loop_lag._due -= 1.0
     clock.advance(0.5)
     read = page()
     assert read.value("rwt_loop_lag_seconds_bucket", le="0.5") == 4
@@ -176,12 +181,12 @@ def test_the_process(page: Callable[[], Page]) -> None:
 
 
 def test_topics_that_clients_invent_are_not_remembered_for_ever() -> None:
-    ledger = Ledger()
-    used = ledger.use_topic("/used")
+    counters = Counters()
+    used = counters.use_topic("/used")
     for number in range(2 * MOST_TOPICS):
-        ledger.release_topic(ledger.use_topic(f"/invented{number}"))
-    assert len(ledger.topics) == MOST_TOPICS
-    assert ledger.topics["/used"] is used
+        counters.release_topic(counters.use_topic(f"/invented{number}"))
+    assert len(counters.topics) == MOST_TOPICS
+    assert counters.topics["/used"] is used
 
 
 def _get(url: str) -> tuple[Mapping[str, str], bytes]:
@@ -218,7 +223,7 @@ def anyio_backend() -> str:
 async def test_health_follows_the_graph(anyio_backend: str) -> None:
     graph = MemoryGraph()
     bridge = Bridge(graph, Settings())
-    handler = routes(bridge).find("GET", "/healthz")
+    handler = routes(bridge, ServerMetrics(bridge)).find("GET", "/healthz")
     assert callable(handler)
 
     def ask() -> tuple[int, object]:

@@ -20,7 +20,7 @@ from rwt_access.origins import Origins, is_loopback_listener
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import Refused
-from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.bridge.recording_client import Client
 
 TOKEN = "a-token-of-some-length"
@@ -135,7 +135,7 @@ def test_an_origin_cannot_forge_a_line_of_the_log(
 
 def test_programs_without_an_origin_are_not_asked(graph: MemoryGraph) -> None:
     for loopback in (True, False):
-        assert _client(graph, {"host": "robot:9090"}, loopback=loopback).peer.role.name == "admin"
+        assert _client(graph, {"host": "robot:9090"}, loopback=loopback).peer.graph.role.name == "admin"
 
 
 # -- over a real socket ------------------------------------------------------------------------------------
@@ -291,7 +291,7 @@ async def test_a_nodes_page_is_for_those_who_may_come_in_and_knows_what_they_may
         return HttpResponse(" ".join(heard).encode())
 
     graph = MemoryGraph()
-    http = [HttpExtension((Route("/stream", page, Access.ADMITTED),))]
+    http = [HttpExtension((Route("/stream", page, Audience.ADMITTED),))]
     async with graph, serve(graph, "ws://127.0.0.1:0", settings=settings, http=http) as server:
         host = server.urls[0].removeprefix("ws://")
         assert (await _get(host, "/stream")).startswith("HTTP/1.1 401 ")
@@ -317,7 +317,7 @@ async def _page(request: HttpRequest, reader: Reader) -> HttpResponse:
 
 
 _PAGES = HttpExtension(
-    (Route("/mesh", _page, Access.ADMITTED), Route("/plain", _plain_page, Access.ADMITTED))
+    (Route("/mesh", _page, Audience.ADMITTED), Route("/plain", _plain_page, Audience.ADMITTED))
 )
 
 

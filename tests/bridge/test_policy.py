@@ -10,6 +10,8 @@ import anyio.lowlevel
 import pytest
 
 from rwt import Settings
+from rwt_access.access import Access
+from rwt_access.errors import NotAllowed
 from rwt_access.roles import ACTS, Role
 from rwt_access.settings import RoleSettings
 from rwt_bridge import Bridge
@@ -18,7 +20,7 @@ from rwt_graph.api import Graph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_nodes import Rosapi
-from rwt_protocol.errors import Refused
+from rwt_nodes.rosapi import DISCLOSURES
 from tests.bridge.recording_client import Client, Message
 
 
@@ -72,7 +74,7 @@ def test_rosapi_may_always_be_called() -> None:
 
 
 def test_a_refusal_names_the_setting() -> None:
-    with pytest.raises(Refused, match=r"role 'r' may not publish on /x \(roles\.r\.publish\)"):
+    with pytest.raises(NotAllowed, match=r"role 'r' may not publish on /x \(roles\.r\.publish\)"):
         role().require("publish", "/x")
 
 
@@ -89,7 +91,7 @@ def test_what_a_role_remembers_is_bounded() -> None:
 
 def _client(graph: Graph, globs: Mapping[str, object], *, level: str | None = "error") -> Client:
     settings = Settings.model_validate({"auth": {"default_role": "guest"}, "roles": {"guest": globs}})
-    client = Client(Bridge(graph, settings))
+    client = Client(Bridge(graph, settings, Access(graph, settings, DISCLOSURES)))
     if level:
         client.say("set_level", level=level)
     return client

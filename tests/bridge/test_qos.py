@@ -188,15 +188,15 @@ def test_a_subscriber_hears_of_missed_deadlines_at_most_once_a_second(
     for number in range(5):
         clock.advance(0.06)
         _publish(client, number)
-    assert bridge.ledger.missed_deadlines == 0 and len(other.heard_of("/n")) == 5
+    assert bridge.shared.counters.missed_deadlines == 0 and len(other.heard_of("/n")) == 5
     clock.advance(3)
     texts = [message["msg"] for message in other.heard()]
     assert 2 <= len(texts) <= 3 and all("/n: the deadline was missed" in text for text in texts)
     other.say("unsubscribe", topic="/n")
-    missed = bridge.ledger.missed_deadlines
+    missed = bridge.shared.counters.missed_deadlines
     assert 28 <= missed <= 30
     clock.advance(3)
-    assert bridge.ledger.missed_deadlines == missed and other.heard() == []
+    assert bridge.shared.counters.missed_deadlines == missed and other.heard() == []
 
 
 def test_a_publisher_that_is_late_is_logged_and_counted(
@@ -206,11 +206,11 @@ def test_a_publisher_that_is_late_is_logged_and_counted(
     _advertise(client, deadline=1)
     _publish(client, 1)
     clock.advance(3.5)
-    assert bridge.ledger.missed_deadlines == 3
+    assert bridge.shared.counters.missed_deadlines == 3
     assert caplog.text.count("nothing came for /n within its deadline of 1 s") == 1
     client.leave()
     clock.advance(20)
-    assert bridge.ledger.missed_deadlines == 3
+    assert bridge.shared.counters.missed_deadlines == 3
 
 
 # -- subscribe ---------------------------------------------------------------------------------------------

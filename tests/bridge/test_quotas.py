@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rwt import Settings
-from rwt_access.quotas import MessageRate
+from rwt_access.quotas import RateLimit
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
@@ -96,7 +96,7 @@ def test_calls_and_goals_under_way_count_together(graph: MemoryGraph) -> None:
 
 
 def test_a_burst_passes_and_then_the_rate_counts() -> None:
-    rate = MessageRate(10, 5)
+    rate = RateLimit(10, 5)
     assert [rate.take(0.0) for _ in range(7)] == [True] * 5 + [False] * 2
     assert rate.take(0.1001)
     assert not rate.take(0.1002)
@@ -104,7 +104,7 @@ def test_a_burst_passes_and_then_the_rate_counts() -> None:
 
 
 def test_a_steady_flow_at_the_rate_passes_for_ever() -> None:
-    rate = MessageRate(100, 1)
+    rate = RateLimit(100, 1)
     assert all(rate.take(number / 99) for number in range(10_000))
 
 

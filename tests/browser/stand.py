@@ -15,7 +15,7 @@ from rwt_interfaces.registry import Registry
 from rwt_nodes import Rosapi, Tf2WebRepublisher
 from rwt_nodes.demo import DemoRobot
 from rwt_nodes.video import WebVideoServer
-from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.browser.driver import HERE, NODE
 
 REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}
@@ -44,7 +44,7 @@ def files(folder: Path, prefix: str) -> Route:
         kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
         return HttpResponse(path.read_bytes(), content_type=kind)
 
-    return Route(f"{prefix}*", page, Access.ADMITTED)
+    return Route(f"{prefix}*", page, Audience.ADMITTED)
 
 
 @asynccontextmanager

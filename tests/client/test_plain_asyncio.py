@@ -13,7 +13,7 @@ from rwt.server import serve
 from rwt_client import connect
 from rwt_graph import MemoryGraph
 from rwt_nodes import Rosapi
-from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 
 async def _page(request: HttpRequest, reader: Reader) -> HttpResponse:
@@ -21,7 +21,7 @@ async def _page(request: HttpRequest, reader: Reader) -> HttpResponse:
     return HttpResponse(b"a page")
 
 
-_PAGES = HttpExtension((Route("/page", _page, Access.ADMITTED),))
+_PAGES = HttpExtension((Route("/page", _page, Audience.ADMITTED),))
 
 
 async def _beep(request: Any) -> dict[str, object]:

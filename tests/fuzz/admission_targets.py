@@ -8,6 +8,7 @@ from urllib.parse import unquote_plus
 from rwt.settings.models import Settings
 from rwt.settings.sources import load_settings
 from rwt_access.admission import Admission
+from rwt_access.audit import Audit
 from rwt_access.settings import AuthSettings, OriginSettings, RoleSettings, SettingsError, TokenSettings
 from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
@@ -33,7 +34,7 @@ def admission(data: bytes) -> None:
     if not data:
         return
     logging.getLogger("rwt.bridge").setLevel(logging.CRITICAL)
-    door = Admission(_GUARDED if data[0] & 1 else _OPEN, lambda: NOW, lambda: NOW)
+    door = Admission(_GUARDED if data[0] & 1 else _OPEN, lambda: NOW, lambda: NOW, Audit())
     path, *lines = data[1:].decode("latin-1").split("\n")
     pairs = (line.partition(":") for line in lines)
     headers = {name.lower(): value.strip() for name, _, value in pairs}

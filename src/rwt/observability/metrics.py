@@ -1,6 +1,6 @@
 """`GET /metrics`: everything that the bridge counts, collected when it is asked for.
 
-Cardinality is bounded: topics by what the ledger remembers, clients (by number, totals only) by those that
+Cardinality is bounded: topics by what the counters remembers, clients (by number, totals only) by those that
 are connected, ops by the protocol.
 """
 
@@ -9,89 +9,122 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from rwt.observability.loop_lag import BUCKETS
+from rwt.observability.loop_lag import BUCKETS, LoopLag
 from rwt.observability.process_metrics import write_process
-from rwt.observability.prometheus import Exposition, Labels
-from rwt_access.audit import LostLines
+from rwt.observability.prometheus import Labels, PrometheusText
 
 if TYPE_CHECKING:
     from rwt_bridge.bridge import Bridge
     from rwt_bridge.peer import Peer
-    from rwt_delivery.counters import EncodingCounts, Ledger, TopicCounts
+    from rwt_delivery.counters import Counters, EncodingCounts, TopicCounts
     from rwt_protocol.transport import Traffic
-    from rwt_transports.http import MetricFamily
+    from rwt_transports.http import HttpExtension
+    from rwt_transports.relay.dial import RelayStatus
 
 
-def metrics(bridge: Bridge, of_nodes: Iterable[MetricFamily] = ()) -> bytes:
-    """The page, with the metrics of nodes after those of the bridge."""
-    page = Exposition()
-    for fanout in bridge.fanouts.values():
-        fanout.settle()
-    clients = [(peer, peer.sink.traffic) for peer in bridge.peers]
-    _write_totals(page, bridge, clients)
-    _write_topics(page, bridge.ledger)
-    _write_clients(page, clients)
-    for family in of_nodes:
-        page.family(*family)
-    write_process(page)
-    return page.text()
+class ServerMetrics:
+    """Everything that one server counts, collected when it is asked for.
+
+    Attributes:
+        dials: how each dial-out goes.
+
+    Args:
+        bridge: the clients.
+        extensions: what nodes count.
+    """
+
+    def __init__(self, bridge: Bridge, extensions: Iterable[HttpExtension] = ()) -> None:
+        self._bridge = bridge
+        self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
+        self._loop_lag = LoopLag(bridge.shared.graph.clock)
+        self.dials: list[RelayStatus] = []
+
+    def text(self) -> bytes:
+        """The page, with the metrics of nodes after those of the server."""
+        page = PrometheusText()
+        bridge = self._bridge
+        for fanout in bridge.shared.fanouts.values():
+            fanout.settle()
+        clients = [(peer, peer.sink.traffic) for peer in bridge.peers]
+        _write_totals(page, bridge, clients)
+        _write_dials(page, self.dials)
+        page.histogram(
+            "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
+            BUCKETS, self._loop_lag.counts, self._loop_lag.total,
+        )  # fmt: skip
+        _write_topics(page, bridge.shared.counters)
+        _write_clients(page, clients)
+        for count in self._of_nodes:
+            for family in count():
+                page.family(*family)
+        write_process(page)
+        return page.text()
+
+    def close(self) -> None:
+        """Stop measuring."""
+        self._loop_lag.close()
 
 
-def _write_totals(page: Exposition, bridge: Bridge, clients: list[tuple[Peer, Traffic]]) -> None:
-    ledger, peers = bridge.ledger, bridge.peers
-    received = ledger.received + sum(peer.messages for peer in peers)
-    received_bytes = ledger.received_bytes + sum(traffic.received_bytes for _, traffic in clients)
-    sent = ledger.sent + sum(traffic.messages for _, traffic in clients)
-    sent_bytes = ledger.sent_bytes + sum(traffic.bytes for _, traffic in clients)
+def _write_totals(page: PrometheusText, bridge: Bridge, clients: list[tuple[Peer, Traffic]]) -> None:
+    counters, peers = bridge.shared.counters, bridge.peers
+    received = counters.received + sum(peer.messages for peer in peers)
+    received_bytes = counters.received_bytes + sum(traffic.received_bytes for _, traffic in clients)
+    sent = counters.sent + sum(traffic.messages for _, traffic in clients)
+    sent_bytes = counters.sent_bytes + sum(traffic.bytes for _, traffic in clients)
     for name, help_, value in (
-        ("rwt_connections_total", "Clients that have connected.", ledger.clients),
+        ("rwt_connections_total", "Clients that have connected.", counters.clients),
         ("rwt_received_messages_total", "Messages from clients.", received),
         ("rwt_received_bytes_total", "Bytes read from clients.", received_bytes),
         ("rwt_sent_messages_total", "Messages to clients.", sent),
         ("rwt_sent_bytes_total", "Bytes written to clients.", sent_bytes),
-        ("rwt_service_calls_total", "Service calls of clients.", ledger.calls),
-        ("rwt_action_goals_total", "Goals that clients sent.", ledger.goals),
+        ("rwt_service_calls_total", "Service calls of clients.", counters.calls),
+        ("rwt_action_goals_total", "Goals that clients sent.", counters.goals),
         ("rwt_missed_deadlines_total", "Deadlines of `qos` that passed without a message.",
-         ledger.missed_deadlines),
-        ("rwt_lost_log_lines_total", "Lines that the log could not take.", LostLines.count),
+         counters.missed_deadlines),
+        ("rwt_lost_log_lines_total", "Lines that the log could not take.", bridge.access.audit.dropped_lines),
     ):  # fmt: skip
         page.single(name, "counter", help_, value)
     page.family(
         "rwt_refusals_total", "counter", "Messages that were refused, by op.",
-        [({"op": op}, count) for op, count in sorted(ledger.refusals.items())],
+        [({"op": op}, count) for op, count in sorted(counters.refusals.items())],
     )  # fmt: skip
     page.single("rwt_clients", "gauge", "Clients connected now.", len(peers))
-    page.single("rwt_service_calls_pending", "gauge", "Calls under way.", sum(len(p.calls) for p in peers))
-    page.single("rwt_action_goals_running", "gauge", "Goals under way.", sum(len(p.goals) for p in peers))
+    page.single(
+        "rwt_service_calls_pending",
+        "gauge",
+        "Calls under way.",
+        sum(peer.graph.calls_in_flight for peer in peers),
+    )
+    page.single(
+        "rwt_action_goals_running",
+        "gauge",
+        "Goals under way.",
+        sum(peer.actions.goals_running for peer in peers),
+    )
     page.family(
         "rwt_topic_client_subscriptions", "gauge", "Clients that listen to a topic.",
-        [({"topic": name}, fanout.subscriptions) for name, fanout in sorted(bridge.fanouts.items())],
-    )  # fmt: skip
-    _write_dials(page, bridge)
-    page.histogram(
-        "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
-        BUCKETS, bridge.loop_lag.counts, bridge.loop_lag.total,
+        [({"topic": name}, fanout.subscriptions) for name, fanout in sorted(bridge.shared.fanouts.items())],
     )  # fmt: skip
 
 
-def _write_dials(page: Exposition, bridge: Bridge) -> None:
+def _write_dials(page: PrometheusText, dials: Iterable[RelayStatus]) -> None:
     """How each dial-out goes; nothing where there are none."""
     page.family(
         "rwt_dial_waiting_connections", "gauge", "Connections that wait at a hub for a client.",
-        [({"hub": relay.url}, relay.idle) for relay in bridge.dials],
+        [({"hub": relay.url}, relay.idle) for relay in dials],
     )  # fmt: skip
     page.family(
         "rwt_dial_clients", "gauge", "Clients that came through a hub.",
-        [({"hub": relay.url}, relay.clients) for relay in bridge.dials],
+        [({"hub": relay.url}, relay.clients) for relay in dials],
     )  # fmt: skip
     page.family(
         "rwt_dial_failures", "gauge", "Attempts in a row that a hub did not answer.",
-        [({"hub": relay.url}, relay.failures) for relay in bridge.dials],
+        [({"hub": relay.url}, relay.failures) for relay in dials],
     )  # fmt: skip
 
 
-def _write_topics(page: Exposition, ledger: Ledger) -> None:
-    topics = sorted(ledger.topics.items())
+def _write_topics(page: PrometheusText, counters: Counters) -> None:
+    topics = sorted(counters.topics.items())
 
     def of_topic(value: Callable[[TopicCounts], int]) -> Iterator[tuple[Labels, float]]:
         return (({"topic": name}, value(counts)) for name, counts in topics if counts.received)
@@ -131,7 +164,7 @@ def _write_topics(page: Exposition, ledger: Ledger) -> None:
     )  # fmt: skip
 
 
-def _write_clients(page: Exposition, clients: list[tuple[Peer, Traffic]]) -> None:
+def _write_clients(page: PrometheusText, clients: list[tuple[Peer, Traffic]]) -> None:
     def of_client(value: Callable[[Peer, Traffic], int]) -> Iterator[tuple[Labels, float]]:
         return (({"client": str(peer.number)}, value(peer, traffic)) for peer, traffic in clients)
 

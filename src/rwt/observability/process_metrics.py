@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from rwt.observability.prometheus import Exposition
+    from rwt.observability.prometheus import PrometheusText
 
 _PROC: Final = Path("/proc/self")
 _STARTED: Final = time.time()
 
 
-def write_process(page: Exposition) -> None:
+def write_process(page: PrometheusText) -> None:
     """CPU time everywhere, memory and open files where there is `/proc`."""
     times = os.times()
     cpu = times.user + times.system

@@ -12,7 +12,7 @@ Kind = Literal["counter", "gauge", "histogram"]
 Labels = Mapping[str, str]
 
 
-class Exposition:
+class PrometheusText:
     """Collects families of samples, in the order they are to be read."""
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ def merged(pages: Mapping[str, bytes], label: str) -> bytes:
     """The pages of several processes as one, each sample with a label that tells whose it is.
 
     Args:
-        pages: texts of :class:`Exposition`, by the label's value.
+        pages: texts of :class:`PrometheusText`, by the label's value.
         label: its name, which no sample has.
     """
     families: dict[str, list[str]] = {}

@@ -14,7 +14,7 @@ from typing import Final
 import anyio
 from anyio.abc import SocketStream
 
-from rwt.observability.prometheus import Exposition, merged
+from rwt.observability.prometheus import PrometheusText, merged
 
 #: How long another may take; one that takes longer, or that is being started again, is left out.
 _PATIENCE: Final = 1.0
@@ -62,7 +62,7 @@ class WorkerFigures:
             for number in range(1, self._count + 1):
                 if number != self._number:
                     tasks.start_soon(self._ask, number, pages)
-        present = Exposition()
+        present = PrometheusText()
         present.family(
             "rwt_worker_up", "gauge", "Whether a worker of this server answers.",
             [({"worker": str(number)}, int(number in pages)) for number in range(1, self._count + 1)],

@@ -1,245 +1,318 @@
-"""The ops about actions: goals, cancels, feedback and results, both ways."""
+"""The ops about actions: goals, cancels, feedback and results, both ways, of one client."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final, Never, Protocol
 
-from rwt_access.quotas import require_advertisement, require_call
 from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_bridge.ops.services import split_suffix
 from rwt_graph.api import GoalEvents
 from rwt_graph.errors import InvalidTransition
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import CallFailed
+from rwt_program.errors import CallFailed, ProviderNotFound
 from rwt_program.goals import GoalStatus
 from rwt_protocol.errors import Refused
-from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
+from rwt_protocol.ops import (
+    ActionFeedback,
+    ActionResult,
+    AdvertiseAction,
+    CancelActionGoal,
+    Op,
+    SendActionGoal,
+    UnadvertiseAction,
+)
 
 if TYPE_CHECKING:
-    from rwt_bridge.peer import Peer
-    from rwt_graph.api import ClientGoal, Registration, ServerGoal
+    from rwt_access.client_graph import ClientGraph
+    from rwt_bridge.reply import Replies
+    from rwt_graph.api import ClientGoal, ServerGoal
     from rwt_interfaces.structs import ActionType
-    from rwt_protocol import ops
 
-_OUTCOMES = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
+_OUTCOMES: Final = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
+
+#: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
+_MOST_ORPHANS: Final = 1000
+
+
+class OrphanedGoals:
+    """Running goals whose sender has disconnected, for a cancel that comes over its next connection."""
+
+    def __init__(self) -> None:
+        self._senders: dict[SentGoal, str] = {}
+
+    def add(self, goal: SentGoal, address: str) -> None:
+        """Remember a goal of a client at `address`; beyond a bound the oldest is forgotten."""
+        self._senders[goal] = address
+        while len(self._senders) > _MOST_ORPHANS:
+            del self._senders[next(iter(self._senders))]
+
+    def find(self, address: str, action: str, id_: str | int | None) -> SentGoal | None:
+        """The newest running goal of that id whose sender, at that address, has disconnected."""
+        for goal, sender in reversed(self._senders.items()):
+            if sender == address and goal.action == action and goal.id == id_:
+                return goal
+        return None
+
+    def discard(self, goal: SentGoal) -> None:
+        """Forget a goal that has ended."""
+        self._senders.pop(goal, None)
 
 
 class SentGoal:
-    """One goal of a client, until its result."""
+    """One goal of a client, until its result.
 
-    def __init__(self, peer: Peer, op: SendActionGoal, goal: Payload) -> None:
-        self._peer = peer
+    Attributes:
+        action: the action's absolute name.
+        id: as the client marked it.
+    """
+
+    __slots__ = ("_client", "_ended", "_goal", "_listening", "_op", "action", "id")
+
+    def __init__(self, client: Actions, op: SendActionGoal) -> None:
+        name, suffix = split_suffix(op.action)
+        self._client = client
         self._op = op
         self._listening = True
-        self.action = resolve(split_suffix(op.action)[0])
+        self._ended = False
+        self.action = resolve(name)
+        self.id = suffix if op.id is None else op.id
         events = GoalEvents(on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None)
-        peer.goals.add(self)
-        peer.bridge.ledger.goals += 1
-        self._goal: ClientGoal = peer.bridge.participant.send_goal(self.action, goal, events)
+        self._goal: ClientGoal = client.graph.send_goal(self.action, self._goal_of, events)
+
+    def _goal_of(self, type: ActionType) -> Payload:
+        op, client = self._op, self._client
+        client.graph.registry.action(op.action_type)
+        return arguments_of(type.goal, op.args, "send_action_goal.args", client.now)
 
     @property
-    def id(self) -> str | int | None:
-        """The id the client gave it."""
-        return self._op.id
+    def goal_id(self) -> str:
+        """The id that the graph gave it."""
+        return self._goal.id
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has its result."""
+        return self._ended
 
     def cancel(self) -> None:
         """Ask the server to cancel; the outcome is the result (ACT-07, ACT-08)."""
         self._goal.cancel()
 
     def orphan(self) -> None:
-        """The client has gone; the goal runs on, and nobody hears of it (ACT-19)."""
+        """Report nothing more: the client has gone, and the goal runs on (ACT-19)."""
         self._listening = False
         self._goal.want_feedback(False)
 
     def _on_feedback(self, feedback: Payload) -> None:
-        if not self._listening:
-            return
-        op = self._op
-        self._answer(ActionFeedback(action=op.action, values=feedback, id=op.id))
-
-    def _answer(self, answer: ActionFeedback | ActionResult) -> None:
-        self._peer.send_if_small(answer, self._op.fragment_size)
+        if self._listening:
+            op = self._op
+            self._client.replies.send(
+                ActionFeedback(action=op.action, values=feedback, id=self.id), op.fragment_size
+            )
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        peer, op = self._peer, self._op
-        peer.goals.discard(self)
-        peer.bridge.forget_goal(self)
+        self._ended = True
+        self._client.ended(self)
         if not self._listening:
             return
-        if isinstance(outcome, CallFailed):
-            peer.send(
-                ActionResult(
-                    action=op.action,
-                    values=str(outcome),
-                    status=int(status),
-                    result=False,
-                    id=op.id,
-                )
-            )
-        else:
-            self._answer(
-                ActionResult(
-                    action=op.action,
-                    values=outcome,
-                    status=int(status),
-                    result=True,
-                    id=op.id,
-                )
-            )
-
-
-def on_send_action_goal(peer: Peer, op: SendActionGoal) -> None:
-    """Send a goal to an action of the graph (ACT-01 … ACT-05).
-
-    Its type must exist (ACT-04), and may be another than the server's: one action goes by several packages'
-    names, and whether the goal fits is told by its fields.
-    """
-    name, suffix = split_suffix(op.action)
-    if suffix is not None and op.id is None:
-        op = op.model_copy(update={"id": suffix})
-    action = resolve(name)
-    peer.role.require("goals", action)
-    info = peer.bridge.graph.action(action)
-    if info is None:
-        raise Refused(f"Action {action} does not exist")
-    peer.bridge.graph.registry.action(op.action_type)
-    require_call(peer, op.op)
-    SentGoal(peer, op, arguments_of(info.type.goal, op.args, "send_action_goal.args", peer.bridge.now))
-
-
-def on_cancel_action_goal(peer: Peer, op: ops.CancelActionGoal) -> None:
-    """Cancel a goal by the id it was sent with.
-
-    A client that has lost its connection may cancel from the next one: goals whose sender has disconnected
-    are found by the address they came from.
-    """
-    action = resolve(split_suffix(op.action)[0])
-    for goal in peer.goals:
-        if goal.id == op.id and goal.action == action:
-            goal.cancel()
-            return
-    peer.role.require("goals", action)
-    orphan = peer.bridge.orphaned_goal(peer.info.address, action, op.id)
-    if orphan is None:
-        raise Refused(f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning")
-    orphan.cancel()
-
-
-class ProvidedAction:
-    """One action that a client offers, and the goals it works on."""
-
-    def __init__(self, peer: Peer, name: str, type: ActionType) -> None:
-        self._peer = peer
-        self._name = name
-        self._type = type
-        self._count = 0
-        self._goals: dict[str, ServerGoal] = {}
-        self._registration: Registration = peer.bridge.participant.advertise_action(
-            resolve(name), type, self._forward
+        failed = isinstance(outcome, CallFailed)
+        self._client.replies.send(
+            ActionResult(
+                action=self._op.action,
+                values=str(outcome) if isinstance(outcome, CallFailed) else outcome,
+                status=int(status),
+                result=not failed,
+                id=self.id,
+            ),
+            None if failed else self._op.fragment_size,
         )
 
-    def _forward(self, goal: ServerGoal) -> None:
+
+class _Provided:
+    """One action that a client offers, and the goals it works on."""
+
+    __slots__ = ("_count", "_graph", "_name", "_replies", "goals")
+
+    def __init__(self, graph: ClientGraph, replies: Replies, name: str) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._name = name
+        self._count = 0
+        self.goals: dict[str, tuple[ActionType, ServerGoal]] = {}
+
+    def take(self, type: ActionType, goal: ServerGoal) -> None:
         """Accept every goal and send it to the client under an id of its own (ACT-12, ACT-13)."""
         self._count += 1
         id_ = f"action_goal:{self._name}:{self._count}"
-        self._goals[id_] = goal
-        goal.on_cancel = lambda: self._peer.send(CancelActionGoal(action=self._name, id=id_))
+        self.goals[id_] = (type, goal)
+        goal.on_cancel = lambda: self._cancel(id_)
         goal.on_end = lambda _: self._forget(id_)
         goal.accept()
-        sent = self._peer.send_if_small(
+        sent = self._replies.send(
             SendActionGoal(
                 action=self._name,
-                action_type=self._peer.bridge.graph.registry.type_name(self._type),
+                action_type=self._graph.registry.type_name(type),
                 args=goal.goal,
                 feedback=True,
                 id=id_,
             )
         )
         if not sent:
-            reason = "the goal is too large for its server (limits.outgoing_message_bytes)"
-            goal.finish(GoalStatus.ABORTED, Payload.from_json(self._type.result, b"{}"), reason)
+            abort(type, goal, "the goal is too large for its server (limits.outgoing_message_bytes)")
+
+    def _cancel(self, id_: str) -> None:
+        self._replies.send(CancelActionGoal(action=self._name, id=id_))
 
     def _forget(self, id_: str) -> None:
-        self._goals.pop(id_, None)
+        self.goals.pop(id_, None)
 
-    def feedback(self, op: ops.ActionFeedback) -> None:
-        """Pass feedback on (ACT-14)."""
-        goal = self._goals.get(op.id) if isinstance(op.id, str) else None
-        if goal is None:
+
+def abort(type: ActionType, goal: ServerGoal, reason: str) -> None:
+    """End a goal as aborted, with a result of defaults."""
+    goal.finish(GoalStatus.ABORTED, Payload.from_json(type.result, b"{}"), reason)
+
+
+class Actions:
+    """The goals that one client sends, and the actions that it offers.
+
+    Attributes:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        now: ROS time in nanoseconds.
+
+    Args:
+        graph: see above.
+        replies: see above.
+        address: the client's.
+        orphans: the goals of clients that have gone.
+    """
+
+    __slots__ = ("_address", "_orphans", "_provided", "_sent", "graph", "now", "replies")
+
+    def __init__(self, graph: ClientGraph, replies: Replies, address: str, orphans: OrphanedGoals) -> None:
+        self.graph = graph
+        self.replies = replies
+        self.now = graph.clock.time_ns
+        self._address = address
+        self._orphans = orphans
+        self._sent: set[SentGoal] = set()
+        self._provided: dict[str, _Provided] = {}
+
+    @property
+    def goals_running(self) -> int:
+        """Goals of this client that wait for their result."""
+        return len(self._sent)
+
+    def send_goal(self, op: SendActionGoal) -> None:
+        """Send a goal to an action of the graph (ACT-01 … ACT-05).
+
+        Its type must exist (ACT-04), and may be another than the server's: one action goes by several
+        packages' names, and whether the goal fits is told by its fields.
+        """
+        try:
+            goal = SentGoal(self, op)
+        except ProviderNotFound as missing:
+            raise Refused(str(missing)) from None
+        if not goal.ended:
+            self._sent.add(goal)
+
+    def ended(self, goal: SentGoal) -> None:
+        """A goal has its result."""
+        self._sent.discard(goal)
+        self._orphans.discard(goal)
+
+    def cancel(self, op: CancelActionGoal) -> None:
+        """Cancel a goal by the id it was sent with.
+
+        A client that has lost its connection may cancel from the next one: goals whose sender has
+        disconnected are found by the address they came from.
+        """
+        action = resolve(split_suffix(op.action)[0])
+        for goal in self._sent:
+            if goal.id == op.id and goal.action == action:
+                goal.cancel()
+                return
+        orphan = self._orphans.find(self._address, self.graph.require("goals", action), op.id)
+        if orphan is None:
             raise Refused(
-                f"action_feedback: no goal of {self._name} runs under id {op.id!r}", level="warning"
+                f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning"
             )
-        values = object_or_empty(op.values)
-        goal.feedback(
-            payload_of(self._type.feedback, values, "action_feedback.values", self._peer.bridge.now)
-        )
+        self.graph.cancel_goal(action, orphan.goal_id)
 
-    def result(self, op: ops.ActionResult) -> None:
-        """End a goal (ACT-15, ACT-16)."""
-        goal = self._goals.pop(op.id, None) if isinstance(op.id, str) else None
-        if goal is None:
-            raise Refused(f"action_result: no goal of {self._name} runs under id {op.id!r}", level="warning")
+    def advertise(self, op: AdvertiseAction) -> None:
+        """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
+        provided = _Provided(self.graph, self.replies, op.action)
+        self._provided[self.graph.advertise_action(op.action, op.type, provided.take)] = provided
+
+    def unadvertise(self, op: UnadvertiseAction) -> None:
+        """Withdraw an action of this client; its running goals are aborted (ACT-18)."""
+        if not self.graph.withdraw_action(op.action):
+            raise Refused(f"unadvertise_action: this client does not advertise {op.action}", level="warning")
+        del self._provided[resolve(op.action)]
+
+    def feedback(self, op: ActionFeedback) -> None:
+        """Pass on the feedback of a client that offers the action (ACT-14)."""
+        goals = self._goals(op.op, op.action)
+        type, goal = _goal(goals.get(op.id) if isinstance(op.id, str) else None, op.op, op.action, op.id)
+        values = object_or_empty(op.values)
+        goal.feedback(payload_of(type.feedback, values, "action_feedback.values", self.now))
+
+    def result(self, op: ActionResult) -> None:
+        """End a goal with the result of the client that offers the action (ACT-15, ACT-16)."""
+        goals = self._goals(op.op, op.action)
+        type, goal = _goal(
+            goals.pop(op.id, None) if isinstance(op.id, str) else None, op.op, op.action, op.id
+        )
         if not op.result:
-            reason = failure_text(op.values, "the action failed and gave no reason")
-            goal.finish(GoalStatus.ABORTED, Payload.from_json(self._type.result, b"{}"), reason)
+            abort(type, goal, failure_text(op.values, "the action failed and gave no reason"))
             return
         try:
             values = object_or_empty(op.values)
-            result = payload_of(self._type.result, values, "action_result.values", self._peer.bridge.now)
+            result = payload_of(type.result, values, "action_result.values", self.now)
         except Refused as refused:
-            reason = f"the provider's result does not fit {self._type.name}: {refused.reason}"
-            goal.finish(GoalStatus.ABORTED, Payload.from_json(self._type.result, b"{}"), reason)
+            abort(type, goal, f"the provider's result does not fit {type.name}: {refused.reason}")
             raise
-        self._finish(goal, GoalStatus(op.status), result)
-
-    def _finish(self, goal: ServerGoal, status: GoalStatus, result: Payload) -> None:
+        status = GoalStatus(op.status)
         try:
             goal.finish(status if status in _OUTCOMES else GoalStatus.ABORTED, result)
         except InvalidTransition:
             # "canceled" without a cancel request: the state machine has no such step.
             goal.finish(GoalStatus.ABORTED, result)
 
+    def _goals(self, op: str, action: str) -> dict[str, tuple[ActionType, ServerGoal]]:
+        """The goals of an action that this client offers."""
+        provided = self._provided.get(resolve(action))
+        if provided is None:
+            raise Refused(f"{op}: this client does not advertise {action}")
+        return provided.goals
+
     def close(self) -> None:
-        """Withdraw the action; running goals are aborted (ACT-18, ACT-19)."""
-        self._registration.close()
-        self._goals.clear()
+        """Let the goals run on; they can still be cancelled from the same address (ACT-19)."""
+        for goal in self._sent:
+            goal.orphan()
+            self._orphans.add(goal, self._address)
 
 
-def on_advertise_action(peer: Peer, op: ops.AdvertiseAction) -> None:
-    """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
-    name = resolve(op.action)
-    peer.role.require("provide", name)
-    action_type = peer.bridge.graph.registry.action(op.type)
-    if name not in peer.actions:
-        require_advertisement(peer, op.op)
-    provided = ProvidedAction(peer, op.action, action_type)
-    previous = peer.actions.pop(name, None)
-    if previous is not None:
-        previous.close()
-    peer.actions[name] = provided
+def _goal(
+    found: tuple[ActionType, ServerGoal] | None, op: str, action: str, id_: str | int | None
+) -> tuple[ActionType, ServerGoal]:
+    if found is None:
+        raise Refused(f"{op}: no goal of {action} runs under id {id_!r}", level="warning")
+    return found
 
 
-def on_unadvertise_action(peer: Peer, op: ops.UnadvertiseAction) -> None:
-    """Withdraw an action of this client (ACT-18)."""
-    provided = peer.actions.pop(resolve(op.action), None)
-    if provided is None:
-        raise Refused(f"unadvertise_action: this client does not advertise {op.action}", level="warning")
-    provided.close()
+class _HasActions(Protocol):
+    @property
+    def actions(self) -> Actions: ...
 
 
-def on_action_feedback(peer: Peer, op: ops.ActionFeedback) -> None:
-    """Take feedback from the client that offers the action."""
-    _provided(peer, op.op, op.action).feedback(op)
-
-
-def on_action_result(peer: Peer, op: ops.ActionResult) -> None:
-    """Take a result from the client that offers the action."""
-    _provided(peer, op.op, op.action).result(op)
-
-
-def _provided(peer: Peer, op: str, action: str) -> ProvidedAction:
-    provided = peer.actions.get(resolve(action))
-    if provided is None:
-        raise Refused(f"{op}: this client does not advertise {action}")
-    return provided
+HANDLERS: Final[Mapping[type[Op], Callable[[_HasActions, Never], None]]] = {
+    SendActionGoal: lambda client, op: client.actions.send_goal(op),
+    CancelActionGoal: lambda client, op: client.actions.cancel(op),
+    ActionFeedback: lambda client, op: client.actions.feedback(op),
+    ActionResult: lambda client, op: client.actions.result(op),
+    AdvertiseAction: lambda client, op: client.actions.advertise(op),
+    UnadvertiseAction: lambda client, op: client.actions.unadvertise(op),
+}

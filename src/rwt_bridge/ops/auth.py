@@ -1,28 +1,42 @@
-"""set_level, status, auth, fragment, png: ops about the connection itself."""
+"""auth: the op by which a client proves its role."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final, Never, Protocol
 
-from rwt_access.credentials import NotAuthenticated
+from rwt_access.errors import NotAuthenticated
 from rwt_protocol.errors import Refused
+from rwt_protocol.ops import Auth, Op
 from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
-    from rwt_bridge.peer import Peer
-    from rwt_protocol import ops
+    from rwt_access.credentials import Rosauth
+    from rwt_access.roles import Role
+    from rwt_protocol.transport import Sink
 
 
-def on_auth(peer: Peer, op: ops.Auth) -> None:
+class _Authenticates(Protocol):
+    @property
+    def rosauth(self) -> Rosauth | None: ...
+    @property
+    def sink(self) -> Sink: ...
+    def take_role(self, role: Role) -> None: ...
+
+
+def on_auth(client: _Authenticates, op: Auth) -> None:
     """Give a client that came in without credentials, or with others, the role that `op` proves (AUT-03).
 
     Where no secret is configured nobody needs to authenticate (AUT-04).
     """
-    rosauth = peer.bridge.admission.rosauth
+    rosauth = client.rosauth
     if rosauth is None:
         raise Refused("auth: this server has no authentication; go on without", level="warning")
     try:
-        peer.take_role(rosauth.authenticate(op))
+        client.take_role(rosauth.authenticate(op))
     except NotAuthenticated as error:
-        peer.sink.close(POLICY, str(error))
+        client.sink.close(POLICY, str(error))
         raise Refused(str(error)) from None
+
+
+HANDLERS: Final[Mapping[type[Op], Callable[[_Authenticates, Never], None]]] = {Auth: on_auth}

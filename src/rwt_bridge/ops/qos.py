@@ -22,29 +22,29 @@ def publisher_qos(op: ops.Advertise) -> QoS | None:
     """What a new publisher gets: `qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
     if op.qos is None:
         return LATCHED if op.latch else None
-    wish = op.qos
+    request = op.qos
     return QoS(
-        history=_DEFAULT.history if wish.history is None else History(wish.history),
-        depth=wish.depth or _DEFAULT.depth,
-        reliability=_DEFAULT.reliability if wish.reliability is None else Reliability(wish.reliability),
-        durability=_DEFAULT.durability if wish.durability is None else Durability(wish.durability),
-        deadline=_seconds(wish.deadline),
-        lifespan=_seconds(wish.lifespan),
+        history=_DEFAULT.history if request.history is None else History(request.history),
+        depth=request.depth or _DEFAULT.depth,
+        reliability=_DEFAULT.reliability if request.reliability is None else Reliability(request.reliability),
+        durability=_DEFAULT.durability if request.durability is None else Durability(request.durability),
+        deadline=_seconds(request.deadline),
+        lifespan=_seconds(request.lifespan),
     )
 
 
-def disagreement(wish: Qos, offered: QoS) -> str:
-    """What a client asks for and a publisher that is there does not offer; empty if nothing (ADV-11).
+def incompatible_policies(request: Qos, offered: QoS) -> str:
+    """The policies that a client asks for and a publisher does not offer, in words; empty if none (ADV-11).
 
     A policy that is not named, or is named `best_available`, agrees with everything.
     """
     pairs: tuple[tuple[str, object, object], ...] = (
-        ("history", wish.history, offered.history.value),
-        ("depth", wish.depth or None, offered.depth),
-        ("reliability", wish.reliability, offered.reliability.value),
-        ("durability", wish.durability, offered.durability.value),
-        ("deadline", wish.deadline, offered.deadline or "infinite"),
-        ("lifespan", wish.lifespan, offered.lifespan or "infinite"),
+        ("history", request.history, offered.history.value),
+        ("depth", request.depth or None, offered.depth),
+        ("reliability", request.reliability, offered.reliability.value),
+        ("durability", request.durability, offered.durability.value),
+        ("deadline", request.deadline, offered.deadline or "infinite"),
+        ("lifespan", request.lifespan, offered.lifespan or "infinite"),
     )
     found = [
         f"{name} {has} where {wants or 'infinite'} is asked for"
@@ -55,8 +55,8 @@ def disagreement(wish: Qos, offered: QoS) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
-    """What all subscriptions of one client on one topic want together.
+class QosRequest:
+    """What all subscriptions of one client on one topic ask for together.
 
     Attributes:
         rules: how samples wait while the connection is slow.
@@ -69,7 +69,7 @@ class Wishes:
     deadline: float = 0.0
 
 
-def wishes_of(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[EndpointInfo]) -> Wishes:
+def qos_request(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[EndpointInfo]) -> QosRequest:
     """One delivery for several subscriptions: none gets less than it asked for, except by `queue_length`,
     of which the smallest counts (X06).
 
@@ -82,14 +82,14 @@ def wishes_of(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[Endpo
     rules = _together(said) if len(said) == len(each) else _as_published(publishers)
     lifespans = [_seconds(op.qos.lifespan if op.qos else None) or 0.0 for op in subscriptions]
     deadlines = [_seconds(op.qos.deadline if op.qos else None) or 0.0 for op in subscriptions]
-    return Wishes(
+    return QosRequest(
         rules=rules,
         lifespan_ns=0 if 0.0 in lifespans else round(max(lifespans) * NANOSECONDS),
         deadline=min((seconds for seconds in deadlines if seconds), default=0.0),
     )
 
 
-def kept_wanted(op: ops.Subscribe) -> int | None:
+def history_depth(op: ops.Subscribe) -> int | None:
     """How many kept samples a new subscription gets: None for all of them, 0 for none."""
     if op.qos is None:
         return None
@@ -100,17 +100,17 @@ def kept_wanted(op: ops.Subscribe) -> int | None:
 
 def _rules(op: ops.Subscribe) -> FlowRules | None:
     """How the samples of one subscription wait; None if it does not say: `qos` over `queue_length`."""
-    wish = op.qos
-    if wish is not None:
-        if wish.history == "keep_all":
-            return FlowRules(keep_all=wish.reliability != "best_effort")
-        if wish.depth:
-            return FlowRules(wish.depth)
-        if wish.reliability == "best_effort":
+    request = op.qos
+    if request is not None:
+        if request.history == "keep_all":
+            return FlowRules(keep_all=request.reliability != "best_effort")
+        if request.depth:
+            return FlowRules(request.depth)
+        if request.reliability == "best_effort":
             return FlowRules(op.queue_length or SENSOR_DATA.depth)
     if op.queue_length:
         return FlowRules(op.queue_length)
-    if wish is not None and wish.reliability == "reliable":
+    if request is not None and request.reliability == "reliable":
         return AS_MANY_AS_FIT
     return None
 
@@ -134,6 +134,6 @@ def _as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
     return AS_MANY_AS_FIT
 
 
-def _seconds(wish: float | str | None) -> float | None:
+def _seconds(request: float | str | None) -> float | None:
     """Seconds, or None where there is no limit: nothing, zero, "infinite" and "best_available"."""
-    return None if isinstance(wish, str) else wish or None
+    return None if isinstance(request, str) else request or None

@@ -1,77 +1,31 @@
-"""call_service, service_response, advertise_service, unadvertise_service."""
+"""call_service, service_response, advertise_service, unadvertise_service: the services of one client."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final, Never, Protocol
 
-from rwt_access.quotas import require_advertisement, require_call, too_large
-from rwt_access.rosapi_filter import narrowed
 from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.names import resolve
-from rwt_program.errors import CallFailed
+from rwt_program.errors import CallFailed, ProviderNotFound
 from rwt_protocol.errors import Refused
-from rwt_protocol.ops import ServiceResponse
+from rwt_protocol.ops import (
+    AdvertiseService,
+    CallService,
+    Op,
+    ServiceResponse,
+    UnadvertiseService,
+)
 
 if TYPE_CHECKING:
-    from rwt_access.rosapi_filter import Narrow
-    from rwt_bridge.peer import Peer
-    from rwt_graph.api import PendingCall, Registration, ServiceCall
+    from rwt_access.client_graph import ClientGraph
+    from rwt_bridge.reply import Replies
+    from rwt_graph.api import ServiceCall
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
-    from rwt_protocol import ops
 
 #: Answered, abandoned calls are swept out of a provider's table when it has grown to this size.
-_SWEEP_AT = 256
-
-
-class ClientCall:
-    """One `call_service` of a client, on its way; called with the outcome."""
-
-    __slots__ = ("_fragment_size", "_id", "_narrow", "_peer", "_service", "pending")
-
-    def __init__(self, peer: Peer, op: ops.CallService, narrow: Narrow | None) -> None:
-        self._peer = peer
-        self._service = op.service
-        self._id = op.id
-        self._fragment_size = op.fragment_size
-        self._narrow = narrow
-        self.pending: PendingCall | None = None
-
-    def __call__(self, outcome: Payload | CallFailed) -> None:
-        """Answer the client: exactly one reply per call (SRV-14)."""
-        peer = self._peer
-        peer.calls.discard(self)
-        if isinstance(outcome, CallFailed):
-            peer.send(ServiceResponse(service=self._service, values=str(outcome), result=False, id=self._id))
-        else:
-            if self._narrow is not None:
-                outcome = self._narrow(outcome)
-            frame = peer.session.response(self._service, outcome, self._id)
-            reason = too_large(peer, frame, in_pieces=self._fragment_size is not None)
-            if reason is None:
-                peer.send_cut(frame, self._fragment_size, self._id)
-            else:
-                peer.send(ServiceResponse(service=self._service, values=reason, result=False, id=self._id))
-
-
-def on_call_service(peer: Peer, op: ops.CallService) -> None:
-    """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14)."""
-    service, suffix = split_suffix(op.service)
-    if suffix is not None and op.id is None:
-        op = op.model_copy(update={"id": suffix})
-    name = resolve(service)
-    peer.role.require("call", name)
-    info = peer.bridge.graph.service(name)
-    if info is None:
-        raise Refused(f"Service {name} does not exist")
-    require_call(peer, op.op)
-    request = arguments_of(info.type.request, op.args, "call_service.args", peer.bridge.now)
-    call = ClientCall(peer, op, narrowed(peer.role, peer.bridge.graph, name, info.type, request))
-    peer.calls.add(call)
-    peer.bridge.ledger.calls += 1
-    call.pending = peer.bridge.participant.call_service(
-        name, request, call, peer.bridge.call_timeout(op.timeout)
-    )
+_SWEEP_AT: Final = 256
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:
@@ -80,84 +34,117 @@ def split_suffix(name: str) -> tuple[str, str | None]:
     return (base, suffix) if hash_ else (name, None)
 
 
-class ProvidedService:
+class _Provided:
     """One service that a client offers, and the calls that wait for its answers."""
 
-    def __init__(self, peer: Peer, name: str, type: ServiceType) -> None:
-        self._peer = peer
-        self._name = name
-        self._type = type
-        self._count = 0
-        self._waiting: dict[str, ServiceCall] = {}
-        self._registration: Registration = peer.bridge.participant.advertise_service(
-            resolve(name), type, self._forward
-        )
+    __slots__ = ("_count", "_name", "_replies", "waiting")
 
-    def _forward(self, call: ServiceCall) -> None:
+    def __init__(self, replies: Replies, name: str) -> None:
+        self._replies = replies
+        self._name = name
+        self._count = 0
+        self.waiting: dict[str, tuple[ServiceType, ServiceCall]] = {}
+
+    def ask(self, type: ServiceType, call: ServiceCall) -> None:
         """Send one request to the client, under an id of its own (SVP-01, SVP-02)."""
-        if len(self._waiting) >= _SWEEP_AT:
-            self._waiting = {id_: waiting for id_, waiting in self._waiting.items() if not waiting.done}
+        if len(self.waiting) >= _SWEEP_AT:
+            self.waiting = {id_: asked for id_, asked in self.waiting.items() if not asked[1].done}
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
-        frame = self._peer.session.call(self._name, call.request, id_)
-        reason = too_large(self._peer, frame)
+        self.waiting[id_] = (type, call)
+        reason = self._replies.request(self._name, call.request, id_)
         if reason is not None:
+            del self.waiting[id_]
             call.fail(f"the provider cannot be asked: {reason}")
-            return
-        self._waiting[id_] = call
-        self._peer.sink.send(frame)
 
-    def answer(self, op: ops.ServiceResponse) -> None:
-        """Hand the client's answer to the caller (SVP-03 … SVP-06)."""
-        call = self._waiting.pop(op.id, None) if isinstance(op.id, str) else None
-        if call is None:
-            raise Refused(
-                f"service_response: no call of {self._name} waits under id {op.id!r}", level="warning"
+
+class Services:
+    """What one client calls and offers.
+
+    Args:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        timeout: seconds that a call may take whose caller says nothing; 0 waits without end (SRV-10).
+    """
+
+    __slots__ = ("_graph", "_now", "_provided", "_replies", "_timeout")
+
+    def __init__(self, graph: ClientGraph, replies: Replies, timeout: float) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._timeout = timeout
+        self._now = graph.clock.time_ns
+        self._provided: dict[str, _Provided] = {}
+
+    def call(self, op: CallService) -> None:
+        """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14)."""
+        service, suffix = split_suffix(op.service)
+        mark = suffix if op.id is None else op.id
+        replies = self._replies
+
+        def on_reply(outcome: Payload | CallFailed) -> None:
+            """Answer the client: exactly one reply per call (SRV-14)."""
+            if isinstance(outcome, CallFailed):
+                failure = ServiceResponse(service=op.service, values=str(outcome), result=False, id=mark)
+                replies.send(failure)
+            else:
+                replies.respond(op.service, outcome, mark, op.fragment_size)
+
+        seconds = self._timeout if op.timeout is None else op.timeout
+        try:
+            self._graph.call_service(
+                service,
+                lambda type: arguments_of(type.request, op.args, "call_service.args", self._now),
+                on_reply,
+                seconds if seconds > 0 else None,
             )
+        except ProviderNotFound as missing:
+            raise Refused(str(missing)) from None
+
+    def advertise(self, op: AdvertiseService) -> None:
+        """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
+        provided = _Provided(self._replies, op.service)
+        self._provided[self._graph.advertise_service(op.service, op.type, provided.ask)] = provided
+
+    def unadvertise(self, op: UnadvertiseService) -> None:
+        """Withdraw a service of this client; its waiting calls fail (SVP-08 … SVP-10)."""
+        if not self._graph.withdraw_service(op.service):
+            raise Refused(
+                f"unadvertise_service: this client does not advertise {op.service}", level="warning"
+            )
+        del self._provided[resolve(op.service)]
+
+    def answer(self, op: ServiceResponse) -> None:
+        """Hand a provider's answer to the caller; only the provider itself may give it (SVP-03 … SVP-08)."""
+        provided = self._provided.get(resolve(op.service))
+        if provided is None:
+            raise Refused(f"service_response: this client does not advertise {op.service}")
+        asked = provided.waiting.pop(op.id, None) if isinstance(op.id, str) else None
+        if asked is None:
+            raise Refused(
+                f"service_response: no call of {op.service} waits under id {op.id!r}", level="warning"
+            )
+        type, call = asked
         if not op.result:
             call.fail(failure_text(op.values, "the service failed and gave no reason"))
             return
         try:
             values = object_or_empty(op.values)
-            response = payload_of(
-                self._type.response, values, "service_response.values", self._peer.bridge.now
-            )
+            response = payload_of(type.response, values, "service_response.values", self._now)
         except Refused as refused:
-            call.fail(f"the provider's answer does not fit {self._type.name}: {refused.reason}")
+            call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
             raise
         call.reply(response)
 
-    def close(self) -> None:
-        """Withdraw the service; waiting calls fail (SVP-09, SVP-10)."""
-        self._registration.close()
-        self._waiting.clear()
+
+class _HasServices(Protocol):
+    @property
+    def services(self) -> Services: ...
 
 
-def on_advertise_service(peer: Peer, op: ops.AdvertiseService) -> None:
-    """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
-    name = resolve(op.service)
-    peer.role.require("provide", name)
-    service_type = peer.bridge.graph.registry.service(op.type)
-    if name not in peer.services:
-        require_advertisement(peer, op.op)
-    provided = ProvidedService(peer, op.service, service_type)
-    previous = peer.services.pop(name, None)
-    if previous is not None:
-        previous.close()
-    peer.services[name] = provided
-
-
-def on_unadvertise_service(peer: Peer, op: ops.UnadvertiseService) -> None:
-    """Withdraw a service of this client (SVP-08, SVP-09)."""
-    provided = peer.services.pop(resolve(op.service), None)
-    if provided is None:
-        raise Refused(f"unadvertise_service: this client does not advertise {op.service}", level="warning")
-    provided.close()
-
-
-def on_service_response(peer: Peer, op: ops.ServiceResponse) -> None:
-    """Take a provider's answer; only the client that advertised may give it (SVP-08)."""
-    provided = peer.services.get(resolve(op.service))
-    if provided is None:
-        raise Refused(f"service_response: this client does not advertise {op.service}")
-    provided.answer(op)
+HANDLERS: Final[Mapping[type[Op], Callable[[_HasServices, Never], None]]] = {
+    CallService: lambda client, op: client.services.call(op),
+    ServiceResponse: lambda client, op: client.services.answer(op),
+    AdvertiseService: lambda client, op: client.services.advertise(op),
+    UnadvertiseService: lambda client, op: client.services.unadvertise(op),
+}

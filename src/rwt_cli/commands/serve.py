@@ -15,7 +15,6 @@ import anyio
 
 from rwt.graphs import add_backend_options, backend_options
 from rwt.nodes import http_of, start_nodes
-from rwt.pages import metrics_page
 from rwt.script import stage
 from rwt.server import serve
 from rwt.settings.sources import DEFAULT
@@ -234,7 +233,7 @@ async def _serve(settings: Settings, arguments: argparse.Namespace, seat: Seat |
                     print(said, flush=True, file=sys.stderr if over_stdio else sys.stdout)
                     await _signal_or_end(signals, server.ended)
                 else:
-                    async with seat.figures.offered(partial(metrics_page, server.bridge, http)):
+                    async with seat.figures.offered(server.metrics.text):
                         seat.say(said)
                         await _signal_or_end(signals, _parent_ended)
 

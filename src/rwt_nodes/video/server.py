@@ -23,7 +23,7 @@ from rwt_nodes.video.stream_metrics import StreamMetrics
 from rwt_nodes.video.stream_request import StreamRequest, Video, read_request
 from rwt_nodes.video.topics import COMPRESSED, INFO, RAW, VisibleTopics
 from rwt_transports.http import (
-    Access,
+    Audience,
     HttpExtension,
     HttpRequest,
     HttpResponse,
@@ -71,7 +71,7 @@ class WebVideoServer:
         self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
         pages = (("/stream", self._stream), ("/stream_viewer", self._viewer), ("/snapshot", self._snapshot))
         self.http: Final = HttpExtension(
-            tuple(Route(path, partial(self._answer, page), Access.ADMITTED) for path, page in pages),
+            tuple(Route(path, partial(self._answer, page), Audience.ADMITTED) for path, page in pages),
             self._section,
             self._metrics,
         )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from rwt_nodes.demo.model.shapes import Shape, Surface, text
-from rwt_transports.http import Access, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 #: The package that they are in.
 PACKAGE: Final = "rwt_demo"
@@ -83,7 +83,7 @@ class Meshes:
     def __init__(self, looks: Mapping[str, Look]) -> None:
         self._looks = looks
         # As with the files of rwt_nodes.mesh_files: a robot's looks are no secret of one topic.
-        self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Access.ADMITTED),))
+        self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Audience.ADMITTED),))
 
     def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
         """One file."""

@@ -1,0 +1,401 @@
+"""The graph as one client may see it: what a gateway is given instead of the graph.
+
+Every verb is checked here: the client's role, its quotas, and names in their canonical form. A gateway that
+only translates cannot forget a rule, and there is no other way from it to the graph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from rwt_access.disclosure import response_filter
+from rwt_access.graph_view import GraphView
+from rwt_access.quotas import Quota
+from rwt_graph.names import resolve
+from rwt_program.errors import CallFailed, NotFound, ProviderNotFound
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Sequence
+
+    from rwt_access.disclosure import Disclosures, ResponseFilter
+    from rwt_access.roles import Role
+    from rwt_access.settings import ClientLimits
+    from rwt_delivery.counters import Counters
+    from rwt_delivery.fanout import Fanout
+    from rwt_delivery.shared_graph import SharedGraph
+    from rwt_delivery.shared_publishers import Lacks, SharedPublisher
+    from rwt_graph.api import (
+        ClientGoal,
+        GoalEvents,
+        OnReply,
+        PendingCall,
+        Registration,
+        Sample,
+        ServerGoal,
+        ServiceCall,
+    )
+    from rwt_interfaces.payload import Payload
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+    from rwt_program.goals import GoalStatus
+    from rwt_program.qos import QoS
+
+
+#: The mark of a client that publishes without having advertised (UNA-05).
+_IMPLICIT: Final = object()
+
+
+class UnknownTopicType(NotFound):
+    """A topic that nobody has advertised, and whose type is not given either."""
+
+
+class _Call:
+    """One call of a client under way; called with its outcome."""
+
+    __slots__ = ("_calls", "_on_reply", "_quota", "_restrict", "pending")
+
+    def __init__(
+        self, calls: set[_Call], quota: Quota, on_reply: OnReply, restrict: ResponseFilter | None
+    ) -> None:
+        self._calls = calls
+        self._quota = quota
+        self._on_reply = on_reply
+        self._restrict = restrict
+        self.pending: PendingCall | None = None
+
+    def __call__(self, outcome: Payload | CallFailed) -> None:
+        self._calls.discard(self)
+        self._quota.held -= 1
+        if self._restrict is not None and not isinstance(outcome, CallFailed):
+            outcome = self._restrict(outcome)
+        self._on_reply(outcome)
+
+
+class ClientGraph(GraphView):
+    """The graph as one client may see it and act on it.
+
+    Args:
+        shared: the gateway's part in the graph.
+        role: the client's.
+        limits: how much the client may hold.
+        disclosures: what services reveal, by the name of their type.
+    """
+
+    def __init__(
+        self, shared: SharedGraph, role: Role, limits: ClientLimits, disclosures: Disclosures
+    ) -> None:
+        super().__init__(shared.graph, role)
+        self._shared = shared
+        self._disclosures = disclosures
+        self._advertised: dict[str, set[Hashable]] = {}
+        self._services: dict[str, Registration] = {}
+        self._actions: dict[str, Registration] = {}
+        self._calls: set[_Call] = set()
+        self._subscriptions = Quota("subscriptions", limits.subscriptions)
+        self._advertisements = Quota("advertisements", limits.advertisements)
+        self._in_flight = Quota("calls", limits.calls)
+
+    def take_role(self, role: Role) -> None:
+        """Act as another role from now on. What is open stays open; publishers have to be asked for again."""
+        self.role = role
+        self.__dict__.pop("_node_names", None)
+
+    @property
+    def counters(self) -> Counters:
+        """What the client's gateway counts."""
+        return self._shared.counters
+
+    @property
+    def calls_in_flight(self) -> int:
+        """Service calls that wait for their answer."""
+        return len(self._calls)
+
+    # Topics
+
+    def advertise(
+        self, topic: str, type: str, mark: Hashable, qos: QoS | None = None, lacks: Lacks | None = None
+    ) -> str:
+        """Become a publisher of a topic, under a mark of the client's own; returns the topic's absolute name.
+
+        Args:
+            topic: its name.
+            type: its type's name.
+            mark: one advertisement is one mark; the same again changes it.
+            qos: policies of a new publisher; None for the graph's own.
+            lacks: see :meth:`rwt_delivery.shared_publishers.SharedPublishers.acquire`.
+
+        Raises:
+            NotAllowed: the role may not publish on the topic.
+            QuotaExceeded: the client advertises as much as it may.
+            UnknownType: no such message is known.
+            TypeConflict, IncompatiblePolicies: the topic has another type, or other policies.
+        """
+        name = self.require("publish", topic)
+        self._acquire(name, self.registry.message(type), mark, qos, lacks)
+        return name
+
+    def unadvertise(self, topic: str, mark: Hashable = None) -> bool:
+        """Take one advertisement back, or all of this client's for the topic; whether it advertises it.
+
+        A topic that it only publishes on stays its own until it leaves (UNA-05).
+        """
+        name = resolve(topic)
+        advertised = [each for each in self._advertised.get(name, ()) if each is not _IMPLICIT]
+        self._release(name, [each for each in advertised if mark is None or each == mark])
+        return bool(advertised)
+
+    def _release(self, name: str, dropped: Sequence[Hashable]) -> None:
+        for each in dropped:
+            self._advertised[name].discard(each)
+            self._shared.publishers.release(name, (self, each))
+        self._advertisements.give_back(len(dropped))
+        if dropped and not self._advertised[name]:
+            del self._advertised[name]
+
+    def publisher(self, topic: str, type: str | None, qos: QoS | None = None) -> SharedPublisher:
+        """What publishes on a topic, for a client that may not have advertised it (UNA-05).
+
+        The right to publish is decided here and not for each message: whoever keeps the publisher drops it
+        after :meth:`take_role` and :meth:`unadvertise`.
+
+        Raises:
+            NotAllowed: the role may not publish on the topic.
+            UnknownTopicType: the topic has no type yet, and none is given.
+            QuotaExceeded, UnknownType, TypeConflict: as :meth:`advertise`.
+        """
+        name = self.require("publish", topic)
+        marks = self._advertised.get(name)
+        return self._acquire(name, self._type_of(name, type), next(iter(marks)) if marks else _IMPLICIT, qos)
+
+    def _acquire(
+        self, name: str, type: MessageType, mark: Hashable, qos: QoS | None, lacks: Lacks | None = None
+    ) -> SharedPublisher:
+        marks = self._advertised.get(name, ())
+        is_new = mark not in marks
+        if is_new:
+            self._advertisements.take()
+        try:
+            publisher = self._shared.publishers.acquire(name, type, qos, (self, mark), lacks)
+        except BaseException:
+            if is_new:
+                self._advertisements.give_back()
+            raise
+        if is_new:
+            self._advertised.setdefault(name, set()).add(mark)
+        return publisher
+
+    def subscribe(self, topic: str, type: str | None, *, is_new: bool = True) -> Fanout:
+        """The fan-out of a topic, on which samples are taken by joining it.
+
+        Args:
+            topic: its name.
+            type: its type's name; None takes the one that the graph knows.
+            is_new: whether this is one more subscription, and no change of one; it is counted until
+                :meth:`unsubscribe`.
+
+        Raises:
+            NotAllowed: the role may not subscribe to the topic.
+            QuotaExceeded: the client has as many subscriptions as it may.
+            UnknownTopicType: the topic has no type yet, and none is given.
+            UnknownType: no such message is known.
+            TypeConflict: the topic has another type.
+        """
+        name = self.require("subscribe", topic)
+        if is_new:
+            self._subscriptions.take()
+        try:
+            return self._shared.fanout(name, self._type_of(name, type))
+        except BaseException:
+            if is_new:
+                self._subscriptions.give_back()
+            raise
+
+    def unsubscribe(self, fanout: Fanout, count: int = 1) -> None:
+        """End some subscriptions on a fan-out, which ends with its last listener."""
+        self._subscriptions.give_back(count)
+        self._shared.release(fanout)
+
+    def startup_samples(self, fanout: Fanout) -> tuple[Sample, ...]:
+        """The samples of the first second of the publisher of a topic that is subscribed (ADV-08)."""
+        return self._shared.publishers.startup_samples(fanout.topic)
+
+    def _type_of(self, name: str, type: str | None) -> MessageType:
+        if type:
+            return self.registry.message(type)
+        info = self._graph.topic(name)
+        if info is None or info.type is None:
+            raise UnknownTopicType(f"cannot infer the type of {name}, which nobody has advertised")
+        return info.type
+
+    # Services
+
+    def call_service(
+        self,
+        service: str,
+        request: Callable[[ServiceType], Payload],
+        on_reply: OnReply,
+        timeout: float | None = None,
+    ) -> None:
+        """Call a service; what the answer lists is filtered by the client's role.
+
+        Args:
+            service: its name.
+            request: makes the request, of the service's type.
+            on_reply: called once with the outcome, unless the client leaves before.
+            timeout: seconds; None waits without end.
+
+        Raises:
+            NotAllowed: the role may not call the service, or not what the request asks of it.
+            ProviderNotFound: nobody offers the service.
+            QuotaExceeded: as many calls and goals of the client are under way as may be.
+        """
+        name = self.require("call", service)
+        info = self._graph.service(name)
+        if info is None:
+            raise ProviderNotFound(f"Service {name} does not exist")
+        self._in_flight.take()
+        try:
+            payload = request(info.type)
+            call = _Call(
+                self._calls,
+                self._in_flight,
+                on_reply,
+                None
+                if self.role.unrestricted
+                else response_filter(self, self._disclosures, name, info.type, payload),
+            )
+        except BaseException:
+            self._in_flight.give_back()
+            raise
+        self._calls.add(call)
+        self._shared.counters.calls += 1
+        call.pending = self._shared.participant.call_service(name, payload, call, timeout)
+
+    def advertise_service(
+        self, service: str, type: str, on_call: Callable[[ServiceType, ServiceCall], None]
+    ) -> str:
+        """Offer a service, in place of any other of that name; returns its absolute name.
+
+        Raises:
+            NotAllowed: the role may not provide the service.
+            QuotaExceeded: the client offers as much as it may.
+            UnknownType: no such service is known.
+        """
+        name = self.require("provide", service)
+        interface = self.registry.service(type)
+        participant = self._shared.participant
+        self._offer(
+            self._services,
+            name,
+            lambda: participant.advertise_service(name, interface, lambda call: on_call(interface, call)),
+        )
+        return name
+
+    def withdraw_service(self, service: str) -> bool:
+        """Withdraw a service of this client; whether there was one. Its calls in flight fail."""
+        return self._withdraw(self._services, resolve(service))
+
+    # Actions
+
+    def send_goal(self, action: str, goal: Callable[[ActionType], Payload], events: GoalEvents) -> ClientGoal:
+        """Send a goal.
+
+        Args:
+            action: the name of the action.
+            goal: makes the goal, of the action's type.
+            events: what the client hears.
+
+        Raises:
+            NotAllowed: the role may not send goals to the action.
+            ProviderNotFound: nobody offers the action.
+            QuotaExceeded: as many calls and goals of the client are under way as may be.
+        """
+        name = self.require("goals", action)
+        info = self._graph.action(name)
+        if info is None:
+            raise ProviderNotFound(f"Action {name} does not exist")
+        quota = self._in_flight
+
+        def on_result(status: GoalStatus, outcome: Payload | CallFailed) -> None:
+            quota.give_back()
+            events.on_result(status, outcome)
+
+        quota.take()
+        try:
+            payload = goal(info.type)
+        except BaseException:
+            quota.give_back()
+            raise
+        self._shared.counters.goals += 1
+        return self._shared.participant.send_goal(name, payload, replace(events, on_result=on_result))
+
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Ask to cancel a goal that anybody sent, by its id.
+
+        Raises:
+            NotAllowed: the role may not send goals to the action.
+        """
+        self._shared.participant.cancel_goal(self.require("goals", action), goal_id)
+
+    def advertise_action(
+        self, action: str, type: str, on_goal: Callable[[ActionType, ServerGoal], None]
+    ) -> str:
+        """Offer an action, in place of any other of that name; returns its absolute name.
+
+        Raises:
+            NotAllowed: the role may not provide the action.
+            QuotaExceeded: the client offers as much as it may.
+            UnknownType: no such action is known.
+        """
+        name = self.require("provide", action)
+        interface = self.registry.action(type)
+        participant = self._shared.participant
+        self._offer(
+            self._actions,
+            name,
+            lambda: participant.advertise_action(name, interface, lambda goal: on_goal(interface, goal)),
+        )
+        return name
+
+    def withdraw_action(self, action: str) -> bool:
+        """Withdraw an action of this client; whether there was one. Its running goals are aborted."""
+        return self._withdraw(self._actions, resolve(action))
+
+    def _offer(
+        self, offers: dict[str, Registration], name: str, register: Callable[[], Registration]
+    ) -> None:
+        """Register a service or an action; the client's own of the same name gives way to it."""
+        previous = offers.get(name)
+        if previous is None:
+            self._advertisements.take()
+        try:
+            offers[name] = register()
+        except BaseException:
+            if previous is None:
+                self._advertisements.give_back()
+            raise
+        if previous is not None:
+            previous.close()
+
+    def _withdraw(self, offers: dict[str, Registration], name: str) -> bool:
+        registration = offers.pop(name, None)
+        if registration is None:
+            return False
+        self._advertisements.give_back()
+        registration.close()
+        return True
+
+    # Leaving
+
+    def close(self) -> None:
+        """Give back publishers, services and actions, and forget the calls under way (DIS-02 … DIS-05)."""
+        for topic, marks in tuple(self._advertised.items()):
+            self._release(topic, tuple(marks))
+        for service in tuple(self._services):
+            self.withdraw_service(service)
+        for action in tuple(self._actions):
+            self.withdraw_action(action)
+        for call in self._calls:
+            if call.pending is not None:
+                call.pending.cancel()
+        self._calls.clear()

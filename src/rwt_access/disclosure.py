@@ -1,0 +1,122 @@
+"""What a restricted client gets of the answers of services that reveal the graph (API-13).
+
+A service is a node's like any other and knows no clients, so its answer is filtered on its way to the client,
+by what the service declares (:mod:`rwt_graph.disclosure`). Declarations belong to types of services, so they
+hold under every name and for services in other processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+
+from rwt_access.errors import NotAllowed
+from rwt_access.graph_view import canonical
+from rwt_graph.disclosure import AsksAbout, Disclosure, Kind, Lists, Reads
+from rwt_graph.names import namespace_of
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_access.graph_view import GraphView
+    from rwt_access.roles import Act
+    from rwt_interfaces.structs import ServiceType
+
+Disclosures = Mapping[str, Disclosure]
+"""What services reveal, by the name of their type."""
+
+ResponseFilter = Callable[[Payload], Payload]
+"""From the service's response to the one that the client gets."""
+
+#: Packages whose services are about the graph itself: without a declaration nothing of them is passed on.
+_ABOUT_THE_GRAPH: Final = ("rosapi/", "rosapi_msgs/", "rcl_interfaces/")
+
+
+def response_filter(
+    view: GraphView, disclosures: Disclosures, service: str, type: ServiceType, request: Payload
+) -> ResponseFilter | None:
+    """How the response to `request` is filtered for a client; None where it goes out as it is.
+
+    Args:
+        view: what the client sees.
+        disclosures: of all services.
+        service: the absolute name.
+        type: its type.
+        request: of the client.
+
+    Raises:
+        NotAllowed: the request reads or writes a parameter that the role may not, or the service is about the
+            graph and does not declare what it reveals.
+    """
+    disclosure = disclosures.get(type.name)
+    if disclosure is None:
+        if service.startswith("/rosapi/") or type.name.startswith(_ABOUT_THE_GRAPH):
+            raise NotAllowed(
+                f"{service} does not declare what it reveals, so only roles that may do everything call it"
+            )
+        return None
+    lists: list[Lists] = []
+    for part in disclosure:
+        if isinstance(part, Lists):
+            lists.append(part)
+            continue
+        asked = getattr(request.value(), part.field)
+        if isinstance(part, AsksAbout):
+            if not _sees(view, part.kind, canonical(asked)):
+                return lambda response: Payload.from_json(response.type, b"{}")
+            continue
+        act: Act = "get_param" if isinstance(part, Reads) else "set_param"
+        for name in _parameters(service, asked):
+            view.role.require(act, name)
+    if not lists:
+        return None
+    return lambda response: _filtered(view, lists, service, response)
+
+
+def _sees(view: GraphView, kind: Kind, name: str) -> bool:
+    role = view.role
+    match kind:
+        case "topic":
+            return role.sees_topic(name)
+        case "service":
+            return role.sees_service(name)
+        case "action":
+            return role.sees_action(name)
+        case "parameter":
+            return role.sees_parameter(name)
+        case "node":
+            return view.sees_node(name)
+
+
+def _filtered(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
+    """The response without the names that the view hides."""
+    value = response.value()
+    for part in lists:
+        prefix = f"{namespace_of(service)}:" if part.of_node else ""
+        value = _without_hidden(view, part.kind, prefix, value, part.fields)
+    return Payload.from_value(response.type, value)
+
+
+def _without_hidden(
+    view: GraphView, kind: Kind, prefix: str, value: msgspec.Struct, fields: tuple[str, ...]
+) -> msgspec.Struct:
+    inner, dot, rest = fields[0].partition(".")
+    if dot:
+        part = _without_hidden(view, kind, prefix, getattr(value, inner), (rest,))
+        return msgspec.structs.replace(value, **{inner: part})
+    names = getattr(value, fields[0])
+    if isinstance(names, str):
+        return value if _sees(view, kind, names) else msgspec.structs.replace(value, **{fields[0]: ""})
+    rows = [index for index, name in enumerate(names) if _sees(view, kind, prefix + name)]
+    columns = {field: getattr(value, field) for field in fields}
+    kept = {field: [column[index] for index in rows] for field, column in columns.items()}
+    return msgspec.structs.replace(value, **kept)
+
+
+def _parameters(service: str, asked: str | Iterable[object]) -> Iterable[str]:
+    """The full names of the parameters in a request: of rosapi one name, of a node's own service a list."""
+    if isinstance(asked, str):
+        return (canonical(asked),)
+    node = namespace_of(service)
+    return [f"{node}:{one if isinstance(one, str) else getattr(one, 'name', '')}" for one in asked]
