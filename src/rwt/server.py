@@ -77,8 +77,8 @@ async def serve(
     Args:
         graph: a graph that runs (`async with graph`).
         urls: where to listen, for example ``ws://127.0.0.1:9090``; none means what `settings` says. The
-            schemes are those of :data:`rwt_transports.urls.SCHEMES`; ``wss`` and ``tcps`` need `tls.certfile`
-            and `tls.keyfile` in the settings.
+            schemes are those of :data:`rwt_transports.schemes.SCHEMES`; ``wss`` and ``tcps`` need
+            `tls.certfile` and `tls.keyfile` in the settings.
         settings: everything else.
         http: what nodes bring to HTTP on the WebSocket's port: their attributes of this name.
         around: puts something between the transports and the bridge, for example to inject faults: it is

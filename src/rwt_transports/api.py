@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from ssl import SSLContext
 from typing import Protocol, runtime_checkable
 
+from anyio.abc import TaskGroup
+
 from rwt_protocol.transport import Buffer, Frame
 
 
@@ -37,6 +39,10 @@ class Framing:
 
 class Link(Protocol):
     """One peer's pipe of bytes, as a driver offers it to a connection. No method blocks."""
+
+    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
+        """Call `callbacks` from now on, in place of any before them: a connection takes over from its
+        handshake."""
 
     def wake(self) -> None:
         """Tell the driver that there is something to take. It takes later, not within this call."""
@@ -160,8 +166,9 @@ class DriverCallbacks(Protocol):
         """The link is gone, for whatever reason. Called once, last."""
 
 
-Attach = Callable[[Link, str, int], DriverCallbacks]
-"""Called by a driver for each new peer: its link, its address (or "") and its port (or 0)."""
+Attach = Callable[[Link, str, int], object]
+"""Called by a driver for each new peer: its link, its address (or "") and its port (or 0). Calls
+:meth:`Link.set_callbacks` before it returns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +191,34 @@ class BindAddress:
 
     def __str__(self) -> str:
         return self.path or f"port {self.port} on {self.host}"
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteAddress:
+    """Where a driver connects to.
+
+    Attributes:
+        host: name or address, without brackets, for TCP.
+        port: 1 to 65535.
+        path: of a Unix socket, or the command of a program; the host is then empty.
+        tls: encrypts the connection, and checks the other side.
+    """
+
+    host: str = ""
+    port: int = 0
+    path: str = ""
+    tls: SSLContext | None = None
+
+    def __str__(self) -> str:
+        return self.path or f"{self.host}:{self.port}"
+
+
+class Connector(Protocol):
+    """Opens connections to other programs."""
+
+    async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
+        """Reach the other side, attach it, and move its bytes, in `tasks` where that needs tasks. Raises
+        OSError."""
 
 
 class Driver(Protocol):

@@ -1,134 +1,30 @@
-"""Opening a connection: the counterpart of :func:`rwt_transports.listener.listen`, over the same wires."""
+"""Opening a connection: the counterpart of :func:`rwt_transports.listener.listen`, over the same schemes."""
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import os
-import shlex
 import socket
 import ssl
-import time
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 from typing import Final, TypedDict
-from urllib.parse import urlsplit
 
 import anyio
-from anyio.abc import ByteStream, Process, TaskGroup
-from anyio.streams.stapled import StapledByteStream
 from websockets.uri import WebSocketURI
 
-from rwt_protocol.transport import Accept, Buffer
-from rwt_transports.api import DriverCallbacks, Link
+from rwt_protocol.transport import Accept
+from rwt_transports.api import Link
 from rwt_transports.background import background_tasks
-from rwt_transports.connection import Connection, ListenerState, MakeWire
-from rwt_transports.drivers.anyio_stream import serve_stream
-from rwt_transports.drivers.asyncio_protocol import client_link
-from rwt_transports.errors import BadUrl, ConnectError, TransportError
+from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.errors import ConnectError, TransportError
 from rwt_transports.limits import Limits
+from rwt_transports.schemes import ConnectUrl, parse_connect_url
 from rwt_transports.websocket.client_handshake import ClientHandshake
-from rwt_transports.websocket.wire import websocket_client
-from rwt_transports.wires.json_stream import json_lines, json_over_tcp
-
-TICK_SECONDS = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class _Scheme:
-    """One row of the table: the wire, its port where none is named, and whether it is encrypted."""
-
-    make_wire: MakeWire
-    port: int = 0
-    tls: bool = False
-    websocket: bool = False
-
-
-SCHEMES: Mapping[str, _Scheme] = {
-    "ws": _Scheme(websocket_client, 9090, websocket=True),
-    "wss": _Scheme(websocket_client, 443, tls=True, websocket=True),
-    "tcp": _Scheme(json_over_tcp, 9090),
-    "tcps": _Scheme(json_over_tcp, 9090, tls=True),
-    "unix": _Scheme(json_lines),
-    "stdio": _Scheme(json_lines),
-}
-"""What can be connected to. ``ws`` without a port means rosbridge's, 9090, and ``wss`` means 443."""
-
-
-def carries_binary(url: str) -> bool:
-    """Whether binary messages can be sent to that URL; not on a stream of JSON objects (TCP-05)."""
-    scheme = SCHEMES.get(url.partition(":")[0].lower())
-    return scheme is not None and scheme.websocket
-
-
-@dataclass(frozen=True, slots=True)
-class ConnectUrl:
-    """A URL to connect to, taken apart.
-
-    Attributes:
-        name: the scheme.
-        host: name or address, without brackets; empty for ``unix`` and ``stdio``.
-        port: 0 where there is none.
-        path: path and query of the request; of ``unix`` the socket, of ``stdio`` the command.
-    """
-
-    name: str
-    scheme: _Scheme
-    host: str = ""
-    port: int = 0
-    path: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.host}:{self.port}" if self.host else self.path
-
-    @property
-    def websocket(self) -> WebSocketURI:
-        """The same for the handshake."""
-        path, _, query = self.path.partition("?")
-        return WebSocketURI(self.scheme.tls, self.host, self.port, path, query)
-
-
-def parse_connect_url(url: str) -> ConnectUrl:
-    """Take a URL apart.
-
-    Raises:
-        BadUrl: naming what is wrong, with an example.
-    """
-    name, separator, rest = url.partition(":")
-    name = name.lower()
-    scheme = SCHEMES.get(name)
-    if scheme is None or not separator:
-        known = ", ".join(f"{each}:" for each in SCHEMES)
-        raise BadUrl(f"cannot connect to {url!r}: use one of {known} for example ws://127.0.0.1:9090")
-    if name == "stdio":
-        if not rest.strip():
-            raise BadUrl(
-                f"cannot connect to {url!r}: it names no command; for example stdio:my_robot --serve"
-            )
-        return ConnectUrl(name, scheme, path=rest.strip())
-    if name == "unix":
-        path = rest.removeprefix("//")
-        if not path.startswith("/"):
-            raise BadUrl(
-                f"cannot connect to {url!r}: it names no absolute path; for example unix:///run/r.sock"
-            )
-        return ConnectUrl(name, scheme, path=path)
-    try:
-        parts = urlsplit(url)
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host, port = None, None
-    if not host or parts.fragment or parts.username is not None:
-        raise BadUrl(
-            f"cannot connect to {url!r}: expected {name}://HOST:PORT, for example {name}://robot:9090"
-        )
-    path = f"{parts.path or '/'}?{parts.query}" if parts.query else parts.path or "/"
-    return ConnectUrl(name, scheme, host, scheme.port if port is None else port, path)
-
-
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class OutgoingConnection:
     """One connection that this side opens.
 
@@ -145,11 +41,12 @@ class OutgoingConnection:
     connection: Connection | None = None
     _draining: anyio.Event | None = None
 
-    def attach(self, link: Link, address: str, port: int) -> DriverCallbacks:
+    def attach(self, link: Link, address: str, port: int) -> None:
         """The bytes can flow; called by a driver."""
-        if self.target.scheme.websocket:
-            return _Handshaking(self, link, address, port)
-        return self.begin(link, address, port)
+        if self.target.scheme.http:
+            link.set_callbacks(_Handshaking(self, link, address, port))
+        else:
+            self.begin(link, address, port)
 
     def begin(self, link: Link, address: str, port: int) -> Connection:
         """Messages can flow."""
@@ -163,10 +60,18 @@ class OutgoingConnection:
             self.error = error
             self.opened.set()
 
+    def close(self, code: int, reason: str) -> None:
+        """Begin to close, if it is open."""
+        self.state.close(code, reason)
+
+    async def ended(self) -> None:
+        """Wait until the connection has ended."""
+        await self.state.ended.wait()
+
     async def drained(self) -> None:
         """Wait until everything sent so far was handed to the network.
 
-        Whoever waits while the connection is lost waits for ever: watch for the endpoint's `closed`, too.
+        The wait has no end if the connection is lost meanwhile: watch for the endpoint's `closed`, too.
         """
         if self.connection is None or self.connection not in self.state.connections:
             return
@@ -182,25 +87,24 @@ class OutgoingConnection:
 
 
 class _Handshaking:
-    """What a driver drives from its first byte: the handshake, then the connection."""
+    """What a driver calls until the server has accepted the handshake; then it calls the connection."""
 
-    __slots__ = ("_address", "_connection", "_handshake", "_link", "_outgoing", "_port", "_request")
+    __slots__ = ("_address", "_handshake", "_link", "_outgoing", "_port", "_request")
 
     def __init__(self, outgoing: OutgoingConnection, link: Link, address: str, port: int) -> None:
         self._outgoing = outgoing
         self._link = link
         self._address = address
         self._port = port
-        self._connection: Connection | None = None
-        self._handshake = ClientHandshake(outgoing.target.websocket, outgoing.headers)
+        target = outgoing.target
+        path, _, query = target.path.partition("?")
+        uri = WebSocketURI(target.scheme.tls, target.address.host, target.address.port, path, query)
+        self._handshake = ClientHandshake(uri, outgoing.headers)
         self._request: bytes | None = self._handshake.request
         link.wake()
 
     def receive(self, data: bytes) -> None:
         """Bytes arrived."""
-        if self._connection is not None:
-            self._connection.receive(data)
-            return
         try:
             rest = self._handshake.feed(data)
         except TransportError as error:
@@ -208,36 +112,26 @@ class _Handshaking:
             self._link.abort()
             return
         if rest is not None:
-            self._connection = self._outgoing.begin(self._link, self._address, self._port)
+            connection = self._outgoing.begin(self._link, self._address, self._port)
             if rest:
-                self._connection.receive(rest)
+                connection.receive(rest)
 
-    def get_buffer(self) -> memoryview | None:
-        """Where the next bytes may be received directly."""
-        return None if self._connection is None else self._connection.get_buffer()
+    def get_buffer(self) -> None:
+        """An answer is received anywhere."""
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received there."""
-        if self._connection is not None:
-            self._connection.buffer_updated(count)
+        """Never called, since there is no buffer."""
 
-    def take(self) -> Buffer | None:
+    def take(self) -> bytes | None:
         """The next bytes to write."""
-        if self._connection is not None:
-            return self._connection.take()
         request, self._request = self._request, None
         return request
 
     def progress(self) -> None:
         """The network took bytes again."""
-        if self._connection is not None:
-            self._connection.progress()
 
     def eof(self) -> None:
         """The server will send nothing more."""
-        if self._connection is not None:
-            self._connection.eof()
-            return
         try:
             self._handshake.eof()
         except TransportError as error:
@@ -246,9 +140,8 @@ class _Handshaking:
 
     def lost(self) -> None:
         """The link is gone."""
-        if self._connection is not None:
-            self._connection.lost()
-        self._outgoing.fail(ConnectError(f"{self._outgoing.target} hung up before the connection was open"))
+        address = self._outgoing.target.address
+        self._outgoing.fail(ConnectError(f"{address} hung up before the connection was open"))
 
 
 class ConnectOptions(TypedDict, total=False):
@@ -276,8 +169,8 @@ async def connect(
     with 1000 and waits up to ``limits.close_seconds`` for the other side.
 
     Args:
-        url: ``ws://``, ``wss://``, ``tcp://``, ``tcps://`` with host and port, ``unix:///path``, or
-            ``stdio:COMMAND`` to run a program and speak through its standard input and output.
+        url: where; :data:`rwt_transports.schemes.SCHEMES` lists the schemes. ``stdio:COMMAND`` runs a program
+            and speaks through its standard input and output.
         accept: makes the endpoint.
         limits: bounds of the connection.
         tls: how to check the server's certificate; by default against the system's authorities.
@@ -290,38 +183,25 @@ async def connect(
     """
     target = parse_connect_url(url)
     context = (tls or ssl.create_default_context()) if target.scheme.tls else None
-    chosen = Limits() if limits is None else limits
-    outgoing = OutgoingConnection(
-        target, ListenerState(accept, target.scheme.make_wire, chosen, None, target.name), headers or {}
-    )
+    state = ListenerState(accept, target.client_wire, limits or Limits(), None, target.name, single=True)
+    outgoing = OutgoingConnection(target, state, headers or {})
     async with background_tasks() as tasks:
         try:
             with anyio.move_on_after(timeout) as patience:
-                await _open(outgoing, context, tasks)
+                address = replace(target.address, tls=context)
+                try:
+                    await target.scheme.connector().connect(address, outgoing.attach, tasks)
+                except OSError as error:
+                    raise ConnectError(_explain(target, error)) from error
                 await outgoing.opened.wait()
             if patience.cancelled_caught:
                 raise ConnectError(f"cannot connect to {url}: no answer within {timeout:g} s")
             if outgoing.error is not None:
                 raise outgoing.error
-            tasks.start_soon(_tick, outgoing.state)
+            tasks.start_soon(state.watch)
             yield outgoing
         finally:
-            with anyio.CancelScope(shield=True):
-                await _close(outgoing.state, chosen.close_seconds)
-
-
-async def _close(state: ListenerState, patience: float) -> None:
-    state.close(1000, "")
-    with anyio.move_on_after(patience):
-        await state.emptied()
-    state.abort()
-    await state.emptied()
-
-
-async def _tick(state: ListenerState) -> None:
-    while True:
-        state.tick(time.monotonic())
-        await anyio.sleep(TICK_SECONDS)
+            await state.end(1000, "")
 
 
 _NO_TLS: Final = "it does not speak TLS there; is it ws:// or tcp://, without an s?"
@@ -333,69 +213,19 @@ _TLS_REASONS: Final = {
 """OpenSSL's names of what happens where something else than TLS answers."""
 
 
-async def _open(outgoing: OutgoingConnection, tls: ssl.SSLContext | None, tasks: TaskGroup) -> None:
-    """Reach the other side and set its bytes moving.
-
-    Raises:
-        ConnectError: nobody answers there.
-    """
-    target = outgoing.target
-    try:
-        if target.name == "stdio":
-            tasks.start_soon(_serve_process, outgoing, await _start(target.path))
-        elif target.host and _on_asyncio():
-            loop = asyncio.get_running_loop()
-            make_link = partial(client_link, outgoing.attach, loop)
-            await loop.create_connection(make_link, target.host, target.port, ssl=tls)
-        else:
-            tasks.start_soon(serve_stream, outgoing.attach, await _stream(target, tls))
-    except ssl.SSLError as error:
+def _explain(target: ConnectUrl, error: OSError) -> str:
+    """One line that says why there is no connection."""
+    if isinstance(error, ssl.SSLError):
         reason = getattr(error, "verify_message", "") or _TLS_REASONS.get(error.reason or "", error.reason)
-        reason = reason or "the handshake failed"
-        raise ConnectError(f"cannot connect to {target} in TLS: {reason}") from error
-    except OSError as error:
-        raise ConnectError(f"cannot connect to {target}: {_why(error)}") from error
-
-
-def _on_asyncio() -> bool:
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return False
-    return True
-
-
-async def _stream(target: ConnectUrl, tls: ssl.SSLContext | None) -> ByteStream:
-    if target.name == "unix":
-        return await anyio.connect_unix(target.path)
-    if tls is None:
-        return await anyio.connect_tcp(target.host, target.port)
-    return await anyio.connect_tcp(
-        target.host, target.port, ssl_context=tls, tls_standard_compatible=False, tls_hostname=target.host
-    )
-
-
-async def _start(command: str) -> Process:
-    """The program, running; what it writes to standard error goes where ours goes."""
-    return await anyio.open_process(shlex.split(command), stderr=None)
-
-
-async def _serve_process(outgoing: OutgoingConnection, process: Process) -> None:
-    """Speak with a program until the connection ends, and end the program with it."""
-    async with process:
-        if process.stdin is None or process.stdout is None:
-            outgoing.fail(ConnectError(f"{outgoing.target} has no standard input and output"))
-            return
-        await serve_stream(outgoing.attach, StapledByteStream(process.stdin, process.stdout))
-
-
-def _why(error: OSError) -> str:
+        return f"cannot connect to {target.address} in TLS: {reason or 'the handshake failed'}"
     cause = error.__cause__
     number = error.errno or (cause.errno if isinstance(cause, OSError) else None)
-    if number == errno.ECONNREFUSED:
-        return "nobody listens there; is the server running?"
     if number == errno.ENOENT:
-        return "there is no such file"
-    if isinstance(error, socket.gaierror):
-        return "the host is not known"
-    return os.strerror(number) if number and number > 0 else "nobody listens there; is the server running?"
+        reason = "there is no such file"
+    elif isinstance(error, socket.gaierror):
+        reason = "the host is not known"
+    elif number == errno.ECONNREFUSED or not number or number < 0:
+        reason = "nobody listens there; is the server running?"
+    else:
+        reason = os.strerror(number)
+    return f"cannot connect to {target.address}: {reason}"

@@ -4,6 +4,7 @@ messages."""
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 
@@ -23,6 +24,8 @@ from rwt_transports.websocket.handshake import HandshakeAnswer
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports")
+
+TICK_SECONDS = 0.5
 
 MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
 """Makes the wire of one new connection."""
@@ -61,9 +64,10 @@ class ListenerState:
     _empty: anyio.Event | None = None
 
     def attach(self, link: Link, address: str, port: int) -> Connection:
-        """A new peer has connected."""
+        """A new peer has connected, or an outgoing connection is past its handshake."""
         connection = Connection(self, link, address, port)
         self.connections.add(connection)
+        link.set_callbacks(connection)
         connection.begin()
         return connection
 
@@ -83,8 +87,23 @@ class ListenerState:
         for connection in tuple(self.connections):
             connection.close(code, reason)
 
-    async def emptied(self) -> None:
-        """Wait until no connection is left."""
+    async def watch(self) -> None:
+        """Look after every time-out, until cancelled."""
+        while True:
+            self.tick(time.monotonic())
+            await anyio.sleep(TICK_SECONDS)
+
+    async def end(self, code: int, reason: str) -> None:
+        """Ask every peer to go, and cut those that have not gone within ``limits.close_seconds``."""
+        with anyio.CancelScope(shield=True):
+            self.close(code, reason)
+            with anyio.move_on_after(self.limits.close_seconds):
+                await self._emptied()
+            for connection in tuple(self.connections):
+                connection.abort()
+            await self._emptied()
+
+    async def _emptied(self) -> None:
         while self.connections:
             self._empty = anyio.Event()
             await self._empty.wait()
@@ -96,11 +115,6 @@ class ListenerState:
             self._empty.set()
         if self.single:
             self.ended.set()
-
-    def abort(self) -> None:
-        """Cut those that are still here."""
-        for connection in tuple(self.connections):
-            connection.abort()
 
 
 class Connection:

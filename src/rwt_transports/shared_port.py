@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ssl import SSLContext
 
 from rwt_transports.drivers.sockets import bind_tcp
-from rwt_transports.urls import parse_listen_url
+from rwt_transports.schemes import parse_listen_url, stream_driver
 
 
 def can_share(url: str, tls: SSLContext | None = None) -> bool:
@@ -17,7 +17,7 @@ def can_share(url: str, tls: SSLContext | None = None) -> bool:
         BadUrl: it is not one to listen on.
     """
     target = parse_listen_url(url, tls)
-    return bool(target.address.host) and target.scheme.make_driver is None
+    return bool(target.address.host) and target.scheme.driver is stream_driver
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
 from rwt_transports.errors import BadUrl
-from rwt_transports.urls import parse_listen_url
+from rwt_transports.schemes import parse_listen_url
 
 _KINDS: tuple[Kind, ...] = ("msg", "srv", "action")
 _JAZZY, _NOETIC = Registry(JAZZY), Registry(NOETIC)

@@ -9,11 +9,11 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 
 import anyio
-from anyio.abc import AnyByteStream, ByteStream, Listener, SocketAttribute, SocketListener
+from anyio.abc import AnyByteStream, ByteStream, Listener, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.stapled import MultiListener
 from anyio.streams.tls import TLSListener
 
-from rwt_transports.api import Attach, BindAddress, DriverCallbacks
+from rwt_transports.api import Attach, BindAddress, DriverCallbacks, RemoteAddress
 from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
 from rwt_transports.errors import log_exception
 
@@ -30,7 +30,7 @@ GONE = (anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError)
 class _Link:
     """One stream; satisfies :class:`rwt_transports.api.Link`."""
 
-    __slots__ = ("_awake", "_closing", "_finishing", "_reading", "_scope", "_stream")
+    __slots__ = ("_awake", "_callbacks", "_closing", "_finishing", "_reading", "_scope", "_stream")
 
     def __init__(self, stream: ByteStream) -> None:
         self._stream = stream
@@ -42,6 +42,10 @@ class _Link:
         self._closing = False
 
     # -- Link --------------------------------------------------------------------------------------------
+
+    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
+        """Call these from now on."""
+        self._callbacks = callbacks
 
     def wake(self) -> None:
         """Let the writing task look."""
@@ -72,39 +76,39 @@ class _Link:
 
     # -- tasks -------------------------------------------------------------------------------------------
 
-    async def run(self, callbacks: DriverCallbacks) -> None:
+    async def run(self) -> None:
         """Move bytes both ways until the connection ends."""
         try:
             with self._scope:
                 async with anyio.create_task_group() as tasks:
-                    tasks.start_soon(self._read, callbacks)
-                    await self._write(callbacks)
+                    tasks.start_soon(self._read)
+                    await self._write()
                     tasks.cancel_scope.cancel()
         finally:
-            callbacks.lost()
+            self._callbacks.lost()
             with anyio.CancelScope(shield=True):
                 await anyio.aclose_forcefully(self._stream)
 
-    async def _read(self, callbacks: DriverCallbacks) -> None:
+    async def _read(self) -> None:
         try:
             while True:
                 await self._reading.wait()
-                callbacks.receive(await self._stream.receive(READ_BYTES))
+                self._callbacks.receive(await self._stream.receive(READ_BYTES))
         except anyio.EndOfStream:
-            callbacks.eof()
+            self._callbacks.eof()
         except GONE:
             self._scope.cancel()
 
-    async def _write(self, callbacks: DriverCallbacks) -> None:
+    async def _write(self) -> None:
         try:
             while not self._closing:
                 await self._awake.wait()
                 self._awake = anyio.Event()
                 more = False
-                while (data := callbacks.take()) is not None:
+                while (data := self._callbacks.take()) is not None:
                     if more:
                         # What is ahead of it has been taken by the network, so the peer reads.
-                        callbacks.progress()
+                        self._callbacks.progress()
                     await self._stream.send(data if isinstance(data, bytes) else bytes(data))
                     more = True
                 if self._finishing:
@@ -115,8 +119,12 @@ class _Link:
 
 
 class AnyioDriver:
-    """Serves TCP and Unix sockets, plain or in TLS, through anyio; satisfies
-    :class:`rwt_transports.api.Driver`."""
+    """TCP and Unix sockets, plain or in TLS, through anyio; satisfies :class:`rwt_transports.api.Driver` and
+    :class:`rwt_transports.api.Connector`."""
+
+    async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
+        """Reach the other side and serve its stream in a task."""
+        tasks.start_soon(serve_stream, attach, await _connected(address))
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
@@ -154,7 +162,8 @@ async def serve_stream(attach: Attach, stream: ByteStream) -> None:
     host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
     link = _Link(stream)
     try:
-        await link.run(attach(link, host, port))
+        attach(link, host, port)
+        await link.run()
     except Exception:
         # One connection must not take the listener with it.
         log_exception("the connection of %s:%s failed", host, port)
@@ -174,3 +183,14 @@ class _QuietTLSListener(TLSListener):
 async def _listener(bound: socket.socket) -> SocketListener:
     bound.listen(BACKLOG)
     return await SocketListener.from_socket(bound)
+
+
+async def _connected(address: RemoteAddress) -> ByteStream:
+    host, port, tls = address.host, address.port, address.tls
+    if address.path:
+        return await anyio.connect_unix(address.path)
+    if tls is None:
+        return await anyio.connect_tcp(host, port)
+    return await anyio.connect_tcp(
+        host, port, ssl_context=tls, tls_standard_compatible=False, tls_hostname=host
+    )

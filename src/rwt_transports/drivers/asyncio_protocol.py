@@ -9,7 +9,9 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 from typing import cast
 
-from rwt_transports.api import Attach, BindAddress, DriverCallbacks
+from anyio.abc import TaskGroup
+
+from rwt_transports.api import Attach, BindAddress, DriverCallbacks, RemoteAddress
 from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
 from rwt_transports.errors import log_exception
 
@@ -86,7 +88,7 @@ class _Link(asyncio.BufferedProtocol):
         self._open = True
         name = transport.get_extra_info("peername")
         address, port = (str(name[0]), int(name[1])) if isinstance(name, tuple) else ("", 0)
-        self._callbacks: DriverCallbacks = self._attach(self, address, port)
+        self._attach(self, address, port)
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """Where the next bytes go: into a large message, or into the buffer that all connections share."""
@@ -130,6 +132,10 @@ class _Link(asyncio.BufferedProtocol):
 
     # -- Link ----------------------------------------------------------------------------------------------
 
+    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
+        """Call these from now on."""
+        self._callbacks = callbacks
+
     def flush(self) -> None:
         """Write what there is, as far as the network takes it."""
         take = self._callbacks.take
@@ -172,14 +178,18 @@ class _Link(asyncio.BufferedProtocol):
             self._transport.resume_reading()
 
 
-def client_link(attach: Attach, loop: asyncio.AbstractEventLoop) -> asyncio.BufferedProtocol:
-    """The link of a connection that this side opens: give it to ``loop.create_connection``."""
-    return _Link(attach, _Turn(loop), bytearray(READ_BYTES))
-
-
 class AsyncioDriver:
-    """Serves TCP and Unix sockets, plain or in TLS, on the running asyncio loop; satisfies
-    :class:`rwt_transports.api.Driver`."""
+    """TCP and Unix sockets, plain or in TLS, on the running asyncio loop; satisfies
+    :class:`rwt_transports.api.Driver` and :class:`rwt_transports.api.Connector`."""
+
+    async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
+        """Reach the other side; its bytes come by callbacks of the loop, without a task."""
+        loop = asyncio.get_running_loop()
+        make_link = partial(_Link, attach, _Turn(loop), bytearray(READ_BYTES))
+        if address.path:
+            await loop.create_unix_connection(make_link, address.path, ssl=address.tls)
+        else:
+            await loop.create_connection(make_link, address.host, address.port, ssl=address.tls)
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept peers within the block; gives the port in use, 0 for a Unix socket."""

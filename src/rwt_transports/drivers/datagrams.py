@@ -40,15 +40,12 @@ class _Sessions:
         """Hand each datagram to the session of its sender."""
         async for data, (host, port) in self._socket:
             link = self._links.get((host, port)) or self._begin(host, port)
-            if link.callbacks is not None and not link.over:
+            if not link.over:
                 link.callbacks.receive(data)
 
     def _begin(self, host: str, port: int) -> _Link:
         link = self._links[host, port] = _Link(self, (host, port))
-        callbacks = link.callbacks = self._attach(link, host, port)
-        if link.over:
-            # Turned away while it was being attached.
-            callbacks.lost()
+        self._attach(link, host, port)
         return link
 
     async def write(self) -> None:
@@ -89,9 +86,12 @@ class _Link:
     def __init__(self, sessions: _Sessions, address: Address) -> None:
         self._sessions = sessions
         self.address = address
-        self.callbacks: DriverCallbacks | None = None
         self.closing = False
         self.over = False
+
+    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
+        """Call these from now on."""
+        self.callbacks = callbacks
 
     def wake(self) -> None:
         """Tell that there is something to take."""
@@ -111,8 +111,7 @@ class _Link:
         if not self.over:
             self.over = True
             self._sessions.forget(self)
-            if self.callbacks is not None:
-                self.callbacks.lost()
+            self.callbacks.lost()
 
     def pause(self) -> None:
         """Nothing holds back datagrams."""
@@ -123,8 +122,7 @@ class _Link:
     async def flush(self, socket: UDPSocket) -> None:
         """Send what there is."""
         host, port = self.address
-        callbacks = self.callbacks
-        while callbacks is not None and not self.over and (data := callbacks.take()) is not None:
+        while not self.over and (data := self.callbacks.take()) is not None:
             for message in bytes(data).split(END):
                 if message:
                     await self._send(socket, message, host, port)

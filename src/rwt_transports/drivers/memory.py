@@ -143,25 +143,21 @@ class MemoryPipe:
         self.closed = False
         self._closing = False
         self._taken = bytearray()
-        self._lose: Callable[[], None] = _nothing
-        self._callbacks: DriverCallbacks = attach(_PipeLink(self), address, port)
-        self._lose = self._callbacks.lost
-        if self.closed:
-            # Turned away while it was being attached.
-            self._lose()
+        self.callbacks: DriverCallbacks
+        attach(_PipeLink(self), address, port)
 
     def send(self, data: bytes) -> None:
         """Bytes go to the other side."""
         view = memoryview(data)
         while view and not self.closed:
-            space = self._callbacks.get_buffer()
+            space = self.callbacks.get_buffer()
             if space is None:
-                self._callbacks.receive(bytes(view))
+                self.callbacks.receive(bytes(view))
                 break
             count = min(len(space), len(view))
             space[:count] = view[:count]
             space.release()
-            self._callbacks.buffer_updated(count)
+            self.callbacks.buffer_updated(count)
             view = view[count:]
         self.pump()
 
@@ -175,26 +171,26 @@ class MemoryPipe:
     def take(self, most: int = 1) -> None:
         """Read `most` times, as a slow peer does."""
         for _ in range(most):
-            data = self._callbacks.take()
+            data = self.callbacks.take()
             if data is not None:
                 self._taken += data
 
     def send_eof(self) -> None:
         """Say that nothing more will come."""
         if not self.closed:
-            self._callbacks.eof()
+            self.callbacks.eof()
             self.pump()
 
     def cut(self) -> None:
         """Be gone without a word."""
         if not self.closed:
             self.closed = self.ended = True
-            self._lose()
+            self.callbacks.lost()
 
     def pump(self) -> None:
         """Move what the other side has to send."""
         while not self.stalled and not self.closed:
-            data = self._callbacks.take()
+            data = self.callbacks.take()
             if data is None:
                 break
             self._taken += data
@@ -206,10 +202,6 @@ class MemoryPipe:
         self._closing = True
 
 
-def _nothing() -> None:
-    """Who is not attached yet cannot be told that it is lost."""
-
-
 class _PipeLink:
     """The link of a :class:`MemoryPipe`; satisfies :class:`rwt_transports.api.Link`."""
 
@@ -217,6 +209,9 @@ class _PipeLink:
 
     def __init__(self, pipe: MemoryPipe) -> None:
         self._pipe = pipe
+
+    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
+        self._pipe.callbacks = callbacks
 
     def wake(self) -> None:
         """Nothing to do: the peer looks when it wants to."""

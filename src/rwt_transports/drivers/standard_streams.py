@@ -8,6 +8,7 @@ reads as empty. Both are given back at the end.
 from __future__ import annotations
 
 import os
+import shlex
 import stat
 import sys
 from collections.abc import AsyncIterator, Iterator
@@ -15,9 +16,10 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, context
 
 import anyio
 import anyio.lowlevel
-from anyio.abc import ByteStream
+from anyio.abc import ByteStream, Process, TaskGroup
+from anyio.streams.stapled import StapledByteStream
 
-from rwt_transports.api import Attach, BindAddress
+from rwt_transports.api import Attach, BindAddress, RemoteAddress
 from rwt_transports.drivers.anyio_stream import serve_stream
 from rwt_transports.errors import ListenError
 
@@ -73,8 +75,8 @@ class DescriptorStream(ByteStream):
 
 
 class StandardStreamsDriver:
-    """Serves the one peer at the other end of standard input and output, on asyncio or trio; satisfies
-    :class:`rwt_transports.api.Driver`.
+    """Serves the one peer at the other end of standard input and output, or runs a program and is that peer;
+    satisfies :class:`rwt_transports.api.Driver` and :class:`rwt_transports.api.Connector`.
 
     Args:
         descriptors: where to read and where to write in place of standard input and output; they stay the
@@ -88,6 +90,12 @@ class StandardStreamsDriver:
         """Serve the peer within the block; gives port 0."""
         return self._serve(attach)
 
+    async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
+        """Run a command; what it writes to standard error goes where this program's goes. It ends with the
+        connection."""
+        process = await anyio.open_process(shlex.split(address.path), stderr=None)
+        tasks.start_soon(_serve_process, attach, process)
+
     @asynccontextmanager
     async def _serve(self, attach: Attach) -> AsyncIterator[int]:
         given = self._descriptors
@@ -96,6 +104,12 @@ class StandardStreamsDriver:
                 tasks.start_soon(serve_stream, attach, DescriptorStream(read_from, write_to))
                 yield 0
                 tasks.cancel_scope.cancel()
+
+
+async def _serve_process(attach: Attach, process: Process) -> None:
+    async with process:
+        assert process.stdin is not None and process.stdout is not None, "both are pipes by default"
+        await serve_stream(attach, StapledByteStream(process.stdin, process.stdout))
 
 
 @contextmanager

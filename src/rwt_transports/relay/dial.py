@@ -11,16 +11,16 @@ import secrets
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from ssl import SSLContext
 
 import anyio
 from anyio.abc import TaskGroup, TaskStatus
 
 from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
-from rwt_transports.api import OversizeAware
 from rwt_transports.background import background_tasks
 from rwt_transports.backoff import Backoff
-from rwt_transports.connect import connect, parse_connect_url
+from rwt_transports.connect import OutgoingConnection, connect
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
 from rwt_transports.limits import Limits
 from rwt_transports.relay.protocol import (
@@ -32,6 +32,7 @@ from rwt_transports.relay.protocol import (
     decode_assignment,
     is_robot_name,
 )
+from rwt_transports.schemes import parse_connect_url
 from rwt_transports.websocket.close_codes import GOING_AWAY, INTERNAL_ERROR, POLICY, PROTOCOL_ERROR, TOO_BIG
 
 logger = logging.getLogger("rwt_transports.relay.dial")
@@ -100,12 +101,8 @@ async def dial(
         headers["Authorization"] = f"Bearer {token}"
     status = RelayStatus(url)
 
-    @asynccontextmanager
-    async def open_one(accept_hub: Accept) -> AsyncIterator[None]:
-        async with connect(url, accept_hub, limits=limits, tls=tls, headers=headers):
-            yield
-
-    robot = _Robot(status, accept, backoff, open_one)
+    connect_one = partial(connect, url, limits=limits, tls=tls, headers=headers)
+    robot = _Robot(status, accept, backoff, connect_one)
     async with background_tasks() as tasks:
         tasks.start_soon(robot.run, tasks)
         try:
@@ -126,7 +123,7 @@ def check_dial_url(url: str) -> str:
         target = parse_connect_url(url)
     except BadUrl as error:
         raise BadUrl(f"cannot dial {url!r}: expected the WebSocket URL of a hub, {example}") from error
-    if not target.scheme.websocket:
+    if not target.scheme.http:
         raise BadUrl(f"cannot dial {url!r}: a hub is reached by ws:// or wss://, {example}")
     name = target.path.removeprefix(ROBOTS)
     if not target.path.startswith(ROBOTS) or not is_robot_name(name):
@@ -134,25 +131,21 @@ def check_dial_url(url: str) -> str:
     return name
 
 
-_OpenOne = Callable[[Accept], AbstractAsyncContextManager[None]]
+_ConnectOne = Callable[[Accept], AbstractAsyncContextManager[OutgoingConnection]]
 
 
 class _Robot:
     """Keeps the connections of one dial-out."""
 
     def __init__(
-        self,
-        status: RelayStatus,
-        accept: Accept,
-        backoff: Backoff,
-        open_one: _OpenOne,
+        self, status: RelayStatus, accept: Accept, backoff: Backoff, connect_one: _ConnectOne
     ) -> None:
         self._status = status
         self._accept = accept
         self._backoff = backoff
-        self._open_one = open_one
+        self._connect_one = connect_one
         self._fewer = anyio.Event()
-        self._lines: set[_Line] = set()
+        self._open: set[OutgoingConnection] = set()
         self._running = anyio.CancelScope()
         self._shaky = 0  # failures before the connections that have not lasted yet
 
@@ -164,11 +157,11 @@ class _Robot:
     async def leave(self) -> None:
         """Open no more, close what is open, and wait for that."""
         self._running.cancel()
-        lines = tuple(self._lines)
-        for line in lines:
-            line.leave()
-        for line in lines:
-            await line.over.wait()
+        connections = tuple(self._open)
+        for connection in connections:
+            connection.close(GOING_AWAY, "the server is going away")
+        for connection in connections:
+            await connection.ended()
 
     async def _keep(self, tasks: TaskGroup) -> None:
         status = self._status
@@ -189,26 +182,26 @@ class _Robot:
 
     async def _serve(self, *, task_status: TaskStatus[None]) -> None:
         """One connection, from the handshake to its end."""
-        line = _Line(self._accept, self._assigned)
-        async with self._open_one(line.take):
+        idle = _IdleConnection(self._accept, self._assigned)
+        async with self._connect_one(idle.open) as connection:
             opened = anyio.current_time()
             self._opened()
-            self._lines.add(line)
+            self._open.add(connection)
             task_status.started()
-            await line.over.wait()
-            self._lines.discard(line)
-        if line.client is not None:
+            await connection.ended()
+            self._open.discard(connection)
+        if idle.has_client:
             self._status.clients -= 1
             return
         self._status.idle -= 1
         if self._running.cancel_called:
             return
-        if line.code == REPLACED:
-            # Whoever has the name now would be pushed out in turn.
+        if idle.code == REPLACED:
+            # The program that has the name now would be pushed out in turn.
             self._shaky = MANY_FAILURES
         elif anyio.current_time() - opened >= STEADY_SECONDS:
             self._shaky = 0
-        self._failed(f"the hub closed the connection: {line.ending}", before=self._shaky)
+        self._failed(f"the hub closed the connection: {idle.ending}", before=self._shaky)
         self._fewer.set()
 
     def _opened(self) -> None:
@@ -235,48 +228,39 @@ class _Robot:
         logger.log(level, "cannot serve at %s: %s; trying again", status.url, why)
 
 
-class _Line:
-    """One connection to the hub: waits for its assignment, then is a client's.
+class _IdleConnection:
+    """The endpoint of a connection to the hub, until its client's endpoint takes over.
 
     Attributes:
-        client: the client's endpoint.
-        over: set when the connection has ended.
-        code: with which code.
+        has_client: whether a client was assigned to it, let in or not.
+        code: with which code it ended, 0 if a client's endpoint took over.
         ending: the same with the reason.
     """
 
     def __init__(self, accept: Accept, assigned: Callable[[], None]) -> None:
         self._accept = accept
         self._assigned = assigned
-        self._sink: Sink | None = None
-        self.client: Endpoint | None = None
-        self.over = anyio.Event()
+        self.has_client = False
         self.code = 0
         self.ending = ""
 
-    def take(self, sink: Sink, info: PeerInfo) -> Endpoint:
+    def open(self, sink: Sink, info: PeerInfo) -> Endpoint:
         """The connection is open; an accept function."""
         self._sink = sink
         return self
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Take one message."""
-        if self.client is not None:
-            self.client.receive(data, binary)
-        elif self._sink is not None:
-            self._begin(self._sink, data)
-
-    def _begin(self, sink: Sink, data: bytes) -> None:
+        """Take the first message, which is the assignment of a client."""
+        sink = self._sink
         try:
             info = decode_assignment(data)
         except BadAssignment as error:
             sink.close(PROTOCOL_ERROR, str(error))
             return
+        self.has_client = True
         self._assigned()
-        # From here on the connection has had a client, whether that is let in or not.
-        self.client = _TURNED_AWAY
         try:
-            self.client = self._accept(sink, info)
+            sink.hand_over(self._accept(sink, info))
         except Refused as refused:
             sink.close(POLICY, refused.reason)
         except Exception:
@@ -284,35 +268,10 @@ class _Line:
             sink.close(INTERNAL_ERROR, "internal error")
 
     def oversized(self, size: int, limit: int) -> None:
-        """A message was too large to be taken."""
-        client: object = self.client
-        if isinstance(client, OversizeAware):
-            client.oversized(size, limit)
-        elif self._sink is not None:
-            self._sink.close(TOO_BIG, f"a message of {size} bytes; the limit is {limit} (message_bytes)")
-
-    def leave(self) -> None:
-        """Close, if it is not over: this side goes away."""
-        if self._sink is not None and not self.over.is_set():
-            self._sink.close(GOING_AWAY, "the server is going away")
+        """A message was too large to be an assignment."""
+        self._sink.close(TOO_BIG, f"a message of {size} bytes; the limit is {limit} (message_bytes)")
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended."""
         self.code = code
         self.ending = f"{code} {reason}".strip()
-        if self.client is not None:
-            self.client.closed(code, reason)
-        self.over.set()
-
-
-class _TurnedAway:
-    """The endpoint of a client that was not let in, until its connection is closed."""
-
-    def receive(self, data: bytes, binary: bool) -> None:
-        """Nobody listens."""
-
-    def closed(self, code: int, reason: str) -> None:
-        """Nobody cares."""
-
-
-_TURNED_AWAY = _TurnedAway()

@@ -118,8 +118,9 @@ def _print(finding: Finding, output: Output) -> None:
 
 async def _examine(arguments: Arguments, tell: Callable[[Finding], None]) -> None:
     from rwt_cli.commands.doctor.wire_probe import WireProbe
-    from rwt_transports.connect import carries_binary, connect
+    from rwt_transports.connect import connect
     from rwt_transports.errors import BadUrl, TransportError
+    from rwt_transports.schemes import carries_binary
 
     url, limit = url_of(arguments), arguments.timeout or USUAL_TIMEOUT
     try:

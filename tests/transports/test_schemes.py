@@ -5,7 +5,7 @@ import ssl
 import pytest
 
 from rwt_transports import BadUrl
-from rwt_transports.urls import SCHEMES, parse_listen_url
+from rwt_transports.schemes import SCHEMES, parse_listen_url
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,238 @@
+"""URL schemes: one table that says, for both directions, which driver moves the bytes and which wire they
+are."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from ssl import SSLContext
+from urllib.parse import urlsplit
+
+from rwt_transports.api import BindAddress, Connector, Driver, RemoteAddress
+from rwt_transports.connection import MakeWire
+from rwt_transports.drivers.anyio_stream import AnyioDriver
+from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
+from rwt_transports.drivers.datagrams import DatagramDriver
+from rwt_transports.drivers.standard_streams import StandardStreamsDriver
+from rwt_transports.errors import BadUrl
+from rwt_transports.websocket.wire import websocket_client, websocket_server
+from rwt_transports.wires.bson_stream import bson_documents
+from rwt_transports.wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
+from rwt_transports.wires.json_stream import json_lines, json_over_tcp
+
+DEFAULT_PORT = 9090
+"""The port of rosbridge (CFG-01)."""
+
+
+def stream_driver() -> AnyioDriver | AsyncioDriver:
+    """The fastest driver of TCP and Unix sockets on the event loop that is running."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return AnyioDriver()
+    return AsyncioDriver()
+
+
+@dataclass(frozen=True, slots=True)
+class Scheme:
+    """One row of the table.
+
+    Attributes:
+        example: a URL to listen on.
+        wire: makes the wire of a client.
+        client_wire: makes the wire of a server; None: the scheme is served, and cannot be connected to.
+        bson_wire: makes the wire of a client that speaks nothing but BSON; None: BSON cannot be spoken.
+        driver: makes what listens.
+        connector: makes what connects.
+        http: whether a connection begins as HTTP, and becomes a WebSocket by an upgrade.
+        tls: whether connections are encrypted.
+        binary: whether binary messages can be sent beside text.
+        unix: whether the address is the path of a Unix socket instead of host and port.
+        single: whether there is one peer, with which the listener ends; a URL to listen on has no address,
+            one to connect to names a program.
+        expires: whether a silent peer is forgotten, since nothing else says that it has gone.
+        connect_port: the port where a URL to connect to names none.
+        max_message_size: bytes of the largest message that can be sent; 0 for any.
+    """
+
+    example: str
+    wire: MakeWire
+    client_wire: MakeWire | None = None
+    bson_wire: MakeWire | None = None
+    driver: Callable[[], Driver] = stream_driver
+    connector: Callable[[], Connector] = stream_driver
+    http: bool = False
+    tls: bool = False
+    binary: bool = False
+    unix: bool = False
+    single: bool = False
+    expires: bool = False
+    connect_port: int = DEFAULT_PORT
+    max_message_size: int = 0
+
+
+SCHEMES = {
+    "ws": Scheme(
+        "ws://127.0.0.1:9090", websocket_server, websocket_client, websocket_server, http=True, binary=True
+    ),
+    "wss": Scheme(
+        "wss://0.0.0.0:9090", websocket_server, websocket_client, websocket_server, http=True, binary=True,
+        tls=True, connect_port=443,
+    ),
+    "tcp": Scheme("tcp://127.0.0.1:9091", json_over_tcp, json_over_tcp, bson_documents),
+    "tcps": Scheme("tcps://0.0.0.0:9091", json_over_tcp, json_over_tcp, bson_documents, tls=True),
+    "unix": Scheme("unix:///run/user/1000/robot.sock", json_lines, json_lines, bson_documents, unix=True),
+    "udp": Scheme(
+        "udp://127.0.0.1:9092", json_datagrams, driver=DatagramDriver, expires=True,
+        max_message_size=DATAGRAM_BYTES,
+    ),
+    "stdio": Scheme(
+        "stdio:", json_lines, json_lines, bson_documents, driver=StandardStreamsDriver,
+        connector=StandardStreamsDriver, single=True,
+    ),
+}  # fmt: skip
+
+
+def url_forms(*, connect: bool = False) -> str:
+    """How URLs to listen on, or to connect to, begin: ``ws://, wss://, …``, for people."""
+    rows = [(name, row) for name, row in SCHEMES.items() if not connect or row.client_wire is not None]
+    return ", ".join(f"{name}:" if row.single else f"{name}://" for name, row in rows)
+
+
+def carries_binary(url: str) -> bool:
+    """Whether binary messages can be sent to that URL; not on a stream of JSON objects (TCP-05)."""
+    scheme = SCHEMES.get(url.partition(":")[0].lower())
+    return scheme is not None and scheme.binary
+
+
+@dataclass(frozen=True, slots=True)
+class ListenUrl:
+    """A URL to listen on, taken apart.
+
+    Attributes:
+        name: the scheme.
+        scheme: its row.
+        address: where to listen.
+    """
+
+    name: str
+    scheme: Scheme
+    address: BindAddress
+
+    def with_port(self, port: int) -> str:
+        """The URL with the port in use."""
+        if self.scheme.single:
+            return self.scheme.example
+        if self.scheme.unix:
+            return f"{self.name}://{self.address.path}"
+        host = f"[{self.address.host}]" if ":" in self.address.host else self.address.host
+        return f"{self.name}://{host}:{port}"
+
+
+def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
+    """Take a URL to listen on apart.
+
+    Args:
+        url: for example ``ws://127.0.0.1:9090``.
+        tls: certificate and key for the schemes that encrypt.
+
+    Raises:
+        BadUrl: naming what is wrong, with an example.
+    """
+    name, colon, rest = url.partition(":")
+    name = name.lower()
+    scheme = SCHEMES.get(name)
+    if not colon or scheme is None or not (scheme.single or rest.startswith("//")):
+        what = f"the scheme {name!r} is not known" if "://" in url else "it has no scheme"
+        example = SCHEMES["ws"].example
+        raise BadUrl(f"cannot listen on {url!r}: {what}; use {url_forms()}, for example {example}")
+    if scheme.tls and tls is None:
+        raise BadUrl(
+            f"cannot listen on {url!r}: it needs a certificate and a key "
+            f"(tls.certfile, tls.keyfile); without them use {name[:-1]}:{rest}"
+        )
+    if scheme.single:
+        if rest:
+            raise _bad(url, "standard input and output have no address", scheme)
+        return ListenUrl(name, scheme, BindAddress())
+    if scheme.unix:
+        if not rest.startswith("///"):
+            raise _bad(url, "it names no absolute path", scheme)
+        return ListenUrl(name, scheme, BindAddress(path=rest[2:]))
+    return ListenUrl(name, scheme, _tcp_address(url, scheme, tls if scheme.tls else None))
+
+
+def _tcp_address(url: str, scheme: Scheme, tls: SSLContext | None) -> BindAddress:
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        raise _bad(url, "its host or port is not well formed (a port is 0 to 65535)", scheme) from None
+    if not host:
+        raise _bad(url, "it names no host", scheme)
+    if parts.path not in ("", "/") or parts.query or parts.fragment or parts.username is not None:
+        raise _bad(url, "only a host and a port can be given; every path is served", scheme)
+    return BindAddress(host, DEFAULT_PORT if port is None else port, tls=tls)
+
+
+def _bad(url: str, what: str, scheme: Scheme) -> BadUrl:
+    return BadUrl(f"cannot listen on {url!r}: {what}; for example {scheme.example}")
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectUrl:
+    """A URL to connect to, taken apart.
+
+    Attributes:
+        name: the scheme.
+        scheme: its row.
+        client_wire: makes the wire.
+        address: where to connect.
+        path: path and query of the request, for the schemes that have one.
+    """
+
+    name: str
+    scheme: Scheme
+    client_wire: MakeWire
+    address: RemoteAddress
+    path: str = ""
+
+
+def parse_connect_url(url: str) -> ConnectUrl:
+    """Take a URL to connect to apart.
+
+    Raises:
+        BadUrl: naming what is wrong, with an example.
+    """
+    name, colon, rest = url.partition(":")
+    name = name.lower()
+    scheme = SCHEMES.get(name)
+    if scheme is None or scheme.client_wire is None or not colon:
+        forms = url_forms(connect=True)
+        raise BadUrl(f"cannot connect to {url!r}: use one of {forms}, for example ws://127.0.0.1:9090")
+    path = rest.strip() if scheme.single else rest.removeprefix("//")
+    if scheme.single:
+        if not path:
+            raise BadUrl(
+                f"cannot connect to {url!r}: it names no command; for example {name}:my_robot --serve"
+            )
+        return ConnectUrl(name, scheme, scheme.client_wire, RemoteAddress(path=path))
+    if scheme.unix:
+        if not path.startswith("/"):
+            raise BadUrl(
+                f"cannot connect to {url!r}: it names no absolute path; for example {name}:///run/r.sock"
+            )
+        return ConnectUrl(name, scheme, scheme.client_wire, RemoteAddress(path=path))
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if not host or parts.fragment or parts.username is not None:
+        raise BadUrl(
+            f"cannot connect to {url!r}: expected {name}://HOST:PORT, for example {name}://robot:9090"
+        )
+    address = RemoteAddress(host, scheme.connect_port if port is None else port)
+    path = f"{parts.path or '/'}?{parts.query}" if parts.query else parts.path or "/"
+    return ConnectUrl(name, scheme, scheme.client_wire, address, path)
