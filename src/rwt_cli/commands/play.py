@@ -21,7 +21,7 @@ from rwt_cli.console.key_presses import Key, key_presses
 from rwt_cli.console.logs import log_to_stderr
 from rwt_cli.errors import CommandError
 from rwt_cli.verbs import topic_glob
-from rwt_nodes.playback.rates import FASTEST, SLOWEST
+from rwt_nodes.playback.player import FASTEST, SLOWEST
 from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:

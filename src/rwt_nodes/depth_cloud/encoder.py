@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 from rwt_graph import Graph, Node, Sample
 from rwt_nodes.depth_cloud.latest_only import Closable, LatestOnly
 from rwt_nodes.depth_cloud.parameters import Number
-from rwt_nodes.video.header_stamp import stamp_ns
 from rwt_program.qos import SENSOR_DATA
+from rwt_tf2 import stamp_ns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -105,7 +105,8 @@ class DepthCloudEncoder:
 
     def _take(self, topic: str, sample: Sample) -> None:
         """Hand on the two latest if they belong together; each is used once."""
-        self._latest[topic] = stamp_ns(sample.payload), sample.payload.detach()
+        message: Any = sample.payload.value()
+        self._latest[topic] = stamp_ns(message.header.stamp), sample.payload.detach()
         if len(self._latest) < len(self._topics):
             return
         (depth_at, depth), (colour_at, colour) = (self._latest[topic] for topic in self._topics)

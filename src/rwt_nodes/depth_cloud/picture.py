@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwt_nodes.depth_cloud.errors import PictureShape
-from rwt_nodes.depth_cloud.filling import fill_unknown
 
 Bytes = NDArray[np.uint8]
 Depths = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Steps = NDArray[np.int16]
 
 LEVELS: Final = 765
 """Steps of one tile: three channels of 255."""
@@ -121,7 +121,7 @@ def decode_picture(picture: Bytes, depth_per_tile: float = 1.0) -> DepthPicture:
     return DepthPicture(depths, mask <= 0.5, np.ascontiguousarray(picture[size:, size:]))
 
 
-def _steps(depths: Depths, depth_per_tile: float) -> tuple[NDArray[np.int16], Mask]:
+def _steps(depths: Depths, depth_per_tile: float) -> tuple[Steps, Mask]:
     """The number of each depth in :func:`_tables`, and which are known."""
     with np.errstate(invalid="ignore", over="ignore"):
         shares = depths * np.float32(LEVELS / depth_per_tile)
@@ -153,3 +153,52 @@ def _gather(tile: Bytes) -> Depths:
     total += tile[:, :, 1]
     total += tile[:, :, 2]
     return total.astype(np.float32) / np.float32(LEVELS)
+
+
+def fill_unknown(steps: Steps, known: Mask) -> Steps:
+    """Depths without holes, so that a video codec has no edges to spend bits on.
+
+    Along each row what is unknown lies on the line between its known neighbours; at the ends the nearest is
+    held. Rows without any known depth are copies of the nearest row above that has one, or of the first that
+    has. What is known stays as it is.
+
+    Args:
+        steps: rows x columns of depths in any unit; what is not `known` is not looked at.
+        known: the same shape.
+
+    Returns:
+        A new array, or `steps` itself where everything is known; zeros where nothing is.
+    """
+    rows: Mask = np.any(known, axis=1)
+    if not rows.any():
+        return np.zeros_like(steps)
+    if known.all():
+        return steps
+    filled = steps.copy()
+    _along_rows(filled, known)
+    return filled if rows.all() else filled[_nearest(rows)]
+
+
+def _along_rows(steps: Steps, known: Mask) -> None:
+    """Fill the rows in place; one without any known depth becomes whatever it becomes."""
+    width = steps.shape[1]
+    columns = np.arange(width, dtype=np.int16)
+    # From each pixel to the last known one at or before it, and to the next one at or after it.
+    before = np.maximum.accumulate(np.where(known, columns, np.int16(-1)), axis=1)
+    mirrored = np.where(known[:, ::-1], columns, np.int16(-1))
+    after = width - 1 - np.maximum.accumulate(mirrored, axis=1)[:, ::-1]
+    row, column = np.nonzero(~known)
+    first, last = before[row, column].astype(np.int32), after[row, column].astype(np.int32)
+    left = steps[row, np.maximum(first, 0)].astype(np.float32)
+    right = steps[row, np.minimum(last, width - 1)].astype(np.float32)
+    left = np.where(first < 0, right, left)
+    right = np.where(last >= width, left, right)
+    share = (column - first) / (last - first)
+    steps[row, column] = np.rint(left + (right - left) * share)
+
+
+def _nearest(rows: Mask) -> NDArray[np.intp]:
+    """For each row the last one above with something in it, or the first one of all."""
+    numbers = np.arange(len(rows))
+    above = np.maximum.accumulate(np.where(rows, numbers, -1))
+    return np.where(above < 0, int(np.argmax(rows)), above)

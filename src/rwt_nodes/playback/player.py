@@ -10,14 +10,11 @@ from typing import TYPE_CHECKING, Final
 import anyio
 
 from rwt_graph.clock import NANOSECONDS
-from rwt_nodes.playback.clock import PlaybackClock
-from rwt_nodes.playback.clock_topic import ClockTopic
-from rwt_nodes.playback.publications import Publications
-from rwt_nodes.playback.rates import checked_rate
+from rwt_nodes.playback.clock import ClockTopic, PlaybackClock
+from rwt_nodes.playback.publications import Publications, learn
 from rwt_nodes.playback.read_ahead import ReadAhead
 from rwt_nodes.playback.recorded_services import RecordedServices
 from rwt_nodes.playback.services import PlayerServices
-from rwt_nodes.recording.definitions import learn
 from rwt_nodes.recording.selection import EVERYTHING, TopicSelection
 
 if TYPE_CHECKING:
@@ -25,7 +22,12 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Timer
     from rwt_nodes.recording.recording import RecordedMessage, Recording
 
+
 NODE: Final = "/rosbag2_player"
+
+SLOWEST: Final = 0.001
+FASTEST: Final = 1000.0
+"""The rates at which a recording can be played."""
 
 _BATCH: Final = 200
 """Messages that are published in one turn of the event loop when many are due."""
@@ -345,6 +347,17 @@ def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
     if options.end < options.start:
         raise ValueError(f"playing cannot end at {options.end} s, before it begins at {options.start} s")
     return begin, min(recording.end_ns, recording.start_ns + round(options.end * NANOSECONDS))
+
+
+def checked_rate(rate: float) -> float:
+    """A rate that can be played.
+
+    Raises:
+        ValueError: it is out of range.
+    """
+    if not SLOWEST <= rate <= FASTEST:
+        raise ValueError(f"a recording is played at a rate from {SLOWEST} to {FASTEST:g}, not {rate}")
+    return rate
 
 
 __all__ = ["NODE", "PlayOptions", "Player"]

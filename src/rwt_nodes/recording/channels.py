@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-from rwt_nodes.recording.json_schemas import json_schema
+import msgspec
+
+from rwt_interfaces.field_types import Array, Bool, FieldType, Float, Int, Octets, String, Time
 from rwt_program.qos import Durability, History, QoS, Reliability
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
+
 
 Encoding = Literal["ros", "json"]
 """How messages are written: as ROS serialises them (CDR, or ROS 1's own form on ROS 1), or as JSON."""
@@ -114,6 +117,59 @@ KEPT: Final = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
 
 #: The same of `/tf_static`, on which every publisher's last message counts.
 KEPT_TRANSFORMS: Final = QoS(depth=100, durability=Durability.TRANSIENT_LOCAL)
+
+
+Schema = dict[str, object]
+
+
+def json_schema(message: MessageType) -> bytes:
+    """The JSON Schema of one message type as rosbridge writes it in JSON, as text.
+
+    The root is an object and nested messages stand where they are used, without ``$ref``: what reads
+    recordings (Foxglove, Lichtblick) wants it so.
+    """
+    return msgspec.json.encode(_message(message))
+
+
+def _message(message: MessageType) -> Schema:
+    if message.time is not None:
+        return _time(message.time)
+    return {
+        "title": message.name,
+        "type": "object",
+        "properties": {slot.name: _schema(slot.type) for slot in message.slots},
+    }
+
+
+def _schema(field_type: FieldType) -> Schema:
+    if isinstance(field_type, Octets):
+        return {"type": "string", "contentEncoding": "base64"}
+    if isinstance(field_type, Array):
+        found: Schema = {"type": "array", "items": _schema(field_type.element)}
+        if field_type.length is not None:
+            found |= {"minItems": field_type.length, "maxItems": field_type.length}
+        elif field_type.bound is not None:
+            found["maxItems"] = field_type.bound
+        return found
+    if isinstance(field_type, Bool):
+        return {"type": "boolean"}
+    if isinstance(field_type, Int):
+        return {"type": "integer", "minimum": field_type.low, "maximum": field_type.high}
+    if isinstance(field_type, Float):
+        return {"type": "number"}
+    if isinstance(field_type, String):
+        return {"type": "string"}
+    return _time(field_type) if isinstance(field_type, Time) else _message(field_type.type)
+
+
+def _time(field_type: Time) -> Schema:
+    seconds, nanoseconds = field_type.keys
+    return {
+        "title": str(field_type),
+        "type": "object",
+        "properties": {seconds: {"type": "integer"}, nanoseconds: {"type": "integer"}},
+    }
+
 
 __all__ = [
     "DEFINITION",

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 import anyio
 
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node, ServiceFailed
 from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
-from rwt_nodes.tf.source import listen
 from rwt_nodes.tf.streams import GoalStream, TopicStream
 from rwt_nodes.tf.transform_filters import MissingFrames, make_filter
-from rwt_tf2 import stamp_ns
+from rwt_tf2 import Buffer, Feed, stamp_ns
 from rwt_tf2.times import NANOSECONDS
 
 if TYPE_CHECKING:
     from rwt_graph import Graph
+
 
 NAME: Final = "/tf2_web_republisher"
 SERVICE: Final = "/republish_tfs"
@@ -131,3 +132,24 @@ class Tf2WebRepublisher:
 
     def _missing(self) -> MissingFrames:
         return MissingFrames(self._node.log.error, self._node.clock.monotonic)
+
+
+Message: TypeAlias = Any
+"""`tf2_msgs/TFMessage`."""
+
+_TYPE: Final = "tf2_msgs/TFMessage"
+
+
+def listen(node: Node) -> Buffer:
+    """A buffer that is filled from `/tf` and `/tf_static` until the node is closed."""
+    buffer = Buffer()
+    feed = Feed(buffer)
+    _subscribe(node, "/tf_static", partial(feed.take, static=True))
+    _subscribe(node, "/tf", feed.take)
+    return buffer
+
+
+def _subscribe(node: Node, topic: str, take: Callable[[Message], None]) -> None:
+    # A topic that is there keeps its type: older programs of ROS 1 have tf/tfMessage, with equal fields.
+    known = node.graph.topic(topic)
+    node.subscribe(topic, take, None if known is not None and known.type else _TYPE)

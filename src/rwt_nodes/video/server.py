@@ -17,8 +17,14 @@ from rwt_nodes.video.encoders.encoded import Encoded, Encoder
 from rwt_nodes.video.encoders.mp4 import TYPE as MP4
 from rwt_nodes.video.encoders.webm import TYPE as WEBM
 from rwt_nodes.video.errors import RequestRefused
-from rwt_nodes.video.html import topic_list, viewer_page
-from rwt_nodes.video.http_streams import MULTIPART, multipart, timestamp, video_stream
+from rwt_nodes.video.responses import (
+    MULTIPART,
+    multipart,
+    timestamp,
+    topic_list,
+    video_stream,
+    viewer_page,
+)
 from rwt_nodes.video.stream_metrics import StreamMetrics
 from rwt_nodes.video.stream_request import StreamRequest, Video, read_request
 from rwt_nodes.video.topics import COMPRESSED, INFO, RAW, VisibleTopics

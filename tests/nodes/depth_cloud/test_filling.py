@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rwt_nodes.depth_cloud.filling import fill_unknown
+from rwt_nodes.depth_cloud.picture import fill_unknown
 
 
 def _fill_row(values: list[int], known: list[bool]) -> list[int] | None:

@@ -31,7 +31,7 @@ from rwt_nodes.recording import (
     channel_form,
     open_recording,
 )
-from rwt_nodes.recording.json_schemas import json_schema
+from rwt_nodes.recording.channels import json_schema
 from rwt_nodes.recording.mcap_files import MAGIC, McapRecording, recover
 from tests.nodes.recording.robots import OWN, START_NS, graph_at, record_robot, rows
 

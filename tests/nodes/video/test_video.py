@@ -16,7 +16,7 @@ from rwt_nodes.video.encoders.image import ImageEncoder
 from rwt_nodes.video.encoders.mp4 import Mp4, units
 from rwt_nodes.video.encoders.video import VideoEncoder
 from rwt_nodes.video.encoders.webm import Webm
-from rwt_nodes.video.http_streams import _container
+from rwt_nodes.video.responses import _container
 from rwt_nodes.video.stream_request import Jpeg, Png, Video, read_request
 from tests.nodes.video.conftest import image, payload, scene
 

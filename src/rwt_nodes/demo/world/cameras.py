@@ -107,7 +107,7 @@ class CameraPublisher:
             data = encode_jpeg(colours, _JPEG_QUALITY)
             self._jpegs.publish({"header": header, "format": "rgb8; jpeg compressed bgr8", "data": data})
         if depths is not None and self._points.subscriber_count and self._shots % _POINTS_EVERY == 0:
-            from rwt_nodes.demo.world.points import point_cloud
+            from rwt_nodes.demo.world.view import point_cloud
 
             self._points.publish(point_cloud(header, depths, colours, self._lens, _POINTS_SKIP))
 

@@ -2,7 +2,7 @@
 
 Everything solid reaches from the floor to the ceiling, so one ray tells a whole column: how far the wall is,
 where its floor and ceiling lines are, and which strip of its texture is seen. That draws 640x480 in a few
-milliseconds on one core. It needs numpy, so this module is imported only when somebody looks.
+milliseconds on one core. It needs numpy, so this module is imported with the first subscriber.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from rwt_nodes.demo.messages import Message
 from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.demo.world.map import Box, Pillar, World
 from rwt_nodes.demo.world.pose import Pose
@@ -41,6 +42,10 @@ _COLOURS: Final = (
     (130, 100, 160),
     (90, 160, 150),
 )
+#: Of `sensor_msgs/PointField`.
+_FLOAT32: Final = 7
+_FIELDS: Final = ("x", "y", "z", "rgb")
+_STEP: Final = 4 * len(_FIELDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,3 +217,49 @@ def _packed(colours: NDArray[np.float64]) -> NDArray[np.uint32]:
     padded[..., :3] = np.clip(colours, 0, 255)
     packed: NDArray[np.uint32] = padded.view(np.uint32)[..., 0]
     return packed
+
+
+def point_cloud(
+    header: Message, depths: NDArray[np.uint16], colours: NDArray[np.uint8], lens: Lens, skip: int
+) -> Message:
+    """`sensor_msgs/PointCloud2`, organised as the picture; NaN where no depth was measured.
+
+    Points are in the optical frame: x to the right, y down, z forwards, metres. `rgb` is the bytes blue,
+    green, red and 0 taken as a float, as PCL has it.
+
+    Args:
+        header: of the message.
+        depths: rows x columns, millimetres; 0 is unknown.
+        colours: rows x columns x red, green, blue.
+        lens: that both were taken through.
+        skip: every so many rows and columns become points.
+    """
+    down, across = (
+        (np.arange(0, count, skip, dtype=np.float32) - np.float32(centre)) / np.float32(lens.focal)
+        for count, centre in zip(depths.shape, (lens.cy, lens.cx), strict=True)
+    )
+    depths, colours = depths[::skip, ::skip], colours[::skip, ::skip]
+    rows, columns = depths.shape
+    points = np.empty((rows, columns, len(_FIELDS)), "<f4")
+    z = depths.astype(np.float32) * np.float32(0.001)
+    z[depths == 0] = np.nan
+    np.multiply(z, across, out=points[:, :, 0])
+    np.multiply(z, down[:, None], out=points[:, :, 1])
+    points[:, :, 2] = z
+    packed = points.view(np.uint8)
+    packed[:, :, 12:15] = colours[:, :, ::-1]
+    packed[:, :, 15] = 0
+    return {
+        "header": header,
+        "height": rows,
+        "width": columns,
+        "fields": [
+            {"name": name, "offset": 4 * number, "datatype": _FLOAT32, "count": 1}
+            for number, name in enumerate(_FIELDS)
+        ],
+        "is_bigendian": False,
+        "point_step": _STEP,
+        "row_step": _STEP * columns,
+        "data": points.tobytes(),
+        "is_dense": False,
+    }

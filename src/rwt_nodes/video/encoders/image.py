@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_nodes.video.encoders.encoded import Encoded
 from rwt_nodes.video.encoders.jpeg import encode_jpeg
-from rwt_nodes.video.encoders.pixels import Bytes, without_alpha
-from rwt_nodes.video.header_stamp import stamp_ns
-from rwt_nodes.video.picture import read_picture
+from rwt_nodes.video.encoders.pixels import Bytes, read_picture, without_alpha
 from rwt_nodes.video.stream_request import Jpeg, Png, StreamRequest
 from rwt_nodes.video.topics import COMPRESSED
+from rwt_tf2 import stamp_ns
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
@@ -32,9 +31,9 @@ class ImageEncoder:
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded:
         """See :meth:`.encoded.Encoder.encode`; every picture can be shown without others."""
-        stamp = stamp_ns(payload)
+        message: Any = payload.value()
+        stamp = stamp_ns(message.header.stamp)
         if payload.type.name == COMPRESSED and not self._request.changes_pictures:
-            message: Any = payload.value()
             data = bytes(message.data)
             if data.startswith(_JPEG_MAGIC):
                 return Encoded(data, stamp, at_ms, "image/jpeg")

@@ -8,13 +8,19 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rwt_nodes.video.errors import PictureUnreadable
 from rwt_nodes.video.stream_request import MOST_PIXELS, StreamRequest
+from rwt_nodes.video.topics import COMPRESSED
+
+if TYPE_CHECKING:
+    from rwt_interfaces.payload import Payload
+    from rwt_nodes.video.stream_request import StreamRequest
+
 
 Bytes = NDArray[np.uint8]
 #: Samples as they come: rows x columns x values of a pixel, one or two bytes each, or floats.
@@ -262,3 +268,14 @@ ENCODINGS: Final[Mapping[str, _Layout]] = {
     **_BAYER,
 }
 """Every value of `encoding` that can be shown (`sensor_msgs/image_encodings.hpp`)."""
+
+
+def read_picture(payload: Payload, request: StreamRequest) -> Bytes:
+    """The picture in its size.
+
+    Raises:
+        PictureUnreadable: it cannot be shown.
+    """
+    message: Any = payload.value()
+    compressed = payload.type.name == COMPRESSED
+    return shaped(read_compressed(message) if compressed else read_raw(message), request)

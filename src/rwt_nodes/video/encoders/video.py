@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import av
 from av.codec.context import Flags
@@ -12,11 +12,10 @@ from av.video.frame import PictureType, VideoFrame
 
 from rwt_nodes.video.encoders import colours
 from rwt_nodes.video.encoders.encoded import Encoded, Track
-from rwt_nodes.video.encoders.pixels import Bytes, resized, without_alpha
+from rwt_nodes.video.encoders.pixels import Bytes, read_picture, resized, without_alpha
 from rwt_nodes.video.errors import PictureUnreadable
-from rwt_nodes.video.header_stamp import stamp_ns
-from rwt_nodes.video.picture import read_picture
 from rwt_nodes.video.stream_request import StreamRequest, Video
+from rwt_tf2 import stamp_ns
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
@@ -70,7 +69,9 @@ class VideoEncoder:
         if self._track is None:
             self._track = Track(self._video.codec, codec.width, codec.height, bytes(codec.extradata or b""))
         (packet,) = packets
-        return Encoded(bytes(packet), stamp_ns(payload), frame.pts, track=self._track, key=packet.is_keyframe)
+        message: Any = payload.value()
+        stamp = stamp_ns(message.header.stamp)
+        return Encoded(bytes(packet), stamp, frame.pts, track=self._track, key=packet.is_keyframe)
 
     def _open(self, pixels: Bytes) -> VideoCodecContext:
         video = self._video
