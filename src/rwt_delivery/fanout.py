@@ -173,10 +173,7 @@ class Fanout:
     def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
         if type.name != self.type.name:
-            raise TypeConflict(
-                f"tried to register topic {self.topic} with type {type.name} "
-                f"but it is already established with type {self.type.name}"
-            )
+            raise TypeConflict(self.topic, type.name, self.type.name)
 
     def renew(self) -> None:
         """Subscribe anew: to whoever joins while no publisher can be reached, those that come back over the

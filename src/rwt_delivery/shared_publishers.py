@@ -180,10 +180,7 @@ class SharedPublishers:
                 publisher, self._participant.name, self._clock, self._counters, self._log
             )
         elif shared.type.name != type.name:
-            raise TypeConflict(
-                f"tried to register topic {topic} with type {type.name} "
-                f"but it is already established with type {shared.type.name}"
-            )
+            raise TypeConflict(topic, type.name, shared.type.name)
         if shared.linger is not None:
             shared.linger.cancel()
             shared.linger = None

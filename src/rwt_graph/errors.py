@@ -23,7 +23,19 @@ class InvalidGraphName(GraphError, ValueError):
 
 
 class TypeConflict(GraphError, ValueError):
-    """The name is already established with another type."""
+    """The topic is already established with another type.
+
+    Args:
+        topic: its name.
+        asked: the type that was asked for, as the robot's distribution spells it.
+        established: the type that it has.
+    """
+
+    def __init__(self, topic: str, asked: str, established: str) -> None:
+        super().__init__(
+            f"tried to register topic {topic} with type {asked} "
+            f"but it is already established with type {established}"
+        )
 
 
 class InvalidTransition(GraphError, RuntimeError):

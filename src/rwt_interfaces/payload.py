@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from rwt_interfaces.serialise.cbor_reader import read_cbor
 from rwt_interfaces.serialise.json import REJECTIONS, parse
 from rwt_interfaces.serialise.long_strings import RawText
 
@@ -94,25 +93,10 @@ class Payload:
         if isinstance(value, (list, tuple)):
             names = (slot.name for slot in message_type.slots)
             value = dict(zip(names, value, strict=False))
-        return cls._from_object(message_type, value, now)
-
-    @classmethod
-    def _from_object(cls, message_type: MessageType, value: object, now: Now | None) -> Payload:
         try:
             return cls(message_type, None, message_type.json.convert(value))
         except REJECTIONS:
             return cls(message_type, None, message_type.decode_leniently(value, now or time.time_ns))
-
-    @classmethod
-    def from_cbor(
-        cls, message_type: MessageType, data: bytes | memoryview, now: Now | None = None
-    ) -> Payload:
-        """Take a message as it came in CBOR, completed by the same rules as one in JSON.
-
-        Raises:
-            InvalidMessage: it is not CBOR or does not fit; no other exception, whatever the bytes.
-        """
-        return cls._from_object(message_type, read_cbor(data), now)
 
     @classmethod
     def deserialised(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:

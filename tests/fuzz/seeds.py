@@ -159,8 +159,6 @@ def _payloads(form: str) -> Iterator[bytes]:
         noetic = message_type.registry.distro is NOETIC
         if form in ("json", "args"):
             data = bytes(payload.json())
-        elif form == "cbor":
-            data = payload.cbor()
         elif form == "cdr":
             data = b"" if noetic else payload.cdr()
         else:

@@ -23,7 +23,6 @@ TARGETS: Mapping[str, Target] = {
         wire_targets.http,
         interface_targets.payload_json,
         interface_targets.payload_args,
-        interface_targets.payload_cbor,
         interface_targets.payload_cdr,
         interface_targets.payload_ros1,
         interface_targets.definition,

@@ -83,10 +83,7 @@ class Topic:
         """
         known = self.known_type
         if known is not None and known is not wanted and known.name != wanted.name:
-            raise TypeConflict(
-                f"tried to register topic {self.name} with type {registry.type_name(wanted)} "
-                f"but it is already established with type {registry.type_name(known)}"
-            )
+            raise TypeConflict(self.name, registry.type_name(wanted), registry.type_name(known))
         if self.type is None:
             self.type = wanted
 
