@@ -12,7 +12,7 @@ from rwt_protocol.ops import OPS, Direction
 
 
 class StatusRule(Enum):
-    """When a client hears `status` (ARCHITECTURE, settled questions)."""
+    """When a client hears `status` (X04)."""
 
     FROM_THE_START = "from the start"
     """At level `error` until it sets another (STA-02)."""

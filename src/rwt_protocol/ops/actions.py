@@ -21,7 +21,7 @@ from rwt_protocol.ops.base import (
     Values,
 )
 from rwt_protocol.ops.control import refuse_with_status
-from rwt_protocol.ops.topics import OptionalCount
+from rwt_protocol.ops.topics import CompressionOfReply, OptionalCount
 from rwt_protocol.payloads import EMPTY
 
 
@@ -44,7 +44,11 @@ def _usual_status(known: dict[str, object]) -> int:
 
 
 class AdvertiseAction(Op):
-    """The sender offers an action (ACT-12)."""
+    """The sender offers an action (ACT-12).
+
+    Attributes:
+        type: type of the action, for example `example_interfaces/Fibonacci`.
+    """
 
     op: Literal["advertise_action"] = "advertise_action"
     type: Text
@@ -63,9 +67,8 @@ class SendActionGoal(Op):
 
     Attributes:
         args: the goal, an object by name or an array by position (ACT-11).
+        action_type: a type of action that is known; the server goes by what the action has (ACT-04).
         feedback: whether feedback is wanted (ACT-02).
-        fragment_size: split what answers it if it is longer than this many characters (FRG-20).
-        compression: accepted, and without effect (PNG-08).
     """
 
     op: Literal["send_action_goal"] = "send_action_goal"
@@ -74,11 +77,15 @@ class SendActionGoal(Op):
     args: Arguments = EMPTY
     feedback: Flag = False
     fragment_size: OptionalCount = None
-    compression: Text = "none"
+    compression: CompressionOfReply = "none"
 
 
 class CancelActionGoal(Op):
-    """Asks that the goal with this id end early (ACT-07, ACT-13)."""
+    """Asks that the goal with this id end early (ACT-07, ACT-13).
+
+    Attributes:
+        id: the `id` with which the goal was sent.
+    """
 
     op: Literal["cancel_action_goal"] = "cancel_action_goal"
     id: RequiredId
@@ -86,7 +93,11 @@ class CancelActionGoal(Op):
 
 
 class ActionFeedback(Op):
-    """How far a goal has come (ACT-02, ACT-14)."""
+    """How far a goal has come (ACT-02, ACT-14).
+
+    Attributes:
+        values: the feedback.
+    """
 
     wire_order: ClassVar[tuple[str, ...]] = ("action", "values", "id")
 
@@ -101,7 +112,8 @@ class ActionResult(Op):
     Attributes:
         values: the result; when `result` is false, usually a string that says why (ACT-04).
         result: whether the goal was run at all; its outcome is `status` (ACT-03).
-        status: a `GoalStatus`; absent, succeeded if `result` is true and aborted if it is not (ACT-16).
+        status: 4 succeeded, 5 canceled, 6 aborted, 0 not run. Left out: 4, or 6 if `result` is false
+            (ACT-16).
     """
 
     wire_order: ClassVar[tuple[str, ...]] = ("action", "values", "status", "result", "id")

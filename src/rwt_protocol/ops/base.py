@@ -25,6 +25,17 @@ from rwt_protocol.payloads import EMPTY, Decoded, Encodable, RawJson, RawPayload
 
 
 @dataclass(frozen=True, slots=True)
+class NoEffect:
+    """Marks a member that is taken and changes nothing: the reference says so, and a test sees to it.
+
+    Attributes:
+        reason: why that is right.
+    """
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Opaque:
     """Marks a payload: a member that this package does not look into.
 
@@ -124,6 +135,15 @@ class Op(BaseModel):
 
     Members that the model does not have are ignored (ENV-01), and on the wire null stands for an absent
     optional member.
+
+    What each member means is said in the docstring of its op; the reference is made from it.
+
+    Attributes:
+        id: the sender's own mark, repeated unchanged in what answers this message (ENV-02). null: none.
+        topic: name of the topic. `chatter` and `/chatter` are the same topic.
+        service: name of the service.
+        action: name of the action.
+        fragment_size: split what is longer than so many characters (FRG-20); None and 0: do not.
     """
 
     model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)

@@ -38,7 +38,14 @@ Seconds = Annotated[
 
 
 class Fragment(Op):
-    """One piece of the text of another message (FRG-01). `num` counts from zero to `total` - 1."""
+    """One piece of the text of another message (FRG-01).
+
+    Attributes:
+        id: the same for all pieces of one message.
+        data: the piece.
+        num: number of the piece, from 0.
+        total: how many pieces there are.
+    """
 
     op: Literal["fragment"] = "fragment"
     id: RequiredId
@@ -48,21 +55,34 @@ class Fragment(Op):
 
 
 class Png(Op):
-    """A whole message as the pixels of a PNG image, in base64 (PNG-01)."""
+    """A whole message as the pixels of a PNG image (PNG-01).
+
+    Attributes:
+        data: the image, in base64.
+    """
 
     op: Literal["png"] = "png"
     data: Text
 
 
 class SetLevel(Op):
-    """Asks for status messages of `level` and above (STA-01, STA-02)."""
+    """Asks for status messages of `level` and above (STA-01, STA-02).
+
+    Attributes:
+        level: the least severity that the client wants to hear of; `none` for nothing.
+    """
 
     op: Literal["set_level"] = "set_level"
     level: LevelName
 
 
 class Status(Op):
-    """Tells a client what became of something that it sent (STA-03, STA-04)."""
+    """Tells a client what became of something that it sent (STA-03, STA-04).
+
+    Attributes:
+        level: severity.
+        msg: what happened, for people.
+    """
 
     op: Literal["status"] = "status"
     level: LevelName
@@ -70,7 +90,17 @@ class Status(Op):
 
 
 class Auth(Op):
-    """Credentials as rosauth computes them (AUT-02). `t` and `end` are seconds since 1970."""
+    """Credentials as rosauth computes them (AUT-02).
+
+    Attributes:
+        mac: the message authentication code of all other members.
+        client: the client's address, as it says.
+        dest: the server's address, as the client says.
+        rand: a random string.
+        t: when it was made, seconds since 1970.
+        level: the role that is asked for (AUT-03).
+        end: when it expires, seconds since 1970.
+    """
 
     op: Literal["auth"] = "auth"
     mac: Text

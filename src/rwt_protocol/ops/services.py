@@ -12,6 +12,7 @@ from rwt_protocol.ops.base import (
     Arguments,
     Direction,
     Flag,
+    NoEffect,
     Op,
     OpSpec,
     OptionalText,
@@ -20,7 +21,7 @@ from rwt_protocol.ops.base import (
     Values,
 )
 from rwt_protocol.ops.control import refuse_with_status
-from rwt_protocol.ops.topics import OptionalCount
+from rwt_protocol.ops.topics import CompressionOfReply, OptionalCount
 from rwt_protocol.payloads import EMPTY
 
 Timeout = Annotated[Annotated[float, Field(allow_inf_nan=False)] | None, Expected("a number of seconds")]
@@ -31,20 +32,17 @@ class CallService(Op):
 
     Attributes:
         service: the name as the caller wrote it, which the reply repeats.
-        type: sent by some clients and not needed (SRV-03).
         args: an object by name or an array by position (SRV-02); absent and null are an empty object.
         timeout: seconds to wait, 0 and less for ever; None leaves it to the server (SRV-10).
-        fragment_size: split the reply if it is longer than this many characters (FRG-20).
-        compression: accepted, and without effect (PNG-08).
     """
 
     op: Literal["call_service"] = "call_service"
     service: Text
-    type: OptionalText = None
+    type: Annotated[OptionalText, NoEffect("the service has a type (SRV-03)")] = None
     args: Arguments = EMPTY
     timeout: Timeout = None
     fragment_size: OptionalCount = None
-    compression: Text = "none"
+    compression: CompressionOfReply = "none"
 
 
 class ServiceResponse(Op):
@@ -65,7 +63,11 @@ class ServiceResponse(Op):
 
 
 class AdvertiseService(Op):
-    """The sender offers a service (SVP-01)."""
+    """The sender offers a service (SVP-01).
+
+    Attributes:
+        type: type of the service, for example `std_srvs/Trigger`.
+    """
 
     op: Literal["advertise_service"] = "advertise_service"
     type: Text

@@ -12,6 +12,7 @@ from rwt_protocol.ops.base import (
     Direction,
     Flag,
     Message,
+    NoEffect,
     Op,
     OpSpec,
     OptionalText,
@@ -48,7 +49,10 @@ class Qos(BaseModel):
     """Quality of service as a client asks for it; None leaves a policy to the server (ADV-11).
 
     Attributes:
+        history: which messages are kept: the newest, as many as `depth` says, or all.
         depth: messages kept with the history `keep_last`.
+        reliability: whether a message may be lost on the way.
+        durability: `transient_local` keeps messages for late subscribers.
         deadline: longest time between two messages, in seconds.
         lifespan: age in seconds after which a message is not delivered any more.
     """
@@ -85,16 +89,26 @@ class Qos(BaseModel):
 
 OptionalQos = Annotated[Qos | None, Expected("an object")]
 OptionalCount = Annotated[Count | None, Expected("a whole number, zero or more")]
+QueueSize = Annotated[OptionalCount, NoEffect("a topic in memory has no queue to a network")]
+CompressionOfReply = Annotated[Text, NoEffect("replies are JSON (PNG-08)")]
 
 
 class Advertise(Op):
-    """The sender will publish on a topic (ADV-01). `latch` and `queue_size` are ROS 1's words (ADV-06)."""
+    """The sender will publish on a topic (ADV-01).
+
+    `latch` and `queue_size` are ROS 1's words (ADV-06).
+
+    Attributes:
+        type: type of the topic's messages, `std_msgs/String` or `std_msgs/msg/String`.
+        latch: keep the last message for late subscribers.
+        qos: quality of service of the topic's publisher (ADV-11); wins over `latch`.
+    """
 
     op: Literal["advertise"] = "advertise"
     topic: Text
     type: Text
     latch: Flag = False
-    queue_size: OptionalCount = None
+    queue_size: QueueSize = None
     qos: OptionalQos = None
 
 
@@ -106,14 +120,20 @@ class Unadvertise(Op):
 
 
 class Publish(Op):
-    """One message on a topic (PUB-01). `type` is used when nobody has advertised the topic (X12)."""
+    """One message on a topic (PUB-01).
+
+    Attributes:
+        type: type of the topic, used when nobody has advertised it (X12).
+        msg: the message. Missing fields get their defaults (PUB-04).
+        latch: as on `advertise`; counts in the first message on a topic that nobody has advertised.
+    """
 
     op: Literal["publish"] = "publish"
     topic: Text
     type: OptionalText = None
     msg: Message = EMPTY
     latch: Flag = False
-    queue_size: OptionalCount = None
+    queue_size: QueueSize = None
 
 
 class Subscribe(Op):
@@ -123,8 +143,10 @@ class Subscribe(Op):
         type: the type that is expected; None accepts what the topic has (SUB-01).
         throttle_rate: least time between two messages, in milliseconds; 0 and less: none (SUB-12, THR-09).
         queue_length: messages kept while throttled, the newest first to stay (THR-03).
-        fragment_size: split what is longer than this many characters (FRG-20); None and 0: do not.
-        compression: how messages are encoded (SUB-08); an unknown word stands for `none` (SUB-10).
+        compression: how messages are encoded: `none`, `png`, `cbor` or `cbor-raw` (SUB-08); an unknown word
+            stands for `none` (SUB-10).
+        qos: how messages wait for a slow connection, and which kept ones come first: `depth`, `history` and
+            `reliability` say how many wait, `volatile` asks for no kept ones (SUB-17).
     """
 
     op: Literal["subscribe"] = "subscribe"
