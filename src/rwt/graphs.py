@@ -76,9 +76,9 @@ def make_graph(settings: Settings, registry: Registry, seat: Seat | None = None)
         zenoh.listen, zenoh.connect, zenoh.mode, zenoh.multicast, zenoh.config, zenoh.domain
     )
     if seat is not None:
-        from rwt_graph.zenoh.worker_mesh import sibling
+        from rwt_graph.zenoh.worker_mesh import mesh_options
 
-        options = sibling(options, seat.folder, seat.number, settings.workers)
+        options = mesh_options(options, seat.folder, seat.number, settings.workers)
     return ZenohGraph(
         registry=registry,
         listen=options.listen,

@@ -7,6 +7,8 @@
   * :exc:`InvalidTransition`: the goal is in a state that forbids this.
   * :exc:`NotRunning`: this needs an event loop, and the graph is not (or no longer) on one.
   * :exc:`WrongThread`: a blocking call on the graph's own thread, which would wait for itself.
+  * :exc:`ZenohError`: the Zenoh session cannot be opened as asked.
+  * :exc:`WireError`: another program sent a key, token or attachment that is not rmw_zenoh's.
 """
 
 from __future__ import annotations
@@ -48,3 +50,11 @@ class NotRunning(GraphError, RuntimeError):
 
 class WrongThread(GraphError, RuntimeError):
     """A call that blocks was made on the graph's own thread; use the coroutine of the same name there."""
+
+
+class ZenohError(GraphError):
+    """The Zenoh session cannot be opened as asked; the text says what to change."""
+
+
+class WireError(GraphError, ValueError):
+    """A key, token or attachment that another program sent is not written as rmw_zenoh writes it."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from rwt_interfaces.names import Kind, three_part
+from rwt_interfaces.times import NANOSECONDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +98,15 @@ class Distro:
     def type_name(self, name: str, kind: Kind) -> str:
         """What this distribution calls the type of a two-part name."""
         return three_part(name, kind) if self.has_three_part_names else name
+
+    def time(self, time_ns: int) -> dict[str, int]:
+        """A time or duration in nanoseconds, as the fields of its message."""
+        return dict(zip(self.time_fields, divmod(time_ns, NANOSECONDS), strict=True))
+
+    def time_ns(self, time: Any) -> int:
+        """The nanoseconds of a time or duration in a message."""
+        seconds, nanoseconds = self.time_fields
+        return int(getattr(time, seconds) * NANOSECONDS + getattr(time, nanoseconds))
 
 
 JAZZY = Distro(

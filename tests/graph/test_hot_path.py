@@ -9,10 +9,9 @@ import anyio
 import pytest
 
 from rwt_graph import ActionGoal, MemoryGraph, Message, Node, SimulatedClock
-from rwt_graph.api import GoalEvents, Sample, ServiceCall
+from rwt_graph.api import GoalEvents, PendingCall, Sample, ServiceCall
 from rwt_graph.clock import Timer
 from rwt_graph.memory import topics
-from rwt_graph.memory.deadlines import Deadlines, Expiring
 from rwt_graph.memory.graph import MemoryParticipant
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
@@ -208,27 +207,23 @@ def test_timeouts_of_many_calls_take_one_timer_and_leave_nothing() -> None:
     assert len(participant.owner) == 1
 
 
-class Item(Expiring):
-    def __init__(self) -> None:
-        self.expired_at: list[float] = []
-        self.clock: SimulatedClock
-
-    def expire(self) -> None:
-        self.expired_at.append(self.clock.monotonic())
-
-
 def test_deadlines_are_never_early_and_rearm_for_earlier_ones() -> None:
-    clock = SimulatedClock()
-    deadlines = Deadlines(clock)
+    graph = MemoryGraph(clock=(clock := SimulatedClock()))
+    trigger = graph.registry.service("std_srvs/Trigger")
+    participant = graph.participant("/a")
+    participant.advertise_service("/s", trigger, lambda _: None)
+    request = Payload.from_value(trigger.request, {})
     timeouts = [5.0, 0.1, 0.101, 3.0, 0.0, -1.0]
-    items = [Item() for _ in timeouts]
-    for item, timeout in zip(items, timeouts, strict=True):
-        item.clock = clock
-        deadlines.add(item, timeout)
-    taken = deadlines.add(gone := Item(), 0.1)
-    taken.discard(gone)
+    ended: dict[float, list[float]] = {timeout: [] for timeout in timeouts}
+
+    def call(timeout: float, at: list[float]) -> PendingCall:
+        return participant.call_service("/s", request, lambda _: at.append(clock.monotonic()), timeout)
+
+    for timeout in timeouts:
+        call(timeout, ended[timeout])
+    forgotten: list[float] = []
+    call(0.1, forgotten).cancel()
     clock.advance(10)
-    for item, timeout in zip(items, timeouts, strict=True):
-        (at,) = item.expired_at
+    for timeout, (at,) in ended.items():
         assert max(0.0, timeout) <= at <= max(0.0, timeout) + 0.02 + 1e-9
-    assert gone.expired_at == []
+    assert forgotten == []

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rwt_graph import CallTimeout, GraphError, MemoryGraph, Message, Node, NotFound, ParameterRejected
 from rwt_graph.parameters.tree import Value
-from rwt_graph.parameters.values import ParameterType, decode, encode, fitted, type_of
+from rwt_graph.parameters.values import ParameterType, coerce, decode, encode, type_of
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 
@@ -41,7 +41,7 @@ def test_every_value_survives_its_message(value: Value) -> None:
 
 @given(VALUES)
 def test_a_value_fits_its_own_type(value: Value) -> None:
-    assert fitted(value, type_of(value)) == value
+    assert coerce(value, type_of(value)) == value
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_value_fits_its_own_type(value: Value) -> None:
     ],
 )
 def test_values_that_may_stand_for_another_type(value: Value, wanted: ParameterType, expected: Value) -> None:
-    made = fitted(value, wanted)
+    made = coerce(value, wanted)
     assert made == expected
     assert type(made) is type(expected)
 
@@ -74,7 +74,7 @@ def test_values_that_may_stand_for_another_type(value: Value, wanted: ParameterT
 )
 def test_values_of_the_wrong_type(value: Value, wanted: ParameterType, text: str) -> None:
     with pytest.raises(ParameterRejected) as caught:
-        fitted(value, wanted)
+        coerce(value, wanted)
     assert str(caught.value) == text
 
 

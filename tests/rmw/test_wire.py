@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rwt_graph.errors import WireError
 from rwt_graph.zenoh.rmw import attachment, keys, qos_text
 from rwt_graph.zenoh.rmw.attachment import Attachment
-from rwt_graph.zenoh.rmw.errors import WireError
-from rwt_graph.zenoh.rmw.gid import gid_of
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, parse
+from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, gid_of, parse
 from rwt_program.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 
 STRING = "std_msgs::msg::dds_::String_"

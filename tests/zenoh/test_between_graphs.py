@@ -20,8 +20,7 @@ from rwt_graph import (
 )
 from rwt_graph.api import GoalEvents, ServerGoal, ServiceCall
 from rwt_graph.program.goals import ActionGoal
-from rwt_graph.zenoh import ZenohGraph
-from rwt_graph.zenoh import receive_queue as inlets
+from rwt_graph.zenoh import ZenohGraph, receive_queue
 from rwt_interfaces.payload import Payload
 from rwt_nodes.introspection import Introspection
 from rwt_program.qos import DEFAULT_QOS, History
@@ -98,12 +97,12 @@ async def test_a_large_message_arrives_whole(pair: Pair) -> None:
 async def test_the_oldest_are_dropped_when_nobody_takes_them(
     pair: Pair, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(inlets, "MOST_BYTES", 100 * 1024)
+    monkeypatch.setattr(receive_queue, "MOST_BYTES", 100 * 1024)
     a, b = pair
     heard: list[int] = []
     held: list[object] = []
     # The graph's thread is busy elsewhere: what is handed over waits.
-    monkeypatch.setattr(inlets.Inlet, "_take", lambda self: held.append(self))
+    monkeypatch.setattr(receive_queue.ReceiveQueue, "_handle", lambda self: held.append(self))
     b.participant("/ear").subscribe(
         "/t", lambda s: heard.append(s.stamp_ns), b.registry.message("std_msgs/String"), DEFAULT_QOS
     )
@@ -113,13 +112,13 @@ async def test_the_oldest_are_dropped_when_nobody_takes_them(
     for _ in range(300):
         publisher.publish(payload)
         await anyio.lowlevel.checkpoint()
-    await until(lambda: bool(held) and held[0].dropped >= 195)  # type: ignore[attr-defined] # An inlet.
+    await until(lambda: bool(held) and held[0].dropped >= 195)  # type: ignore[attr-defined] # A ReceiveQueue.
     monkeypatch.undo()
-    held[0]._take()  # type: ignore[attr-defined] # An inlet.
+    held[0]._handle()  # type: ignore[attr-defined] # A ReceiveQueue.
     await until(lambda: len(heard) > 64)
     assert len(heard) <= 105
     assert heard == sorted(heard)
-    assert "come faster than they are taken" in caplog.text
+    assert "arrive faster than they are taken" in caplog.text
 
 
 async def test_a_bad_message_is_logged_and_disturbs_nobody(

@@ -230,7 +230,7 @@ def test_two_versions_of_a_type_are_told_apart_and_named(tmp_path: Path) -> None
     ):
         robot.send(op="advertise", topic="/drive", type="robot_msgs/Drive")
         robot.send(op="advertise", topic="/word", type="std_msgs/String")
-        until(lambda: new.said("it is defined otherwise there (RIHS01_"), "the warning")
+        until(lambda: new.said("the other process defines it otherwise (RIHS01_"), "the warning")
         assert new.said("/drive of node /rosbridge_websocket cannot be exchanged")
         page.send(op="subscribe", topic="/drive", type="robot_msgs/Drive")
         page.send(op="subscribe", topic="/word", type="std_msgs/String")

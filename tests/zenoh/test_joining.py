@@ -116,7 +116,7 @@ async def test_who_connects_before_there_is_anybody_finds_him_later(
 ) -> None:
     endpoint = free_endpoint()
     async with ZenohGraph(connect=[endpoint], config=QUICK) as early:
-        assert f"nobody is at {endpoint} yet; it is tried again" in caplog.text
+        assert f"no process answers at {endpoint} yet; connecting is tried" in caplog.text
         async with ZenohGraph(listen=[endpoint], config=QUICK) as late:
             late.node("late")
             await until(lambda: [node.name for node in early.nodes()] == ["/late"])

@@ -15,7 +15,7 @@ from zenoh.ext import CacheConfig, HistoryConfig, declare_advanced_publisher, de
 from rwt_graph import LATCHED, Durability, Message, QoS, ServiceFailed, TypeConflict
 from rwt_graph.api import Sample
 from rwt_graph.zenoh import ZenohGraph
-from rwt_graph.zenoh.rmw.gid import gid_of
+from rwt_graph.zenoh.rmw.tokens import gid_of
 from rwt_interfaces.payload import Payload
 from tests.zenoh_links import PATIENCE, session_of, until
 

@@ -23,13 +23,12 @@ import logging
 import re
 from collections.abc import Callable
 from enum import Enum, auto
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 from uuid import uuid4
 
 from rwt_graph.api import ActionInfo, CallObserver, ClientGoal, GoalEvents, Registration, ServerGoal
 from rwt_graph.errors import InvalidGraphName, InvalidTransition
-from rwt_graph.memory.node_resources import Owner
-from rwt_graph.memory.remote import ActionsElsewhere, Carrier, GoalWatcher
+from rwt_graph.memory.node_resources import NodeResources
 from rwt_program.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
 from rwt_program.goals import GoalStatus
 
@@ -83,11 +82,63 @@ ENDINGS = {
 }
 
 
+class GoalWatcher(Protocol):
+    """Follows the goals of one action server of this process, for clients in others."""
+
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether anybody takes feedback now."""
+        ...
+
+    def changed(self, goal_id: str) -> None:
+        """A goal's state changed."""
+        ...
+
+    def fed_back(self, goal_id: str, feedback: Payload) -> None:
+        """The server sent feedback on a goal."""
+        ...
+
+    def ended(self, goal_id: str, status: GoalStatus, result: Payload | None, reason: str) -> None:
+        """A goal ended; without a result when it was rejected or its server went away."""
+        ...
+
+
+class RemoteActions(Protocol):
+    """The actions of other processes."""
+
+    def info(self, name: str) -> ActionInfo | None:
+        """One action of another process, or None."""
+        ...
+
+    def names(self) -> set[str]:
+        """The names of all actions of other processes."""
+        ...
+
+    def of_node(self, node: str) -> set[str]:
+        """The names of the actions that a node of another process offers."""
+        ...
+
+    def send(
+        self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
+    ) -> ClientGoal | None:
+        """Send a goal to another process; None when no other process offers the action."""
+        ...
+
+    def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
+        """Ask another process to cancel a goal by its id."""
+        ...
+
+
 class MemoryGoal(ServerGoal):
     """One goal as its server sees it, and the goal's state."""
 
     def __init__(
-        self, server: MemoryActionServer, goal_id: str, goal: Payload, events: GoalEvents, client: Owner
+        self,
+        server: MemoryActionServer,
+        goal_id: str,
+        goal: Payload,
+        events: GoalEvents,
+        client: NodeResources,
     ) -> None:
         self.id = goal_id
         self.action = server.name
@@ -254,10 +305,16 @@ class MemoryClientGoal(ClientGoal):
 
 
 class MemoryActionServer(Registration):
-    """One action that a node offers; `goals` are those that have not ended, by id."""
+    """One action that a node offers.
+
+    Attributes:
+        goals: those that have not ended, by id.
+        on_close: withdraws the services and topics that ROS 2 has beside an action.
+        watcher: follows the goals for other processes.
+    """
 
     def __init__(
-        self, actions: Actions, name: str, interface: ActionType, owner: Owner, on_goal: OnGoal
+        self, actions: Actions, name: str, interface: ActionType, owner: NodeResources, on_goal: OnGoal
     ) -> None:
         self.name = name
         self.type = interface
@@ -266,7 +323,7 @@ class MemoryActionServer(Registration):
         self.on_goal = on_goal
         self.goals: dict[str, MemoryGoal] = {}
         self.closed = False
-        self.carrier: Carrier | None = None
+        self.on_close: Callable[[], None] | None = None
         self.watcher: GoalWatcher | None = None
         self._actions = actions
 
@@ -277,22 +334,27 @@ class MemoryActionServer(Registration):
         self.closed = True
         self._owner.drop(self)
         self._actions.withdrawn(self)
-        if self.carrier is not None:
-            self.carrier.close()
+        if self.on_close is not None:
+            self.on_close()
         while self.goals:
             self.goals.popitem()[1].lose()
 
 
 class Actions:
-    """Every action of one graph."""
+    """Every action of one graph.
+
+    Attributes:
+        remote: the actions of other processes; None in a graph that has none.
+        observer: hears of every goal of an action of this process.
+    """
 
     def __init__(self) -> None:
-        self.elsewhere: ActionsElsewhere | None = None
+        self.remote: RemoteActions | None = None
         self._servers: dict[str, MemoryActionServer] = {}
         self.observer: CallObserver | None = None
 
     def advertise(
-        self, name: str, interface: ActionType, owner: Owner, on_goal: OnGoal
+        self, name: str, interface: ActionType, owner: NodeResources, on_goal: OnGoal
     ) -> MemoryActionServer:
         """Offer an action; a server of the same name is replaced (ACT-18)."""
         old = self._servers.get(name)
@@ -309,7 +371,7 @@ class Actions:
             del self._servers[server.name]
 
     def send(
-        self, action: str, payload: Payload, events: GoalEvents, goal_id: str | None, client: Owner
+        self, action: str, payload: Payload, events: GoalEvents, goal_id: str | None, client: NodeResources
     ) -> ClientGoal:
         """Send a goal; a server of this process comes before those of others."""
         if goal_id is None:
@@ -319,14 +381,19 @@ class Actions:
         server = self._servers.get(action)
         if server is not None:
             return self.send_here(server, payload, events, goal_id, client)
-        if self.elsewhere is not None:
-            sent = self.elsewhere.send(action, payload, events, goal_id, client)
+        if self.remote is not None:
+            sent = self.remote.send(action, payload, events, goal_id, client)
             if sent is not None:
                 return sent
         return _refused(goal_id, action, events, ProviderNotFound(f"Action {action} does not exist"))
 
     def send_here(
-        self, server: MemoryActionServer, payload: Payload, events: GoalEvents, goal_id: str, client: Owner
+        self,
+        server: MemoryActionServer,
+        payload: Payload,
+        events: GoalEvents,
+        goal_id: str,
+        client: NodeResources,
     ) -> MemoryClientGoal:
         """Send a goal to a server of this process."""
         action = server.name
@@ -355,33 +422,33 @@ class Actions:
             logger.exception("a goal of %s could not be observed", server.name)
             return events
 
-    def cancel(self, action: str, goal_id: str, client: Owner) -> None:
+    def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
         """Ask to cancel a goal by its id, whoever sent it."""
         server = self._servers.get(action)
         goal = None if server is None else server.goals.get(goal_id)
         if goal is not None:
             goal.request_cancel()
-        elif server is None and self.elsewhere is not None:
-            self.elsewhere.cancel(action, goal_id, client)
+        elif server is None and self.remote is not None:
+            self.remote.cancel(action, goal_id, client)
 
     def info(self, name: str) -> ActionInfo | None:
         """A snapshot of one action."""
         server = self._servers.get(name)
         if server is not None:
             return ActionInfo(name, server.type, server.node)
-        return None if self.elsewhere is None else self.elsewhere.info(name)
+        return None if self.remote is None else self.remote.info(name)
 
     def names(self) -> list[str]:
         """Every action's name, sorted."""
-        if self.elsewhere is None:
+        if self.remote is None:
             return sorted(self._servers)
-        return sorted(self._servers.keys() | self.elsewhere.names())
+        return sorted(self._servers.keys() | self.remote.names())
 
     def of_node(self, node: str) -> tuple[str, ...]:
         """The names of what a node offers, sorted."""
         names = {s.name for s in self._servers.values() if s.node == node}
-        if self.elsewhere is not None:
-            names |= self.elsewhere.of_node(node)
+        if self.remote is not None:
+            names |= self.remote.of_node(node)
         return tuple(sorted(names))
 
 
@@ -393,4 +460,13 @@ def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> 
     return MemoryClientGoal(goal_id, action, None)
 
 
-__all__ = ["ENDINGS", "TRANSITIONS", "Actions", "GoalEvent", "MemoryActionServer", "MemoryGoal"]
+__all__ = [
+    "ENDINGS",
+    "TRANSITIONS",
+    "Actions",
+    "GoalEvent",
+    "GoalWatcher",
+    "MemoryActionServer",
+    "MemoryGoal",
+    "RemoteActions",
+]

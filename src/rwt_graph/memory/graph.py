@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Self
 
@@ -24,26 +25,22 @@ from rwt_graph.api import (
     Subscription,
     TopicInfo,
 )
-from rwt_graph.clock import Clock, WallClock
+from rwt_graph.clock import Clock, SimulatedClock, WallClock
 from rwt_graph.errors import NotRunning
 from rwt_graph.memory.actions import Actions, MemoryActionServer
 from rwt_graph.memory.cancel_service import cancel_service
-from rwt_graph.memory.deadlines import Deadlines
-from rwt_graph.memory.introspection import Introspection
-from rwt_graph.memory.node_resources import Owner
-from rwt_graph.memory.remote import Carrier
+from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
-from rwt_graph.memory.system import SystemTopics
 from rwt_graph.memory.topics import Topics
 from rwt_graph.names import validate
 from rwt_graph.parameters.tree import ParameterTree
 from rwt_graph.program.node import Node
+from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 
@@ -53,7 +50,7 @@ class MemoryParticipant(Participant):
     def __init__(self, graph: MemoryGraph, name: str, *, private: bool = False) -> None:
         self.name = name
         self._graph = graph
-        self.owner = Owner(name, private=private)
+        self.owner = NodeResources(name, private=private)
         self._closed = False
 
     def _check_open(self) -> None:
@@ -109,7 +106,7 @@ class MemoryParticipant(Participant):
         graph = self._graph
         server = graph.action_table.advertise(validate(action), type, self.owner, on_goal)
         if graph.distro.action_transport == "services":
-            server.carrier = graph.carry_action(self, server)
+            server.on_close = graph.offer_action_services(self, server)
         return server
 
     def send_goal(
@@ -131,6 +128,32 @@ class MemoryParticipant(Participant):
             self._graph.left(self)
 
 
+class SystemTopics:
+    """What a graph publishes by itself: `/rosout` exists always, `/clock` when time is simulated.
+
+    Viewers decide by the type of `/rosout` which ROS they talk to, so it must exist before any node logs.
+    """
+
+    def __init__(self, graph: MemoryGraph) -> None:
+        self._distro = graph.distro
+        self._listeners: list[Callable[[int], None]] = []
+        self._participant = participant = MemoryParticipant(graph, graph.distro.graph_node, private=True)
+        participant.advertise("/rosout", graph.registry.message(graph.distro.rosout_type))
+        if isinstance(graph.clock, SimulatedClock):
+            self._clock = participant.advertise("/clock", graph.registry.message("rosgraph_msgs/Clock"))
+            self._listeners = graph.clock.listeners
+            self._listeners.append(self._tick)
+
+    def _tick(self, now_ns: int) -> None:
+        self._clock.publish(Payload.from_value(self._clock.type, {"clock": self._distro.time(now_ns)}))
+
+    def close(self) -> None:
+        """Stop following the clock, and leave."""
+        if self._tick in self._listeners:
+            self._listeners.remove(self._tick)
+        self._participant.close()
+
+
 class MemoryGraph(Graph):
     """A graph whose nodes are all in this process.
 
@@ -145,32 +168,43 @@ class MemoryGraph(Graph):
         self.clock = clock or WallClock()
         self.parameters = ParameterTree()
         self.topic_table = Topics(registry, self.clock)
-        self.service_table = Services(Deadlines(self.clock))
+        self.service_table = Services(self.clock)
         self.action_table = Actions()
-        self._introspection = Introspection(self.topic_table, self.service_table, self.action_table)
+        self._nodes: Counter[str] = Counter()
         self._runtime = Runtime(self.clock)
         self._participants: dict[MemoryParticipant, None] = {}
-        private = MemoryParticipant(self, self.distro.graph_node, private=True)
-        self._system = SystemTopics(self, private)
+        self._system = SystemTopics(self)
 
     def participant(self, name: str) -> Participant:
         """Join as a node of that absolute name."""
         participant = MemoryParticipant(self, validate(name))
         self._participants[participant] = None
-        self._introspection.joined(name)
+        self.node_joined(name)
         return participant
 
     def left(self, participant: MemoryParticipant) -> None:
         """Forget a participant that closed."""
         if participant in self._participants:
             del self._participants[participant]
-            self._introspection.left(participant.name)
+            self.node_left(participant.name)
 
-    def carry_action(self, participant: MemoryParticipant, server: MemoryActionServer) -> Carrier:
-        """Offer what ROS 2 has beside an action; called once for each action server."""
+    def node_joined(self, name: str) -> None:
+        """Count one more participant of that name, in this process or another."""
+        self._nodes[name] += 1
+
+    def node_left(self, name: str) -> None:
+        """Count one participant of that name fewer."""
+        self._nodes[name] -= 1
+        if not self._nodes[name]:
+            del self._nodes[name]
+
+    def offer_action_services(
+        self, participant: MemoryParticipant, server: MemoryActionServer
+    ) -> Callable[[], None]:
+        """Offer the services and topics that ROS 2 has beside an action; returns what withdraws them."""
         cancel = self.registry.service("action_msgs/CancelGoal")
         name = f"{server.name}/_action/cancel_goal"
-        return participant.advertise_service(name, cancel, cancel_service(server, cancel))
+        return participant.advertise_service(name, cancel, cancel_service(server, cancel)).close
 
     def node(self, name: str, namespace: str = "/") -> Node:
         """A :class:`~rwt_graph.program.node.Node` of this graph."""
@@ -178,7 +212,7 @@ class MemoryGraph(Graph):
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """Every topic, sorted by name."""
-        return self._introspection.topics()
+        return tuple(info for name in self.topic_table.names() if (info := self.topic_table.info(name)))
 
     def topic(self, name: str) -> TopicInfo | None:
         """One topic, or None."""
@@ -186,7 +220,7 @@ class MemoryGraph(Graph):
 
     def services(self) -> tuple[ServiceInfo, ...]:
         """Every service, sorted by name."""
-        return self._introspection.services()
+        return tuple(info for name in self.service_table.names() if (info := self.service_table.info(name)))
 
     def service(self, name: str) -> ServiceInfo | None:
         """One service, or None."""
@@ -194,15 +228,20 @@ class MemoryGraph(Graph):
 
     def actions(self) -> tuple[ActionInfo, ...]:
         """Every action, sorted by name."""
-        return self._introspection.actions()
+        return tuple(info for name in self.action_table.names() if (info := self.action_table.info(name)))
 
     def action(self, name: str) -> ActionInfo | None:
         """One action, or None."""
         return self.action_table.info(name)
 
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """Every node, sorted by name."""
-        return self._introspection.nodes()
+        """Every node, sorted by name; participants of one name are one node."""
+        return tuple(self._node_info(name) for name in sorted(self._nodes))
+
+    def _node_info(self, name: str) -> NodeInfo:
+        publishing, subscribing = self.topic_table.of_node(name)
+        services, actions = self.service_table.of_node(name), self.action_table.of_node(name)
+        return NodeInfo(name, publishing, subscribing, services, actions)
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
         """Let `observer` hear of every call and goal from now on, or nobody; gives True."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 
-class Owner:
+class NodeResources:
     """One node's things, each with how to let go of it.
 
     Attributes:
@@ -36,4 +36,4 @@ class Owner:
             release()
 
 
-__all__ = ["Owner"]
+__all__ = ["NodeResources"]

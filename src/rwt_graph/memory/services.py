@@ -1,19 +1,26 @@
 """Services in memory: a call is a function call, in both directions.
 
-A provider that answers at once costs no bookkeeping at all; only a call that is still open when its
-provider's callback returns is put on the provider's list and given a deadline.
+A provider that answers at once costs no bookkeeping; only a call that is still open when its provider's
+callback returns is put on the provider's list and given a deadline.
+
+A call at full load lives microseconds and has a timeout of seconds. A heap entry for each would be most of
+the call's cost, and 100,000 calls a second would leave half a million dead entries behind. Instead a deadline
+is put in the set of its tick, and taken out when the call ends; one timer visits the ticks.
+
+Services of other processes come through :class:`RemoteServices`, which only a backend over a network has.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
+from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
-from rwt_graph.memory.deadlines import Deadlines, Expiring
-from rwt_graph.memory.node_resources import Owner
-from rwt_graph.memory.remote import ServicesElsewhere
+from rwt_graph.clock import Clock, Timer
+from rwt_graph.memory.node_resources import NodeResources
 from rwt_program.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 
 if TYPE_CHECKING:
@@ -25,13 +32,17 @@ logger = logging.getLogger(__name__)
 OnCall = Callable[[ServiceCall], None]
 
 
+#: Ticks a second: a deadline is kept to within 1 / this, and never early.
+TICKS = 50
+
+
 class Answering(Protocol):
-    """Whoever has calls open; here or in another process."""
+    """A provider with its open calls, in this process or another."""
 
     open: set[MemoryCall]
 
 
-class MemoryCall(ServiceCall, PendingCall, Expiring):
+class MemoryCall(ServiceCall, PendingCall):
     """One request, as both sides see it."""
 
     __slots__ = ("_caller", "_due", "_on_reply", "_provider", "request", "service")
@@ -41,15 +52,15 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
         self.request = request
         self._on_reply: OnReply | None = on_reply
         self._provider: Answering | None = None
-        self._due: set[Expiring] | None = None
+        self._due: set[MemoryCall] | None = None
 
     @property
     def done(self) -> bool:
         """Whether the call was answered, timed out or was abandoned by its caller."""
         return self._on_reply is None
 
-    def wait(self, provider: Answering, caller: Owner, due: set[Expiring] | None) -> None:
-        """Note where the call is kept while it is open."""
+    def wait(self, provider: Answering, caller: NodeResources, due: set[MemoryCall] | None) -> None:
+        """Keep the call open with its provider, its caller and, if it has one, its deadline."""
         self._provider = provider
         self._caller = caller
         self._due = due
@@ -86,7 +97,7 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
         self.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
 
     def caller_closed(self) -> None:
-        """The caller's node leaves: whoever waits for the answer must not wait for ever."""
+        """End the call, whose caller's node leaves."""
         self.end_with(CallFailed(f"node {self._caller.name} was closed"))
 
     def cancel(self) -> None:
@@ -100,11 +111,81 @@ class MemoryCall(ServiceCall, PendingCall, Expiring):
             logger.exception("the caller of %s failed on its answer", self.service)
 
 
+class Deadlines:
+    """The deadlines of all open calls."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._ticks: dict[int, set[MemoryCall]] = {}
+        self._order: list[int] = []
+        self._timer: Timer | None = None
+        self._armed_for = 0
+
+    def add(self, call: MemoryCall, timeout: float) -> set[MemoryCall]:
+        """Expire `call` in `timeout` seconds; to prevent it, discard it from the set that is returned."""
+        tick = math.ceil((self._clock.monotonic() + max(0.0, timeout)) * TICKS)
+        due = self._ticks.get(tick)
+        if due is None:
+            due = self._ticks[tick] = set()
+            heappush(self._order, tick)
+            self._arm()
+        due.add(call)
+        return due
+
+    def _arm(self) -> None:
+        first = self._order[0]
+        if self._timer is not None:
+            if self._armed_for <= first:
+                return
+            self._timer.cancel()
+        self._armed_for = first
+        self._timer = self._clock.call_later(first / TICKS - self._clock.monotonic(), self._sweep)
+
+    def _sweep(self) -> None:
+        self._timer = None
+        now = math.floor(self._clock.monotonic() * TICKS + 1e-6)
+        while self._order and self._order[0] <= now:
+            for call in tuple(self._ticks.pop(heappop(self._order))):
+                call.expire()
+        if self._order and self._timer is None:
+            self._arm()
+
+
+class RemoteServices(Protocol):
+    """The services of other processes, which also learn of those of this one."""
+
+    def offered(self, provider: MemoryProvider) -> None:
+        """A service is offered in this process."""
+        ...
+
+    def withdrawn(self, provider: MemoryProvider) -> None:
+        """A service of this process is withdrawn; its open calls have not ended yet."""
+        ...
+
+    def info(self, name: str) -> ServiceInfo | None:
+        """One service of another process, or None."""
+        ...
+
+    def names(self) -> set[str]:
+        """The names of all services of other processes."""
+        ...
+
+    def of_node(self, node: str) -> set[str]:
+        """The names of the services that a node of another process offers."""
+        ...
+
+    def call(
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
+    ) -> PendingCall | None:
+        """Call a service of another process; None when no other process offers it."""
+        ...
+
+
 class MemoryProvider(Registration):
     """One service that a node offers; `open` are its calls in flight."""
 
     def __init__(
-        self, services: Services, name: str, interface: ServiceType, owner: Owner, on_call: OnCall
+        self, services: Services, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
     ) -> None:
         self.name = name
         self.type = interface
@@ -133,15 +214,22 @@ class MemoryProvider(Registration):
 
 
 class Services:
-    """Every service of one graph."""
+    """Every service of one graph.
 
-    def __init__(self, deadlines: Deadlines) -> None:
-        self.deadlines = deadlines
-        self.elsewhere: ServicesElsewhere | None = None
+    Attributes:
+        remote: the services of other processes; None in a graph that has none.
+        observer: hears of every call of a service of this process.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.deadlines = Deadlines(clock)
+        self.remote: RemoteServices | None = None
         self._providers: dict[str, MemoryProvider] = {}
         self.observer: CallObserver | None = None
 
-    def advertise(self, name: str, interface: ServiceType, owner: Owner, on_call: OnCall) -> MemoryProvider:
+    def advertise(
+        self, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
+    ) -> MemoryProvider:
         """Offer a service; a provider of the same name is replaced (SVP-07)."""
         old = self._providers.get(name)
         provider = self._providers[name] = MemoryProvider(self, name, interface, owner, on_call)
@@ -149,24 +237,24 @@ class Services:
         if old is not None:
             logger.warning("service %s of node %s replaces the one of node %s", name, owner.name, old.node)
             old.close()
-        if self.elsewhere is not None:
-            self.elsewhere.offered(provider)
+        if self.remote is not None:
+            self.remote.offered(provider)
         return provider
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Forget a provider that closed, unless it was replaced already."""
         if self._providers.get(provider.name) is provider:
             del self._providers[provider.name]
-        if self.elsewhere is not None:
-            self.elsewhere.withdrawn(provider)
+        if self.remote is not None:
+            self.remote.withdrawn(provider)
 
     def call(
-        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: Owner
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall:
         """Call a service; one of this process comes before those of others."""
         provider = self._providers.get(name)
         if provider is None:
-            return self._call_elsewhere(name, request, on_reply, timeout, caller)
+            return self._call_remote(name, request, on_reply, timeout, caller)
         if self.observer is not None:
             on_reply = self._observed(self.observer, provider.info, request, on_reply)
         call = MemoryCall(name, request, on_reply)
@@ -182,11 +270,11 @@ class Services:
                 call.wait(provider, caller, None if timeout is None else self.deadlines.add(call, timeout))
         return call
 
-    def _call_elsewhere(
-        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: Owner
+    def _call_remote(
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall:
-        if self.elsewhere is not None:
-            sent = self.elsewhere.call(name, request, on_reply, timeout, caller)
+        if self.remote is not None:
+            sent = self.remote.call(name, request, on_reply, timeout, caller)
             if sent is not None:
                 return sent
         call = MemoryCall(name, request, on_reply)
@@ -208,7 +296,7 @@ class Services:
         provider = self._providers.get(name)
         if provider is not None:
             return provider.info
-        return None if self.elsewhere is None else self.elsewhere.info(name)
+        return None if self.remote is None else self.remote.info(name)
 
     def here(self) -> tuple[MemoryProvider, ...]:
         """Every service of this process."""
@@ -216,16 +304,16 @@ class Services:
 
     def names(self) -> list[str]:
         """Every service's name, sorted."""
-        if self.elsewhere is None:
+        if self.remote is None:
             return sorted(self._providers)
-        return sorted(self._providers.keys() | self.elsewhere.names())
+        return sorted(self._providers.keys() | self.remote.names())
 
     def of_node(self, node: str) -> tuple[str, ...]:
         """The names of what a node offers, sorted."""
         names = {p.name for p in self._providers.values() if p.node == node}
-        if self.elsewhere is not None:
-            names |= self.elsewhere.of_node(node)
+        if self.remote is not None:
+            names |= self.remote.of_node(node)
         return tuple(sorted(names))
 
 
-__all__ = ["MemoryCall", "MemoryProvider", "Services"]
+__all__ = ["TICKS", "Deadlines", "MemoryCall", "MemoryProvider", "RemoteServices", "Services"]

@@ -8,8 +8,8 @@ nothing.
 are a tuple that is replaced when one joins or leaves, so a callback may join and leave as it likes.
 Every reliability and deadline is met by a function call, so no combination of QoS is refused.
 
-A topic may have endpoints in other processes too (:mod:`rwt_graph.memory.remote`). Publishers there hold
-its type as those here do. Subscribers there do not: they may have taken it from us, and two processes would
+A topic may have endpoints in other processes too (:class:`RemoteEndpoint`). Remote publishers hold its type
+as local ones do. Remote subscribers do not: they may have taken it from this process, and two processes would
 hold it for each other for ever. They only keep a publisher of another type from being the first.
 """
 
@@ -18,13 +18,13 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
 from rwt_graph.clock import NANOSECONDS, Clock
 from rwt_graph.errors import TypeConflict
-from rwt_graph.memory.node_resources import Owner
-from rwt_graph.memory.remote import RemoteEndpoint, TopicsElsewhere
+from rwt_graph.memory.node_resources import NodeResources
 from rwt_program.qos import Durability, History, QoS
 
 if TYPE_CHECKING:
@@ -42,6 +42,56 @@ OnSample = Callable[[Sample], None]
 
 def _ignore(_sample: Sample) -> None:
     """What a closed subscription does with a sample that was on its way."""
+
+
+class TransientLocalCache:
+    """The samples that one transient-local publisher keeps for late joiners."""
+
+    def __init__(self, qos: QoS, clock: Clock) -> None:
+        depth = KEEP_ALL_LIMIT if qos.history is History.KEEP_ALL else max(1, qos.depth)
+        self._samples: deque[Sample] = deque(maxlen=depth)
+        self._clock = clock
+
+    def add(self, sample: Sample) -> None:
+        """Keep a sample, apart from the receive buffer that it came in."""
+        self._forget_expired()
+        self._samples.append(sample.detach())
+
+    def samples(self) -> tuple[Sample, ...]:
+        """The kept samples that are not older than the lifespan, oldest first."""
+        self._forget_expired()
+        return tuple(self._samples)
+
+    def _forget_expired(self) -> None:
+        samples = self._samples
+        while samples and samples[0].expires_ns and samples[0].expires_ns < self._clock.time_ns():
+            samples.popleft()
+
+
+@dataclass(eq=False, slots=True)
+class RemoteEndpoint:
+    """A publisher or subscription in another process.
+
+    Attributes:
+        node: absolute name of its node.
+        type_name: as the distribution writes it.
+        type: None when the registry does not know that type.
+        cache: the samples of a transient-local publisher, while this process subscribes to it.
+    """
+
+    node: str
+    type_name: str
+    type: MessageType | None
+    qos: QoS
+    cache: TransientLocalCache | None = None
+
+
+class RemoteTopics(Protocol):
+    """Makes the topics of this process known to others."""
+
+    def changed(self, topic: Topic) -> None:
+        """An endpoint of this process joined or left, or the topic's type changed."""
+        ...
 
 
 class Topic:
@@ -62,7 +112,7 @@ class Topic:
 
     @property
     def known_type(self) -> MessageType | None:
-        """The type, or what subscribers elsewhere take for it."""
+        """The type, or else that of a remote subscriber."""
         if self.type is not None:
             return self.type
         return next((s.type for s in self.remote_subscribers if s.type is not None), None)
@@ -88,7 +138,7 @@ class Topic:
             self.type = wanted
 
     def settle(self) -> None:
-        """Free the type when nobody holds it any more, and take what a publisher elsewhere has."""
+        """Free the type when no local endpoint holds it, and take that of a remote publisher."""
         if self.publishers or any(s.typed for s in self.subscribers):
             return
         held = [p.type for p in self.remote_publishers if p.type is not None]
@@ -96,34 +146,17 @@ class Topic:
             self.type = held[0] if held else None
 
 
-class Kept:
-    """What one transient-local publisher keeps for late joiners."""
-
-    def __init__(self, qos: QoS, clock: Clock) -> None:
-        depth = KEEP_ALL_LIMIT if qos.history is History.KEEP_ALL else max(1, qos.depth)
-        self._samples: deque[Sample] = deque(maxlen=depth)
-        self._clock = clock
-
-    def add(self, sample: Sample) -> None:
-        """Keep a sample, apart from the receive buffer that it came in."""
-        self._forget_expired()
-        self._samples.append(sample.detach())
-
-    def samples(self) -> tuple[Sample, ...]:
-        """What is kept and not older than the lifespan, oldest first."""
-        self._forget_expired()
-        return tuple(self._samples)
-
-    def _forget_expired(self) -> None:
-        samples = self._samples
-        while samples and samples[0].expires_ns and samples[0].expires_ns < self._clock.time_ns():
-            samples.popleft()
-
-
 class MemoryPublisher(Publisher):
-    """A publisher of one topic."""
+    """A publisher of one topic.
 
-    def __init__(self, topics: Topics, topic: Topic, interface: MessageType, qos: QoS, owner: Owner) -> None:
+    Attributes:
+        cache: what it keeps for late joiners; None unless it is transient-local.
+        on_publish_remote: takes every sample to other processes; set by a backend that has some.
+    """
+
+    def __init__(
+        self, topics: Topics, topic: Topic, interface: MessageType, qos: QoS, owner: NodeResources
+    ) -> None:
         self.topic = topic.name
         self.type = interface
         self.qos = qos
@@ -133,10 +166,9 @@ class MemoryPublisher(Publisher):
         self._state: Topic | None = topic
         self._now = topics.clock.time_ns
         self._lifespan_ns = round((qos.lifespan or 0) * NANOSECONDS)
-        kept = qos.durability is Durability.TRANSIENT_LOCAL
-        self.kept: Kept | None = Kept(qos, topics.clock) if kept else None
-        #: Takes every sample to other processes; set by a backend that has some.
-        self.outward: OnSample | None = None
+        latched = qos.durability is Durability.TRANSIENT_LOCAL
+        self.cache: TransientLocalCache | None = TransientLocalCache(qos, topics.clock) if latched else None
+        self.on_publish_remote: OnSample | None = None
 
     def publish(self, payload: Payload) -> None:
         """Hand one message to every subscriber, in the order of the calls."""
@@ -148,15 +180,15 @@ class MemoryPublisher(Publisher):
             sample = Sample(self.topic, payload, now, self.node, now + self._lifespan_ns)
         else:
             sample = Sample(self.topic, payload, self._now(), self.node)
-        if self.kept is not None:
-            self.kept.add(sample)
+        if self.cache is not None:
+            self.cache.add(sample)
         for subscriber in state.subscribers:
             try:
                 subscriber.on_sample(sample)
             except Exception:
                 logger.exception("a subscriber of %s failed", self.topic)
-        if self.outward is not None:
-            self.outward(sample)
+        if self.on_publish_remote is not None:
+            self.on_publish_remote(sample)
 
     @property
     def subscriber_count(self) -> int:
@@ -168,17 +200,21 @@ class MemoryPublisher(Publisher):
         """Leave the topic; samples kept for late joiners go with the publisher."""
         state, self._state = self._state, None
         if state is not None:
-            self.kept = None
+            self.cache = None
             state.publishers = tuple(p for p in state.publishers if p is not self)
             self.owner.drop(self)
             self._topics.left(state)
 
 
 class MemorySubscription(Subscription):
-    """A subscriber of one topic. `typed` tells whether it came with a type, and so holds the topic's."""
+    """A subscriber of one topic.
+
+    Attributes:
+        typed: whether it came with a type, and so holds the topic's.
+    """
 
     def __init__(
-        self, topics: Topics, topic: Topic, on_sample: OnSample, typed: bool, qos: QoS, owner: Owner
+        self, topics: Topics, topic: Topic, on_sample: OnSample, typed: bool, qos: QoS, owner: NodeResources
     ) -> None:
         self.topic = topic.name
         self.on_sample = on_sample
@@ -198,20 +234,20 @@ class MemorySubscription(Subscription):
         """What a transient-local subscriber that joins now would receive, in the order of publishing."""
         if self._state is None:
             return ()
-        kept = [p.kept.samples() for p in self._state.publishers if p.kept is not None]
-        kept += [p.kept.samples() for p in self._state.remote_publishers if p.kept is not None]
-        if len(kept) == 1:
-            return kept[0]
-        return tuple(sorted((s for samples in kept for s in samples), key=lambda s: s.stamp_ns))
+        cached = [p.cache.samples() for p in self._state.publishers if p.cache is not None]
+        cached += [p.cache.samples() for p in self._state.remote_publishers if p.cache is not None]
+        if len(cached) == 1:
+            return cached[0]
+        return tuple(sorted((s for samples in cached for s in samples), key=lambda s: s.stamp_ns))
 
     @property
-    def wants_kept(self) -> bool:
-        """Whether it is given what was published before it came."""
+    def wants_history(self) -> bool:
+        """Whether it receives what was published before it joined."""
         return self.qos.durability is not Durability.VOLATILE
 
     def replay(self) -> None:
-        """Deliver the history, unless the subscriber only wants what is new."""
-        if self.wants_kept:
+        """Deliver the history to a subscriber that wants it."""
+        if self.wants_history:
             for sample in self.history():
                 self.deliver(sample)
 
@@ -233,15 +269,19 @@ class MemorySubscription(Subscription):
 
 
 class Topics:
-    """Every topic of one graph."""
+    """Every topic of one graph.
+
+    Attributes:
+        remote: makes them known to other processes; None in a graph that has none.
+    """
 
     def __init__(self, registry: Registry, clock: Clock) -> None:
         self.registry = registry
         self.clock = clock
-        self.elsewhere: TopicsElsewhere | None = None
+        self.remote: RemoteTopics | None = None
         self._topics: dict[str, Topic] = {}
 
-    def advertise(self, name: str, interface: MessageType, qos: QoS, owner: Owner) -> MemoryPublisher:
+    def advertise(self, name: str, interface: MessageType, qos: QoS, owner: NodeResources) -> MemoryPublisher:
         """Add a publisher. Raises :exc:`TypeConflict`."""
         topic = self._topics.get(name) or Topic(name)
         topic.establish(interface, self.registry)
@@ -258,9 +298,9 @@ class Topics:
         on_sample: OnSample,
         interface: MessageType | None,
         qos: QoS,
-        owner: Owner,
+        owner: NodeResources,
     ) -> MemorySubscription:
-        """Add a subscriber and give it what is kept. Raises :exc:`TypeConflict`."""
+        """Add a subscriber and deliver the history to it. Raises :exc:`TypeConflict`."""
         topic = self._topics.get(name) or Topic(name)
         if interface is not None:
             topic.establish(interface, self.registry)
@@ -273,22 +313,22 @@ class Topics:
         return subscription
 
     def left(self, topic: Topic) -> None:
-        """Note that an endpoint of `topic` has gone."""
+        """Settle the type of a topic that an endpoint has left, and forget a topic without any."""
         topic.settle()
         if topic.empty:
             self._topics.pop(topic.name, None)
         self._changed(topic)
 
     def _changed(self, topic: Topic) -> None:
-        if self.elsewhere is not None:
-            self.elsewhere.changed(topic)
+        if self.remote is not None:
+            self.remote.changed(topic)
 
     def all(self) -> tuple[Topic, ...]:
         """Every topic."""
         return tuple(self._topics.values())
 
     def remote_joined(self, name: str, endpoint: RemoteEndpoint, *, publishes: bool) -> None:
-        """Another process has an endpoint of a topic."""
+        """Add an endpoint of another process."""
         topic = self._topics.setdefault(name, Topic(name))
         if publishes:
             topic.remote_publishers = (*topic.remote_publishers, endpoint)
@@ -297,7 +337,7 @@ class Topics:
         self._settled(topic)
 
     def remote_left(self, name: str, endpoint: RemoteEndpoint) -> None:
-        """Another process has that endpoint no more."""
+        """Remove an endpoint of another process."""
         topic = self._topics.get(name)
         if topic is None:
             return
@@ -340,4 +380,13 @@ class Topics:
         return tuple(sorted(publishing)), tuple(sorted(subscribing))
 
 
-__all__ = ["KEEP_ALL_LIMIT", "Kept", "MemoryPublisher", "MemorySubscription", "Topic", "Topics"]
+__all__ = [
+    "KEEP_ALL_LIMIT",
+    "MemoryPublisher",
+    "MemorySubscription",
+    "RemoteEndpoint",
+    "RemoteTopics",
+    "Topic",
+    "Topics",
+    "TransientLocalCache",
+]

@@ -15,17 +15,17 @@ from typing import Protocol, TypeAlias, TypeVar
 from rwt_graph.errors import GraphError
 from rwt_graph.names import parameter_name
 from rwt_graph.parameters.tree import ParameterTree, Value
-from rwt_graph.parameters.values import ParameterType, fitted, type_of
+from rwt_graph.parameters.values import ParameterType, coerce, type_of
 from rwt_program.errors import NotFound, ParameterRejected
 
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: Told of a new value before it is stored; raises `ParameterRejected` to refuse it.
+#: Called with a new value before it is stored; raises `ParameterRejected` to refuse it.
 OnChange: TypeAlias = Callable[[Value], None]
 
-#: Told what was stored: name, old value (None when it is new), new value (None when it was deleted).
+#: Called with what was stored: name, old value (None when it is new), new value (None when it was deleted).
 OnStored: TypeAlias = Callable[[str, Value, Value], None]
 
 
@@ -52,7 +52,7 @@ class Declaration:
         if self.read_only:
             raise ParameterRejected(f"parameter {self.name} is read-only")
         if self.type is not ParameterType.NOT_SET:
-            value = fitted(value, self.type)
+            value = coerce(value, self.type)
         if self.on_change is not None:
             try:
                 self.on_change(value)
@@ -99,7 +99,7 @@ class NodeStore(Store):
         """Add a parameter with its default."""
         value = default
         if declaration.type is not ParameterType.NOT_SET:
-            value = fitted(default, declaration.type)
+            value = coerce(default, declaration.type)
         self._values[declaration.name] = value
         self._on_stored(declaration.name, None, value)
         return value

@@ -7,7 +7,6 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from rwt_graph.clock import NANOSECONDS
 from rwt_graph.disclosure import Disclosure, Lists, Reads, Writes
 from rwt_graph.parameters.node_parameters import NodeParameters
 from rwt_graph.parameters.tree import Value
@@ -161,10 +160,9 @@ class ParameterEvents:
             group = "deleted_parameters"
         else:
             group = "new_parameters" if old is None else "changed_parameters"
-        stamp = divmod(self._publisher.now_ns(), NANOSECONDS)
         self._publisher.publish(
             {
-                "stamp": dict(zip(self._distro.time_fields, stamp, strict=True)),
+                "stamp": self._distro.time(self._publisher.now_ns()),
                 "node": self._node,
                 group: [{"name": name, "value": encode(new)}],
             }

@@ -84,7 +84,7 @@ def type_of(value: Value) -> ParameterType:
     return found
 
 
-def fitted(value: Value, wanted: ParameterType) -> Value:
+def coerce(value: Value, wanted: ParameterType) -> Value:
     """`value` as a parameter of the type `wanted`: integers may stand for doubles, lists of octets for bytes,
     and an empty list for any array.
 
@@ -120,7 +120,7 @@ def encode(value: Value) -> dict[str, object]:
     if kind is ParameterType.NOT_SET:
         return {"type": 0}
     if kind is ParameterType.DOUBLE_ARRAY:
-        value = fitted([float(item) for item in value] if isinstance(value, list | tuple) else value, kind)
+        value = coerce([float(item) for item in value] if isinstance(value, list | tuple) else value, kind)
     return {"type": int(kind), FIELDS[kind]: value}
 
 
@@ -143,4 +143,4 @@ def decode(message: Message) -> Value:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-__all__ = ["FIELDS", "ParameterType", "decode", "encode", "fitted", "type_of"]
+__all__ = ["FIELDS", "ParameterType", "decode", "encode", "coerce", "type_of"]

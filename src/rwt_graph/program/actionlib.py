@@ -108,7 +108,7 @@ class ActionlibServer:
         self._participant = participant
         self._graph = graph
         self._clock = graph.clock
-        self._time_fields = graph.distro.time_fields
+        self._distro = graph.distro
         self._goals: dict[str, Tracked] = {}
         self._count = 0
         self._node_name = participant.name
@@ -143,19 +143,12 @@ class ActionlibServer:
         info = self._graph.action(self._action)
         return info is not None and info.node == self._node_name
 
-    def _nanoseconds(self, stamp: Message) -> int:
-        seconds, fraction = self._time_fields
-        return int(getattr(stamp, seconds) * NANOSECONDS + getattr(stamp, fraction))
-
-    def _stamp(self, time_ns: int) -> dict[str, int]:
-        return dict(zip(self._time_fields, divmod(time_ns, NANOSECONDS), strict=True))
-
     def _on_goal(self, message: Message) -> None:
         """ALB-02: the client makes the id; without one it gets ROS 1's `node-count-time`."""
         if not self._serving():
             return
         now = self._clock.time_ns()
-        stamp = self._nanoseconds(message.goal_id.stamp) or now
+        stamp = self._distro.time_ns(message.goal_id.stamp) or now
         self._count += 1
         goal_id = message.goal_id.id or f"{self._node_name}-{self._count}-{now / NANOSECONDS:.9f}"
         if goal_id in self._goals:
@@ -170,7 +163,7 @@ class ActionlibServer:
 
     def _on_cancel(self, message: Message) -> None:
         """ALB-07: all of them, the one named, and those sent no later than the stamp."""
-        stamp = self._nanoseconds(message.stamp)
+        stamp = self._distro.time_ns(message.stamp)
         everything = not stamp and not message.id
         for tracked in tuple(self._goals.values()):
             named = bool(message.id) and tracked.id == message.id
@@ -196,11 +189,11 @@ class ActionlibServer:
         self._publish_status()
 
     def _send(self, publisher: TopicPublisher, tracked: Tracked, part: str, message: Message) -> None:
-        header = {"stamp": self._stamp(self._clock.time_ns())}
+        header = {"stamp": self._distro.time(self._clock.time_ns())}
         publisher.publish({"header": header, "status": self._status_of(tracked), part: message})
 
     def _status_of(self, tracked: Tracked) -> dict[str, object]:
-        goal_id = {"stamp": self._stamp(tracked.stamp_ns), "id": tracked.id}
+        goal_id = {"stamp": self._distro.time(tracked.stamp_ns), "id": tracked.id}
         return {"goal_id": goal_id, "status": int(tracked.status), "text": tracked.text}
 
     def _say_who_listens(self) -> None:
@@ -221,7 +214,7 @@ class ActionlibServer:
             return
         self._status.publish(
             {
-                "header": {"stamp": self._stamp(self._clock.time_ns())},
+                "header": {"stamp": self._distro.time(self._clock.time_ns())},
                 "status_list": [self._status_of(tracked) for tracked in self._goals.values()],
             }
         )

@@ -6,14 +6,21 @@ import logging
 import sys
 from typing import TYPE_CHECKING
 
-from rwt_graph.clock import NANOSECONDS
 from rwt_graph.program.endpoints import TopicPublisher
+from rwt_program.qos import Durability, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
 
 #: Python's level → the number in `rosgraph_msgs/Log` (ROS 1); `rcl_interfaces/Log` uses Python's own numbers.
 ROS_1_LEVELS = {logging.DEBUG: 1, logging.INFO: 2, logging.WARNING: 4, logging.ERROR: 8, logging.CRITICAL: 16}
+
+
+def rosout_qos(distro: Distro) -> QoS:
+    """How nodes advertise `/rosout`."""
+    return QoS(
+        depth=distro.rosout_depth, durability=Durability.TRANSIENT_LOCAL, lifespan=distro.rosout_lifespan
+    )
 
 
 class NodeLog:
@@ -60,11 +67,10 @@ class NodeLog:
         self._publisher.publish({**self._head(level), **where, "msg": text})
 
     def _head(self, level: int) -> dict[str, object]:
-        now = self._publisher.now_ns()
-        stamp = dict(zip(self._distro.time_fields, divmod(now, NANOSECONDS), strict=True))
+        stamp = self._distro.time(self._publisher.now_ns())
         if self._distro.rosout_has_header:
             return {"header": {"stamp": stamp}, "level": ROS_1_LEVELS[level], "name": self._node}
         return {"stamp": stamp, "level": level, "name": self._name}
 
 
-__all__ = ["NodeLog"]
+__all__ = ["NodeLog", "rosout_qos"]

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 from rwt_graph.api import Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, Timer
 from rwt_graph.errors import NotRunning, WrongThread
-from rwt_graph.memory.system import rosout_qos
 from rwt_graph.names import namespace_of, node_name, resolve
 from rwt_graph.parameters.client import ParameterClient
 from rwt_graph.parameters.node_parameters import NodeParameters, NodeStore, TreeStore
@@ -32,7 +31,7 @@ from rwt_graph.program import service_handlers
 from rwt_graph.program.actionlib import ActionlibServer
 from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
 from rwt_graph.program.goals import AcceptGoal, ActionFunction, Execute, GoalHandle
-from rwt_graph.program.logs import NodeLog
+from rwt_graph.program.logs import NodeLog, rosout_qos
 from rwt_graph.program.service_handlers import ServiceFunction, ServiceHandler
 from rwt_graph.program.timers import PeriodicTimer
 from rwt_program.errors import ProviderNotFound

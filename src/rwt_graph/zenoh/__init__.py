@@ -8,8 +8,8 @@ connected to::
         node = graph.node("talker")
 """
 
+from rwt_graph.errors import ZenohError
 from rwt_graph.zenoh.backend import ZenohGraph
-from rwt_graph.zenoh.errors import ZenohError
 from rwt_graph.zenoh.session import ZenohOptions
 
 __all__ = ["ZenohError", "ZenohGraph", "ZenohOptions"]

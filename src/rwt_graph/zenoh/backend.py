@@ -1,22 +1,22 @@
-"""The graph of this process, joined with those of others."""
+"""A graph that spans processes and hosts: the one in memory, joined with others over Zenoh."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Self
 
 import anyio
 import anyio.to_thread
 
+from rwt_graph.errors import ZenohError
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.names import resolve
 from rwt_graph.program.node import Node
-from rwt_graph.zenoh.actions.remote_goals import RemoteActions
-from rwt_graph.zenoh.actions.server import ActionCarrier
+from rwt_graph.zenoh.actions.remote_goals import ZenohActions
+from rwt_graph.zenoh.actions.server import Ros2ActionServer
 from rwt_graph.zenoh.discovery import Discovery
-from rwt_graph.zenoh.errors import ZenohError
 from rwt_graph.zenoh.link import Link, NodeNumbers, Presence
 from rwt_graph.zenoh.services import ZenohServices
 from rwt_graph.zenoh.session import Mode, ZenohOptions, ZenohSession
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import Participant
     from rwt_graph.clock import Clock
     from rwt_graph.memory.actions import MemoryActionServer
-    from rwt_graph.memory.node_resources import Owner
+    from rwt_graph.memory.node_resources import NodeResources
     from rwt_interfaces.registry import Registry
 
 
@@ -36,14 +36,14 @@ logger = logging.getLogger(__name__)
 class ZenohGraph(MemoryGraph):
     """A graph whose nodes are in this process and in others.
 
-    What happens between nodes of this process happens in memory, as in a :class:`MemoryGraph`. Until it is
-    entered it is alone; leaving it closes the Zenoh session, whatever the reason. `/rosout` and `/clock` of
-    the graph itself, and the global tree of parameters, stay in the process; those of its nodes do not.
+    Nodes of one process talk in memory, as in a :class:`MemoryGraph`. The graph is alone until it is entered;
+    leaving it closes the Zenoh session in every case. The graph's own `/rosout` and `/clock` and the global
+    tree of parameters stay in the process; the topics and parameters of its nodes do not.
 
-    Differences to one process that cannot be hidden: what others do is known a moment later; a service or
-    action that two processes offer is not replaced but offered twice, and each calls its own first; of two
-    processes that establish a topic with different types at the same moment neither is refused, and they do
-    not hear each other.
+    Three differences to one process cannot be hidden. What other processes do is known a moment later. A
+    service or action that two processes offer is offered twice, and each process calls its own first. If two
+    processes establish a topic with different types at the same moment, both succeed, and they do not hear
+    each other.
 
     Args:
         registry: the interfaces; of a ROS 2 distribution, whose types they share with every other process.
@@ -81,15 +81,13 @@ class ZenohGraph(MemoryGraph):
         self._session = ZenohSession()
         self._link: Link | None = None
         self._numbers = NodeNumbers()
-        self._present: dict[Owner, Presence] = {}
+        self._present: dict[NodeResources, Presence] = {}
         self._zenoh_topics = ZenohTopics(self.topic_table)
         self._zenoh_services = ZenohServices(self.service_table, self.registry, self.clock.time_ns)
-        self._discovery = Discovery(
-            self.topic_table, self._zenoh_topics, self._zenoh_services, self._introspection
-        )
-        self.topic_table.elsewhere = self._zenoh_topics
-        self.service_table.elsewhere = self._zenoh_services
-        self.action_table.elsewhere = RemoteActions(
+        self._discovery = Discovery(self, self._zenoh_topics, self._zenoh_services)
+        self.topic_table.remote = self._zenoh_topics
+        self.service_table.remote = self._zenoh_services
+        self.action_table.remote = ZenohActions(
             self.topic_table, self.service_table, self._zenoh_services, self.registry
         )
 
@@ -113,9 +111,11 @@ class ZenohGraph(MemoryGraph):
             presence.end()
         self._numbers.forget(participant.owner)
 
-    def carry_action(self, participant: MemoryParticipant, server: MemoryActionServer) -> ActionCarrier:
-        """Offer what ROS 2 has beside an action."""
-        return ActionCarrier(participant, server, self.action_table, self.clock)
+    def offer_action_services(
+        self, participant: MemoryParticipant, server: MemoryActionServer
+    ) -> Callable[[], None]:
+        """Offer the services and topics that ROS 2 has beside an action; returns what withdraws them."""
+        return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
     async def __aenter__(self) -> Self:
         """Run on the current event loop, and join the others.
@@ -135,8 +135,8 @@ class ZenohGraph(MemoryGraph):
     async def _join(self) -> None:
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
         link = Link(session, self.options.domain, self._numbers, self.run_on_graph)
-        alive = await anyio.to_thread.run_sync(self._discovery.look_around, link)
-        self._say_who_is_there(link)
+        alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)
+        self._log_neighbours(link)
         self._discovery.open(link, alive)
         self._link = link
         for participant in self._participants:
@@ -144,15 +144,15 @@ class ZenohGraph(MemoryGraph):
         self._zenoh_topics.open(link)
         self._zenoh_services.open(link)
 
-    def _say_who_is_there(self, link: Link) -> None:
+    def _log_neighbours(self, link: Link) -> None:
         met, asked = link.count_others(), ", ".join(self.options.connect)
         if asked and not met:
-            logger.warning("nobody is at %s yet; it is tried again until somebody is", asked)
+            logger.warning("no process answers at %s yet; connecting is tried until one does", asked)
         else:
             logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
 
     async def __aexit__(self, *exc: object) -> None:
-        """Stop handlers and timers, close every participant, and leave the others."""
+        """Stop handlers and timers, close every participant, and close the Zenoh session."""
         try:
             self._close_participants()
         finally:

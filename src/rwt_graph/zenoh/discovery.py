@@ -1,4 +1,4 @@
-"""Who else is there: liveliness tokens of other processes become endpoints in this graph's tables."""
+"""Liveliness tokens of other processes, as nodes, endpoints and services in the tables of this graph."""
 
 from __future__ import annotations
 
@@ -10,19 +10,16 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from rwt_graph.errors import InvalidGraphName
-from rwt_graph.memory.remote import RemoteEndpoint
+from rwt_graph.errors import InvalidGraphName, WireError
+from rwt_graph.memory.topics import RemoteEndpoint
 from rwt_graph.names import validate
-from rwt_graph.zenoh.rmw.errors import WireError
-from rwt_graph.zenoh.rmw.gid import gid_of
 from rwt_graph.zenoh.rmw.keys import type_name
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, parse
+from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, gid_of, parse
 from rwt_interfaces.errors import InterfaceError
 from rwt_program.qos import Durability
 
 if TYPE_CHECKING:
-    from rwt_graph.memory.introspection import Introspection
-    from rwt_graph.memory.topics import Topics
+    from rwt_graph.memory.graph import MemoryGraph
     from rwt_graph.zenoh.link import Link
     from rwt_graph.zenoh.services import ZenohServices
     from rwt_graph.zenoh.topics import ZenohTopics
@@ -30,23 +27,21 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: Publishers that are remembered as gone.
+#: Transient-local publishers that are remembered after they left.
 _MOST_GONE = 10_000
 
-#: How long the first look around may take, in seconds.
-_FIRST_LOOK = 2.0
+#: Seconds that the first query for tokens may take.
+_QUERY_TIMEOUT = 2.0
 
 
 class Discovery:
     """Keeps the tables of a graph true to the tokens that are alive."""
 
-    def __init__(
-        self, topics: Topics, zenoh_topics: ZenohTopics, services: ZenohServices, nodes: Introspection
-    ) -> None:
-        self._topics = topics
-        self._zenoh_topics = zenoh_topics
+    def __init__(self, graph: MemoryGraph, topics: ZenohTopics, services: ZenohServices) -> None:
+        self._graph = graph
+        self._topics = graph.topic_table
+        self._zenoh_topics = topics
         self._services = services
-        self._nodes = nodes
         self._link: Link | None = None
         # What to do when a token dies, by its key.
         self._alive: dict[str, Callable[[], None]] = {}
@@ -54,8 +49,8 @@ class Discovery:
         # The GIDs of publishers that are gone, perhaps behind a cut of the link; the oldest are forgotten.
         self._gone: dict[bytes, None] = {}
 
-    def look_around(self, link: Link) -> list[str]:
-        """The tokens that are alive now; blocks for their answers."""
+    def query_tokens(self, link: Link) -> list[str]:
+        """The keys of the tokens that are alive now; blocks until they are known, for two seconds at most."""
         alive: list[str] = []
         done = threading.Event()
 
@@ -63,14 +58,14 @@ class Discovery:
             if reply.ok is not None:
                 alive.append(str(reply.ok.key_expr))
 
-        # Not Zenoh's own channel: it holds 256, and who asks is the one that fills it.
+        # Not Zenoh's own channel, which holds 256 replies: here the calling thread would have to empty it.
         handler = zenoh.handlers.Callback(note, done.set, indirect=False)
-        link.session.liveliness().get(all_tokens(link.domain), handler, timeout=_FIRST_LOOK)
-        done.wait(_FIRST_LOOK)
+        link.session.liveliness().get(all_tokens(link.domain), handler, timeout=_QUERY_TIMEOUT)
+        done.wait(_QUERY_TIMEOUT)
         return alive.copy()
 
     def open(self, link: Link, alive: list[str]) -> None:
-        """Take what :meth:`look_around` saw, and hear from now on who comes and goes."""
+        """Add what :meth:`query_tokens` found, and follow the tokens that come and go from now on."""
         self._link = link
         for key in alive:
             self._born(key)
@@ -81,7 +76,7 @@ class Discovery:
         )
 
     def close(self) -> None:
-        """Hear nothing more."""
+        """Ignore tokens from now on."""
         self._link = None
 
     def _heard(self, link: Link, sample: zenoh.Sample) -> None:
@@ -109,11 +104,11 @@ class Discovery:
             forget()
 
     def _add(self, token: Token, key: str) -> Callable[[], None]:
-        """Put what a token tells of in its table; returns how to take it out."""
+        """Add what a token stands for to its table; returns what removes it."""
         end = token.endpoint
         if end is None:
-            self._nodes.joined(token.node)
-            return partial(self._nodes.left, token.node)
+            self._graph.node_joined(token.node)
+            return partial(self._graph.node_left, token.node)
         if token.kind is Kind.SERVICE:
             return self._services.found(token, end, key)
         if token.kind is Kind.CLIENT:
@@ -130,7 +125,7 @@ class Discovery:
         self._topics.remote_joined(end.name, endpoint, publishes=publishes)
         if gid in self._gone:
             del self._gone[gid]
-            self._zenoh_topics.came_back(end.name)
+            self._zenoh_topics.on_reconnected(end.name)
 
         def forget() -> None:
             self._zenoh_topics.publishers.pop(gid, None)
@@ -157,7 +152,7 @@ class Discovery:
             self._warn_once(end, "its definition is not known here: give it with --interfaces", token)
             return name, None
         if known.rihs01 != end.type_hash:
-            self._warn_once(end, f"it is defined otherwise there ({end.type_hash})", token)
+            self._warn_once(end, f"the other process defines it otherwise ({end.type_hash})", token)
             return name, None
         return name, known
 

@@ -1,4 +1,4 @@
-"""An open session, and what this process declares over it: who we are on the wire."""
+"""An open Zenoh session, and the tokens by which this process is known on it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
 
-from rwt_graph.zenoh.rmw.gid import gid_of
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token
+from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, gid_of
 
 if TYPE_CHECKING:
     import zenoh
 
-    from rwt_graph.memory.node_resources import Owner
+    from rwt_graph.memory.node_resources import NodeResources
     from rwt_graph.zenoh.session import RunOnGraph
 
 
@@ -21,34 +20,34 @@ class NodeNumbers:
 
     def __init__(self) -> None:
         self._next = count()
-        self._nodes: dict[Owner, int] = {}
+        self._nodes: dict[NodeResources, int] = {}
 
     def entity(self) -> int:
-        """A new one."""
+        """A number for one more entity."""
         return next(self._next)
 
-    def node(self, owner: Owner) -> int:
-        """That of a node; given at the first question."""
+    def node(self, owner: NodeResources) -> int:
+        """The number of a node, chosen at the first call."""
         number = self._nodes.get(owner)
         if number is None:
             number = self._nodes[owner] = self.entity()
         return number
 
-    def forget(self, owner: Owner) -> None:
-        """The node is gone."""
+    def forget(self, owner: NodeResources) -> None:
+        """Free the number of a node that left."""
         self._nodes.pop(owner, None)
 
 
 @dataclass(frozen=True, slots=True)
 class Presence:
-    """A declared token and the GID that goes with it."""
+    """A declared liveliness token and its GID."""
 
     gid: bytes
     _token: zenoh.LivelinessToken
     _own_gids: set[bytes]
 
     def end(self) -> None:
-        """Be known no more."""
+        """Undeclare the token."""
         self._own_gids.discard(self.gid)
         self._token.undeclare()
 
@@ -58,7 +57,8 @@ class Link:
 
     Attributes:
         id: the session's, as tokens write it.
-        own_gids: of every entity declared here; Zenoh's caches give us our own samples back.
+        own_gids: the GIDs of every entity declared here, by which a process leaves out its own samples that
+            come back from its own caches.
     """
 
     def __init__(
@@ -77,13 +77,13 @@ class Link:
         info = self.session.info
         return len(info.peers_zid()) + len(info.routers_zid())
 
-    def declare_node(self, owner: Owner) -> Presence:
-        """Make a node known."""
+    def declare_node(self, owner: NodeResources) -> Presence:
+        """Declare the token of a node."""
         number = self._numbers.node(owner)
         return self._declare(Token(self.domain, self.id, number, number, Kind.NODE, owner.name))
 
-    def declare(self, kind: Kind, owner: Owner, endpoint: Endpoint) -> Presence:
-        """Make an endpoint of a node known."""
+    def declare(self, kind: Kind, owner: NodeResources, endpoint: Endpoint) -> Presence:
+        """Declare the token of an endpoint of a node."""
         node, entity = self._numbers.node(owner), self._numbers.entity()
         return self._declare(Token(self.domain, self.id, node, entity, kind, owner.name, endpoint))
 

@@ -1,8 +1,8 @@
-"""Samples of one topic on their way in: from Zenoh's threads to the graph's.
+"""Received samples of one topic, from Zenoh's threads to the graph's.
 
-Zenoh calls back from a thread of its own for each subscriber. There a sample is only put in a queue; the
-graph's thread is woken for the first of a batch and takes what is there, so that neither thread waits for the
-other's turn with Python's lock once for each message.
+Zenoh calls back from a thread of its own for each subscriber. There a sample is only put in a queue. The
+graph's thread is woken for the first sample of a batch and takes the whole batch, so that the two threads do
+not wait for each other's turn with Python's lock once for each message.
 """
 
 from __future__ import annotations
@@ -27,39 +27,43 @@ MOST_SAMPLES, MOST_BYTES = 16_384, 128 * 1024 * 1024
 #: Samples handled in one go: a flood on one topic must not keep the event loop from the rest.
 _BATCH = 256
 
-OnArrival = Callable[[zenoh.Sample], None]
+OnSample = Callable[[zenoh.Sample], None]
 
 
-class Inlet:
+class ReceiveQueue:
     """A subscriber of one key.
 
     Args:
-        kept: whether what transient-local publishers kept is wanted too.
+        on_sample: called on the graph's thread with each sample.
+        history: also receive what transient-local publishers keep.
         prompt: hand over from Zenoh's receiving thread itself: slower, but in the order in which samples,
             replies and tokens came.
+
+    Attributes:
+        dropped: samples that had no room.
     """
 
-    def __init__(self, link: Link, key: str, on_arrival: OnArrival, *, kept: bool, prompt: bool) -> None:
-        self._on_arrival = on_arrival
+    def __init__(self, link: Link, key: str, on_sample: OnSample, *, history: bool, prompt: bool) -> None:
+        self._on_sample = on_sample
         self._run_on_graph = link.run_on_graph
         self._key = key
         self._session = link.session
         self._waiting: deque[zenoh.Sample] = deque()
-        self._announced = False
+        self._scheduled = False
         self._closed = False
         self.dropped = 0
-        handler = zenoh.handlers.Callback(self._arrived, indirect=not prompt)
-        self._undeclare = _declare(link.session, key, handler, kept=kept)
+        handler = zenoh.handlers.Callback(self._receive, indirect=not prompt)
+        self._undeclare = _declare(link.session, key, handler, history=history)
 
-    def _arrived(self, sample: zenoh.Sample) -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         """On a thread of Zenoh's."""
         waiting = self._waiting
         if len(waiting) >= 64:
             self._make_room(len(sample.payload))
         waiting.append(sample)
-        if not self._announced:
-            self._announced = True
-            self._run_on_graph(self._take)
+        if not self._scheduled:
+            self._scheduled = True
+            self._run_on_graph(self._handle)
 
     def _make_room(self, size: int) -> None:
         most = min(MOST_SAMPLES, max(64, MOST_BYTES // max(1, size)))
@@ -69,12 +73,12 @@ class Inlet:
             except IndexError:
                 return  # The graph's thread took the rest meanwhile.
             if not self.dropped:
-                logger.warning("samples on %s come faster than they are taken: some are dropped", self._key)
+                logger.warning("samples on %s arrive faster than they are taken: some are dropped", self._key)
             self.dropped += 1
 
-    def _take(self) -> None:
+    def _handle(self) -> None:
         """On the graph's thread."""
-        self._announced = False
+        self._scheduled = False
         waiting = self._waiting
         for _ in range(min(len(waiting), _BATCH)):
             try:
@@ -83,33 +87,33 @@ class Inlet:
                 break  # It was dropped meanwhile, to make room.
             if self._closed:
                 return
-            self._on_arrival(sample)
-        if waiting and not self._announced:
-            self._announced = True
-            self._run_on_graph(self._take)
+            self._on_sample(sample)
+        if waiting and not self._scheduled:
+            self._scheduled = True
+            self._run_on_graph(self._handle)
 
-    def ask_kept(self) -> None:
-        """Ask the publishers' caches again; what they say arrives as any sample does.
+    def query_history(self) -> None:
+        """Query the publishers' caches; their samples arrive as any sample does.
 
-        Zenoh's own subscriber asks a publisher that comes back after a cut, and leaves out what it had.
+        Zenoh's own subscriber also queries a publisher that reconnects, but leaves out what it had before.
         """
         self._session.get(
             f"{self._key}/@adv/pub/**",
-            zenoh.handlers.Callback(self._answered, indirect=False),
+            zenoh.handlers.Callback(self._on_reply, indirect=False),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             accept_replies=zenoh.ReplyKeyExpr.ANY,
         )
 
-    def _answered(self, reply: zenoh.Reply) -> None:
+    def _on_reply(self, reply: zenoh.Reply) -> None:
         """On a thread of Zenoh's."""
         sample = reply.ok
         if sample is not None:
-            self._run_on_graph(partial(self._take_kept, sample))
+            self._run_on_graph(partial(self._handle_cached, sample))
 
-    def _take_kept(self, sample: zenoh.Sample) -> None:
+    def _handle_cached(self, sample: zenoh.Sample) -> None:
         if not self._closed:
-            self._on_arrival(sample)
+            self._on_sample(sample)
 
     def close(self) -> None:
         """Receive nothing more."""
@@ -120,16 +124,20 @@ class Inlet:
 
 
 def _declare(
-    session: zenoh.Session, key: str, handler: zenoh.handlers.Callback[zenoh.Sample], *, kept: bool
+    session: zenoh.Session, key: str, handler: zenoh.handlers.Callback[zenoh.Sample], *, history: bool
 ) -> Callable[[], None]:
-    """Subscribe; returns how to stop."""
+    """Subscribe; returns what ends the subscription."""
     remote = zenoh.Locality.REMOTE
-    if not kept:
+    if not history:
         return session.declare_subscriber(key, handler, allowed_origin=remote).undeclare
-    history = HistoryConfig(detect_late_publishers=True)
     return declare_advanced_subscriber(
-        session, key, handler, allowed_origin=remote, history=history, subscriber_detection=True
+        session,
+        key,
+        handler,
+        allowed_origin=remote,
+        history=HistoryConfig(detect_late_publishers=True),
+        subscriber_detection=True,
     ).undeclare
 
 
-__all__ = ["MOST_BYTES", "MOST_SAMPLES", "Inlet"]
+__all__ = ["MOST_BYTES", "MOST_SAMPLES", "ReceiveQueue"]

@@ -1,4 +1,4 @@
-"""Samples of one publisher on their way out."""
+"""The samples of one publisher of this process, sent to other processes."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ if TYPE_CHECKING:
 _GID_SIZE = 16
 
 
-class Outlet:
-    """What a publisher's samples leave through; numbers them from 1, as rmw_zenoh does."""
+class RemotePublisher:
+    """Sends a publisher's samples over Zenoh, numbered from 1 as rmw_zenoh does."""
 
     def __init__(self, link: Link, key: str, publisher: MemoryPublisher, presence: Presence) -> None:
         self._presence = presence
         self._gid = presence.gid
         self._sequence = 0
-        # One of the two: a transient-local publisher's cache must have every sample, whoever listens.
+        # One of the two: a cache must have every sample, with and without subscribers.
         self._plain: zenoh.Publisher | None = None
-        self._keeping: zenoh.ext.AdvancedPublisher | None = None
-        if publisher.kept is None:
+        self._caching: zenoh.ext.AdvancedPublisher | None = None
+        if publisher.cache is None:
             self._plain = _plain(link.session, key, publisher.qos)
         else:
-            self._keeping = _keeping(link.session, key, publisher.qos)
-            for sample in publisher.kept.samples():
-                self._send(self._keeping, sample)
-        publisher.outward = self._take if self._plain is not None else self._take_and_keep
+            self._caching = _caching(link.session, key, publisher.qos)
+            for sample in publisher.cache.samples():
+                self._send(self._caching, sample)
+        publisher.on_publish_remote = self._publish if self._plain is not None else self._publish_and_cache
 
-    def _take(self, sample: Sample) -> None:
-        # Nobody elsewhere, no encoding.
+    def _publish(self, sample: Sample) -> None:
+        # Without a remote subscriber nothing is encoded.
         if self._plain is not None and self._plain.matching_status.matching:  # type: ignore[attr-defined] # The stub says bool.
             self._send(self._plain, sample)
 
-    def _take_and_keep(self, sample: Sample) -> None:
-        if self._keeping is not None:
-            self._send(self._keeping, sample)
+    def _publish_and_cache(self, sample: Sample) -> None:
+        if self._caching is not None:
+            self._send(self._caching, sample)
 
     def _send(self, publisher: zenoh.Publisher | zenoh.ext.AdvancedPublisher, sample: Sample) -> None:
         self._sequence = sequence = self._sequence + 1
@@ -54,17 +54,17 @@ class Outlet:
         )
 
     def close(self) -> None:
-        """Leave: the publisher, what it kept, and its being known."""
+        """Undeclare the publisher with its cache and its token."""
         self._presence.end()
         if self._plain is not None:
             self._plain.undeclare()
-        if self._keeping is not None:
-            self._keeping.undeclare()
-        self._plain = self._keeping = None
+        if self._caching is not None:
+            self._caching.undeclare()
+        self._plain = self._caching = None
 
 
 def _flow(qos: QoS) -> tuple[zenoh.Reliability, zenoh.CongestionControl]:
-    """As rmw_zenoh maps it: only who asked for every sample waits for slow receivers."""
+    """Reliability and congestion control as rmw_zenoh maps them: only keep-all waits for slow receivers."""
     if qos.reliability is Reliability.BEST_EFFORT:
         return zenoh.Reliability.BEST_EFFORT, zenoh.CongestionControl.DROP
     if qos.history is History.KEEP_ALL:
@@ -82,7 +82,7 @@ def _plain(session: zenoh.Session, key: str, qos: QoS) -> zenoh.Publisher:
     )
 
 
-def _keeping(session: zenoh.Session, key: str, qos: QoS) -> zenoh.ext.AdvancedPublisher:
+def _caching(session: zenoh.Session, key: str, qos: QoS) -> zenoh.ext.AdvancedPublisher:
     reliability, congestion = _flow(qos)
     depth = KEEP_ALL_LIMIT if qos.history is History.KEEP_ALL else max(1, qos.depth)
     return declare_advanced_publisher(
@@ -96,4 +96,4 @@ def _keeping(session: zenoh.Session, key: str, qos: QoS) -> zenoh.ext.AdvancedPu
     )
 
 
-__all__ = ["Outlet"]
+__all__ = ["RemotePublisher"]

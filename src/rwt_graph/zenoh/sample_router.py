@@ -1,39 +1,89 @@
-"""What becomes of a sample of another process: whose it is, and who of this process is given it."""
+"""The way of a received sample to the subscriptions of this process, each of which gets it once.
+
+The cache of a transient-local publisher is queried when the publisher is discovered, which happens again
+after every cut of the link. It then replays samples to subscriptions that have them already and to those that
+were made in between: a :class:`ReplayFilter` for each subscription tells the two apart.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from rwt_graph.api import Sample
-from rwt_graph.clock import NANOSECONDS
-from rwt_graph.zenoh.replay_deduplication import KeptElsewhere, Told
+from rwt_graph.memory.topics import TransientLocalCache
 from rwt_graph.zenoh.rmw import attachment
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.times import NANOSECONDS
 from rwt_program.qos import Durability
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     import zenoh
 
     from rwt_graph.clock import Clock
-    from rwt_graph.memory.remote import RemoteEndpoint
-    from rwt_graph.memory.topics import MemorySubscription, Topic
+    from rwt_graph.memory.topics import MemorySubscription, RemoteEndpoint, Topic
     from rwt_interfaces.structs import MessageType
+    from rwt_program.qos import QoS
+
+#: Publishers that a subscription remembers.
+_MOST_REMEMBERED = 1000
 
 
-class Arrivals:
-    """Takes the samples of one Zenoh subscriber to the subscriptions that it stands for.
+class RemoteHistory(TransientLocalCache):
+    """The samples of a remote transient-local publisher, kept here for subscriptions that join later.
+
+    Attributes:
+        gid: the publisher's.
+        last: the number of its last sample.
+    """
+
+    def __init__(self, qos: QoS, clock: Clock, gid: bytes) -> None:
+        super().__init__(qos, clock)
+        self.gid = gid
+        self.last = -1
+
+    def put(self, sample: Sample, number: int) -> None:
+        """Keep a sample that comes after the last one."""
+        if number > self.last:
+            self.last = number
+            self.add(sample)
+
+
+class ReplayFilter:
+    """The number of the last sample that a subscription received of each publisher, by the publisher's GID.
+
+    Args:
+        publishers: those whose history the subscription received when it was made.
+    """
+
+    __slots__ = ("_last",)
+
+    def __init__(self, publishers: Iterable[RemoteEndpoint] = ()) -> None:
+        caches = (publisher.cache for publisher in publishers)
+        self._last = {each.gid: each.last for each in caches if isinstance(each, RemoteHistory)}
+
+    def is_new(self, gid: bytes, number: int) -> bool:
+        """Whether a sample comes after the last one, which it then becomes."""
+        if number <= self._last.get(gid, -1):
+            return False
+        self._last[gid] = number
+        if len(self._last) > _MOST_REMEMBERED:
+            del self._last[next(iter(self._last))]
+        return True
+
+
+class SampleRouter:
+    """Delivers the samples of one Zenoh subscriber to the subscriptions that it stands for.
 
     Args:
         publishers: those of other processes, by their GID.
-        own_gids: of this process, whose samples come back from its own caches.
-        told: what each subscription was given of kept samples; None when the subscriber wants none of them,
-        and
-            stands for those that do not either.
+        own_gids: those of this process, whose samples come back from its own caches.
+        filters: by subscription; None when the subscriber receives no history, and stands for the
+            subscriptions that want none.
     """
 
-    __slots__ = ("_clock", "_own_gids", "_publishers", "_told", "_topic", "_type")
+    __slots__ = ("_clock", "_filters", "_own_gids", "_publishers", "_topic", "_type")
 
     def __init__(
         self,
@@ -42,73 +92,75 @@ class Arrivals:
         clock: Clock,
         publishers: Mapping[bytes, RemoteEndpoint],
         own_gids: set[bytes],
-        told: dict[MemorySubscription, Told] | None,
+        filters: dict[MemorySubscription, ReplayFilter] | None,
     ) -> None:
         self._topic = topic
         self._type = type
         self._clock = clock
         self._publishers = publishers
         self._own_gids = own_gids
-        self._told = told
+        self._filters = filters
 
-    def take(self, arrived: zenoh.Sample) -> None:
-        """One sample came; on the graph's thread."""
-        raw = arrived.attachment
+    def route(self, received: zenoh.Sample) -> None:
+        """Deliver one sample; on the graph's thread."""
+        raw = received.attachment
         data = b"" if raw is None else raw.to_bytes()
         if len(data) != attachment.SIZE:
-            # Not from a publisher of ROS 2, but from somebody who knows the key and the type.
-            self._deliver(self._sample(arrived, self._clock.time_ns(), None))
+            # Not from a publisher of ROS 2, but from a program that knows the key and the type.
+            self._deliver(self._sample(received, self._clock.time_ns(), None))
             return
         number, stamp_ns, _, gid = attachment.unpack(data)
         if gid in self._own_gids:
             return
-        publisher = self._publishers.get(gid) or self._only_one()
-        sample = self._sample(arrived, stamp_ns, publisher)
+        publisher = self._publishers.get(gid) or self._only_publisher()
+        sample = self._sample(received, stamp_ns, publisher)
         if sample.expires_ns and sample.expires_ns < self._clock.time_ns():
             return
-        if self._told is None or publisher is None or not _keeps(publisher):
+        if self._filters is None or publisher is None or not _is_transient_local(publisher):
             self._deliver(sample)
         else:
-            self._deliver_kept(self._told, publisher, sample, gid, number)
+            self._deliver_new(self._filters, publisher, sample, gid, number)
 
-    def _sample(self, arrived: zenoh.Sample, stamp_ns: int, publisher: RemoteEndpoint | None) -> Sample:
-        payload = Payload.relayed_cdr(self._type, arrived.payload.to_bytes())
+    def _sample(self, received: zenoh.Sample, stamp_ns: int, publisher: RemoteEndpoint | None) -> Sample:
+        payload = Payload.relayed_cdr(self._type, received.payload.to_bytes())
         if publisher is None:
             return Sample(self._topic.name, payload, stamp_ns, "")
         lifespan = publisher.qos.lifespan
         expires = stamp_ns + round(lifespan * NANOSECONDS) if lifespan else 0
         return Sample(self._topic.name, payload, stamp_ns, publisher.node, expires)
 
-    def _only_one(self) -> RemoteEndpoint | None:
-        """Who it must be, when a program does not make its GIDs as rmw_zenoh does."""
+    def _only_publisher(self) -> RemoteEndpoint | None:
+        """The publisher of an unknown GID, from a program that does not make its GIDs as rmw_zenoh does."""
         publishers = self._topic.remote_publishers
         return publishers[0] if len(publishers) == 1 else None
 
     def _deliver(self, sample: Sample) -> None:
-        kept = self._told is not None
+        history = self._filters is not None
         for subscription in self._topic.subscribers:
-            if subscription.wants_kept is kept:
+            if subscription.wants_history is history:
                 subscription.deliver(sample)
 
-    def _deliver_kept(
+    def _deliver_new(
         self,
-        told: dict[MemorySubscription, Told],
+        filters: dict[MemorySubscription, ReplayFilter],
         publisher: RemoteEndpoint,
         sample: Sample,
         gid: bytes,
         number: int,
     ) -> None:
-        """Deliver a sample of a publisher that keeps it to whom it is new, and keep it here too."""
-        if not isinstance(publisher.kept, KeptElsewhere):
-            publisher.kept = KeptElsewhere(publisher.qos, self._clock, gid)
-        publisher.kept.put(sample, number)
+        """Deliver a sample of a transient-local publisher to whom it is new, and keep it for late joiners."""
+        if not isinstance(publisher.cache, RemoteHistory):
+            publisher.cache = RemoteHistory(publisher.qos, self._clock, gid)
+        publisher.cache.put(sample, number)
         for subscription in self._topic.subscribers:
-            if subscription.wants_kept and told.setdefault(subscription, Told()).is_new(gid, number):
+            if not subscription.wants_history:
+                continue
+            if filters.setdefault(subscription, ReplayFilter()).is_new(gid, number):
                 subscription.deliver(sample)
 
 
-def _keeps(publisher: RemoteEndpoint) -> bool:
+def _is_transient_local(publisher: RemoteEndpoint) -> bool:
     return publisher.qos.durability is Durability.TRANSIENT_LOCAL
 
 
-__all__ = ["Arrivals"]
+__all__ = ["RemoteHistory", "ReplayFilter", "SampleRouter"]

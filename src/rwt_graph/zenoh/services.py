@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from rwt_graph.api import ServiceInfo
-from rwt_graph.memory.node_resources import Owner
+from rwt_graph.errors import WireError
+from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.services import MemoryCall
 from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
 from rwt_graph.zenoh.rmw import attachment
 from rwt_graph.zenoh.rmw.attachment import Attachment
-from rwt_graph.zenoh.rmw.errors import WireError
 from rwt_graph.zenoh.rmw.keys import data_key, dds_type, type_name
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
@@ -76,8 +76,8 @@ class ZenohServices:
         self._remote: dict[str, RemoteService] = {}
         # Requests of other processes that are not answered yet, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}
-        self._clients: dict[tuple[Owner, str, str], Client] = {}
-        self._callers = Owner("/_elsewhere", private=True)
+        self._clients: dict[tuple[NodeResources, str, str], Client] = {}
+        self._callers = NodeResources("/_elsewhere", private=True)
 
     def open(self, link: Link) -> None:
         """Declare what there is."""
@@ -220,7 +220,7 @@ class ZenohServices:
         }
 
     def call(
-        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: Owner
+        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
         """Call one; None when no other process offers it."""
         service, link = self._remote.get(name), self._link
@@ -239,7 +239,7 @@ class ZenohServices:
         call.wait(service, caller, None if timeout is None else deadlines.add(call, timeout))
         return call
 
-    def _client(self, link: Link, caller: Owner, end: Endpoint) -> Client:
+    def _client(self, link: Link, caller: NodeResources, end: Endpoint) -> Client:
         identity = (caller, end.name, end.dds_type)
         client = self._clients.get(identity)
         if client is None:

@@ -13,7 +13,7 @@ from typing import Literal
 
 import zenoh
 
-from rwt_graph.zenoh.errors import ZenohError
+from rwt_graph.errors import ZenohError
 
 logger = logging.getLogger(__name__)
 

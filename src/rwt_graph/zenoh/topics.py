@@ -1,8 +1,7 @@
-"""The topics of this process, as other processes see them, and their samples as we do.
+"""The topics of this process over Zenoh.
 
-For each topic that somebody here takes part in there is one Zenoh publisher for each publisher, and one Zenoh
-subscriber for all subscriptions that want kept samples and one for all that do not; and a liveliness token
-for each of them.
+Each publisher of a topic has a Zenoh publisher. Of its subscriptions, those that want history share one Zenoh
+subscriber and the others another. Each publisher and subscription has a liveliness token.
 """
 
 from __future__ import annotations
@@ -10,18 +9,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rwt_graph.zenoh.actions.names import belongs_to_action
-from rwt_graph.zenoh.receive_queue import Inlet
-from rwt_graph.zenoh.remote_publisher import Outlet
-from rwt_graph.zenoh.replay_deduplication import Told
+from rwt_graph.zenoh.receive_queue import ReceiveQueue
+from rwt_graph.zenoh.remote_publisher import RemotePublisher
 from rwt_graph.zenoh.rmw.keys import data_key, dds_type
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind
-from rwt_graph.zenoh.sample_router import Arrivals
+from rwt_graph.zenoh.sample_router import ReplayFilter, SampleRouter
 from rwt_program.qos import QoS
 
 if TYPE_CHECKING:
-    from rwt_graph.memory.node_resources import Owner
-    from rwt_graph.memory.remote import RemoteEndpoint
-    from rwt_graph.memory.topics import MemoryPublisher, MemorySubscription, Topic, Topics
+    from rwt_graph.memory.node_resources import NodeResources
+    from rwt_graph.memory.topics import MemoryPublisher, MemorySubscription, RemoteEndpoint, Topic, Topics
     from rwt_graph.zenoh.link import Link, Presence
     from rwt_interfaces.structs import MessageType
 
@@ -30,24 +27,28 @@ class Channel:
     """What is declared for one topic.
 
     Attributes:
-        told: what each subscription that wants kept samples was given of them.
+        type: that of the declared subscribers.
+        publishers: the Zenoh publisher of each publisher.
+        queues: the Zenoh subscriber for history, and that for new samples only.
+        subscribers: the token of each subscription.
+        filters: which samples of caches each subscription has received.
     """
 
     def __init__(self) -> None:
-        self.told: dict[MemorySubscription, Told] = {}
         self.type: MessageType | None = None
-        self.outlets: dict[MemoryPublisher, Outlet] = {}
-        self.inlets: dict[bool, Inlet] = {}
+        self.publishers: dict[MemoryPublisher, RemotePublisher] = {}
+        self.queues: dict[bool, ReceiveQueue] = {}
         self.subscribers: dict[MemorySubscription, Presence] = {}
+        self.filters: dict[MemorySubscription, ReplayFilter] = {}
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is, and nothing needs to be remembered."""
-        return not (self.outlets or self.inlets or self.subscribers or self.told)
+        """Whether nothing is declared or remembered."""
+        return not (self.publishers or self.queues or self.subscribers or self.filters)
 
 
 class ZenohTopics:
-    """Follows the topics of this process, and hears those of others.
+    """Declares the topics of this process, and receives those of others.
 
     Attributes:
         publishers: those of other processes, by their GID.
@@ -60,7 +61,7 @@ class ZenohTopics:
         self._channels: dict[str, Channel] = {}
 
     def open(self, link: Link) -> None:
-        """Declare what there is."""
+        """Declare every topic of this process."""
         self._link = link
         for topic in self._topics.all():
             self.changed(topic)
@@ -69,16 +70,16 @@ class ZenohTopics:
         """Declare nothing more; what is declared goes with the session."""
         self._link = None
 
-    def came_back(self, name: str) -> None:
-        """A publisher that keeps samples was cut off and is there again: hear what it keeps, for those who
-        came meanwhile."""
+    def on_reconnected(self, name: str) -> None:
+        """Query the history of a transient-local publisher that was cut off and is connected again, for the
+        subscriptions that were made in between."""
         channel = self._channels.get(name)
-        inlet = None if channel is None else channel.inlets.get(True)
-        if inlet is not None:
-            inlet.ask_kept()
+        queue = None if channel is None else channel.queues.get(True)
+        if queue is not None:
+            queue.query_history()
 
     def changed(self, topic: Topic) -> None:
-        """Bring what is declared up to what the topic is now."""
+        """Declare what joined a topic, and undeclare what left it."""
         link = self._link
         if link is None:
             return
@@ -90,46 +91,46 @@ class ZenohTopics:
 
     def _follow_publishers(self, link: Link, topic: Topic, channel: Channel) -> None:
         wanted = {publisher for publisher in topic.publishers if not publisher.owner.private}
-        for publisher in channel.outlets.keys() - wanted:
-            channel.outlets.pop(publisher).close()
+        for publisher in channel.publishers.keys() - wanted:
+            channel.publishers.pop(publisher).close()
         for publisher in topic.publishers:
-            if publisher in wanted and publisher not in channel.outlets:
+            if publisher in wanted and publisher not in channel.publishers:
                 key, presence = self._declare(
                     link, Kind.PUBLISHER, publisher.owner, topic, publisher.type, publisher.qos
                 )
-                channel.outlets[publisher] = Outlet(link, key, publisher, presence)
+                channel.publishers[publisher] = RemotePublisher(link, key, publisher, presence)
 
     def _follow_subscribers(self, link: Link, topic: Topic, channel: Channel) -> None:
         type = topic.type
         wanted = [] if type is None else [s for s in topic.subscribers if not s.owner.private]
-        kinds = {subscription.wants_kept for subscription in wanted}
-        anew = channel.type is not type
-        gone = [s for s in channel.subscribers if anew or s not in wanted]
-        idle = [kept for kept in channel.inlets if anew or kept not in kinds]
+        kinds = {subscription.wants_history for subscription in wanted}
+        retyped = channel.type is not type
+        gone = [s for s in channel.subscribers if retyped or s not in wanted]
+        idle = [history for history in channel.queues if retyped or history not in kinds]
         _unsubscribe(topic, channel, gone, idle)
-        for subscription in channel.told.keys() - set(topic.subscribers):
-            del channel.told[subscription]
+        for subscription in channel.filters.keys() - set(topic.subscribers):
+            del channel.filters[subscription]
         channel.type = type
         if type is None:
             return
-        for kept in kinds - channel.inlets.keys():
+        for history in kinds - channel.queues.keys():
             key = data_key(link.domain, topic.name, *_type_of(type))
-            told = channel.told if kept else None
-            arrivals = Arrivals(topic, type, self._topics.clock, self.publishers, link.own_gids, told)
+            filters = channel.filters if history else None
+            router = SampleRouter(topic, type, self._topics.clock, self.publishers, link.own_gids, filters)
             prompt = belongs_to_action(topic.name)
-            channel.inlets[kept] = Inlet(link, key, arrivals.take, kept=kept, prompt=prompt)
-        # Only now: who sees a subscription may count on its being served.
+            channel.queues[history] = ReceiveQueue(link, key, router.route, history=history, prompt=prompt)
+        # Only now: a process that sees a subscription's token may count on its receiving samples.
         for subscription in wanted:
             if subscription not in channel.subscribers:
                 _, presence = self._declare(
                     link, Kind.SUBSCRIPTION, subscription.owner, topic, type, subscription.qos
                 )
                 channel.subscribers[subscription] = presence
-                # One that was here before the topic's publishers were cut off and came back stays told.
-                channel.told.setdefault(subscription, Told(topic.remote_publishers))
+                # A subscription that is older than a cut of the link keeps its filter.
+                channel.filters.setdefault(subscription, ReplayFilter(topic.remote_publishers))
 
     def _declare(
-        self, link: Link, kind: Kind, owner: Owner, topic: Topic, type: MessageType, qos: QoS
+        self, link: Link, kind: Kind, owner: NodeResources, topic: Topic, type: MessageType, qos: QoS
     ) -> tuple[str, Presence]:
         names = _type_of(type)
         presence = link.declare(kind, owner, Endpoint(topic.name, *names, qos))
@@ -139,12 +140,12 @@ class ZenohTopics:
 def _unsubscribe(topic: Topic, channel: Channel, gone: list[MemorySubscription], idle: list[bool]) -> None:
     for subscription in gone:
         channel.subscribers.pop(subscription).end()
-    for kept in idle:
-        channel.inlets.pop(kept).close()
-        if kept:
-            # Nobody keeps it up to date any more; the publishers' own caches are asked again when needed.
+    for history in idle:
+        channel.queues.pop(history).close()
+        if history:
+            # These caches no longer follow the publishers, whose own are queried by the next subscriber.
             for publisher in topic.remote_publishers:
-                publisher.kept = None
+                publisher.cache = None
 
 
 def _type_of(type: MessageType) -> tuple[str, str]:

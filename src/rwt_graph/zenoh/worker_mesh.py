@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwt_graph.zenoh.errors import ZenohError
+from rwt_graph.errors import ZenohError
 from rwt_graph.zenoh.session import configuration
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _PORT = re.compile(r":\d+(?=$|[?#])")
 
 
-def sibling(options: ZenohOptions, folder: Path, number: int, count: int) -> ZenohOptions:
+def mesh_options(options: ZenohOptions, folder: Path, number: int, count: int) -> ZenohOptions:
     """The options of one of several processes that were given the same ones.
 
     Peers are a mesh over Unix sockets in `folder`, each connected to those that are there before it. To
@@ -68,4 +68,4 @@ def _endpoints(text: str, mode: str) -> list[str]:
     return value
 
 
-__all__ = ["sibling"]
+__all__ = ["mesh_options"]

@@ -16,9 +16,8 @@ from rwt_program.qos import DEFAULT_QOS
 
 if TYPE_CHECKING:
     from rwt_graph.api import GoalEvents, PendingCall
-    from rwt_graph.memory.node_resources import Owner
-    from rwt_graph.memory.remote import ServicesElsewhere
-    from rwt_graph.memory.services import Services
+    from rwt_graph.memory.node_resources import NodeResources
+    from rwt_graph.memory.services import RemoteServices, Services
     from rwt_graph.memory.topics import Topics
     from rwt_interfaces.registry import Registry
 
@@ -30,11 +29,11 @@ _EVERY_GOAL = "0" * 32
 _STATES = {status.value: status for status in GoalStatus}
 
 
-class RemoteActions:
+class ZenohActions:
     """The actions of other processes: whoever offers `<action>/_action/send_goal` offers the action."""
 
     def __init__(
-        self, topics: Topics, services: Services, remote: ServicesElsewhere, registry: Registry
+        self, topics: Topics, services: Services, remote: RemoteServices, registry: Registry
     ) -> None:
         self.topics = topics
         self.services = services
@@ -63,7 +62,7 @@ class RemoteActions:
         }
 
     def send(
-        self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: Owner
+        self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> ClientGoal | None:
         """Send a goal; None when no other process offers the action."""
         info = self.info(action)
@@ -73,14 +72,18 @@ class RemoteActions:
         goal.send(payload)
         return goal
 
-    def cancel(self, action: str, goal_id: str, client: Owner) -> None:
+    def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
         """Ask to cancel a goal by its id; nobody waits for the answer."""
         if goal_id == _EVERY_GOAL:
             return  # It would cancel them all, and is no goal's own.
         self.ask_to_cancel(action, goal_id, client, lambda _: None)
 
     def ask_to_cancel(
-        self, action: str, goal_id: str, client: Owner, on_reply: Callable[[Payload | CallFailed], None]
+        self,
+        action: str,
+        goal_id: str,
+        client: NodeResources,
+        on_reply: Callable[[Payload | CallFailed], None],
     ) -> None:
         """Call the action's cancel service."""
         request = self.registry.service("action_msgs/CancelGoal").request
@@ -93,7 +96,7 @@ class RemoteGoal(ClientGoal):
     """One goal as its client sees it."""
 
     def __init__(
-        self, actions: RemoteActions, info: ActionInfo, events: GoalEvents, goal_id: str, client: Owner
+        self, actions: ZenohActions, info: ActionInfo, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> None:
         self.id = goal_id
         self.action = info.name
@@ -255,4 +258,4 @@ class RemoteGoal(ClientGoal):
             logger.exception("a callback of goal %s of %s failed", self.id, self.action)
 
 
-__all__ = ["RemoteActions", "RemoteGoal"]
+__all__ = ["ZenohActions", "RemoteGoal"]

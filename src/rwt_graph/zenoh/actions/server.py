@@ -11,9 +11,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rwt_graph.api import GoalEvents
-from rwt_graph.clock import NANOSECONDS, Clock
+from rwt_graph.clock import Clock
 from rwt_graph.memory.cancel_service import cancel_service
-from rwt_graph.memory.node_resources import Owner
+from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.zenoh.actions.names import ActionNames, part_type, struct_payload, uuid_struct
 from rwt_interfaces.payload import Payload
 from rwt_program.errors import CallFailed, GoalRejected
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 RESULTS_KEPT = 100
 
 
-class ActionCarrier:
+class Ros2ActionServer:
     """Carries one action; lives as long as its server."""
 
     def __init__(
@@ -37,7 +37,7 @@ class ActionCarrier:
         self._server = server
         self._actions = actions
         self._clock = clock
-        self._clients = Owner(server.node)
+        self._clients = NodeResources(server.node)
         self._stamps: dict[str, dict[str, int]] = {}
         self._results: OrderedDict[str, tuple[GoalStatus, Payload]] = OrderedDict()
         self._waiting: dict[str, list[ServiceCall]] = {}
@@ -151,8 +151,7 @@ class ActionCarrier:
             self._reasons.publish(Payload.from_value(self._reasons.type, {"data": f"{goal_id} {reason}"}))
 
     def _now(self) -> dict[str, int]:
-        seconds, nanoseconds = divmod(self._clock.time_ns(), NANOSECONDS)
-        return {"sec": seconds, "nanosec": nanoseconds}
+        return self._server.type.goal.registry.distro.time(self._clock.time_ns())
 
 
-__all__ = ["RESULTS_KEPT", "ActionCarrier"]
+__all__ = ["RESULTS_KEPT", "Ros2ActionServer"]

@@ -15,7 +15,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from rwt_graph.zenoh.rmw.errors import WireError
+from rwt_graph.errors import WireError
 
 _LAYOUT = struct.Struct("<qqB16s")
 

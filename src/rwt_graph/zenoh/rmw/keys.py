@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwt_graph.zenoh.rmw.errors import WireError
+from rwt_graph.errors import WireError
 
 #: What stands for `/` where a name must be one part of a key.
 SLASH = "%"

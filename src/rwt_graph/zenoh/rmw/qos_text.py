@@ -9,7 +9,7 @@ liveliness. ROS's default profile is `::,10:,:,:,,`.
 from __future__ import annotations
 
 from rwt_graph.clock import NANOSECONDS
-from rwt_graph.zenoh.rmw.errors import WireError
+from rwt_graph.errors import WireError
 from rwt_program.qos import Durability, History, QoS, Reliability
 
 #: The depth that is written as nothing.

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from rwt_graph.errors import WireError
 from rwt_graph.zenoh.rmw import qos_text
-from rwt_graph.zenoh.rmw.errors import WireError
 from rwt_graph.zenoh.rmw.keys import SLASH, demangle, mangle
 from rwt_program.qos import DEFAULT_QOS, QoS
 
@@ -82,6 +82,14 @@ class Token:
         return f"{key}/{mangle(end.name)}/{end.dds_type}/{end.type_hash}/{qos}"
 
 
+def gid_of(token_key: str) -> bytes:
+    """The 16 bytes that identify an entity: XXH3-128 of its token, the lower 64 bits first, each
+    little-endian."""
+    import xxhash  # Comes with the extra `zenoh`; needed by nothing else.
+
+    return xxhash.xxh3_128(token_key.encode()).digest()[::-1]
+
+
 def all_tokens(domain: int) -> str:
     """The key expression of every token of a domain."""
     return f"{_PREFIX}/{domain}/**"
@@ -125,4 +133,4 @@ def _number(text: str, key: str) -> int:
     return int(text)
 
 
-__all__ = ["Endpoint", "Kind", "Token", "all_tokens", "parse"]
+__all__ = ["Endpoint", "Kind", "Token", "all_tokens", "gid_of", "parse"]
