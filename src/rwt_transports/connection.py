@@ -132,6 +132,7 @@ class Connection:
         "_link",
         "_pinged",
         "_port",
+        "_read",
         "_scope",
         "_state",
         "_wire",
@@ -150,6 +151,7 @@ class Connection:
         )
         self.take: Callable[[], Buffer | None] = self.outbox.take
         self._conversation: HttpConversation | None = None
+        self._read: Callable[[bytes], None] = self._wire.feed
         self._endpoint: Endpoint | None = None
         self._closed_with: tuple[int, str] | None = None
         self._ending = False
@@ -166,6 +168,7 @@ class Connection:
             self._link.abort()
         elif state.routes is not None:
             self._conversation = HttpConversation(state.routes, state.limits, self, self._address)
+            self._read = self._conversation.feed
         elif len(state.connections) > state.limits.connections:
             logger.warning("no room for %s: %d connections", self, state.limits.connections)
             self._link.abort()
@@ -191,10 +194,7 @@ class Connection:
         self._alive = True
         self.outbox.received += len(data)
         try:
-            if self._conversation is not None:
-                self._conversation.feed(data)
-            else:
-                self._wire.feed(data)
+            self._read(data)
         except Exception:
             self._broken_inside()
 
@@ -328,7 +328,7 @@ class Connection:
             PeerInfo(state.transport, self._address, self._port, target, request.headers), answer.head
         )
         if refusal is None and rest:
-            self._wire.feed(rest)
+            self._read(rest)
         return refusal
 
     def _agree(self, terms: DeflateTerms | None) -> None:
@@ -375,9 +375,9 @@ class Connection:
     # -- life ----------------------------------------------------------------------------------------------
 
     def _open(self, peer: PeerInfo) -> None:
-        self._feed(self._state.accept(self.outbox, peer))
+        self._set_endpoint(self._state.accept(self.outbox, peer))
 
-    def _feed(self, endpoint: Endpoint) -> None:
+    def _set_endpoint(self, endpoint: Endpoint) -> None:
         """Let `endpoint` have the messages that come from now on."""
         self._endpoint = endpoint
         if isinstance(endpoint, FlowControlled):
@@ -389,7 +389,7 @@ class Connection:
         if self._endpoint is None:
             endpoint.closed(*(self._closed_with or (ABNORMAL, "the connection was lost")))
         else:
-            self._feed(endpoint)
+            self._set_endpoint(endpoint)
 
     def _open_after(self, peer: PeerInfo, head: bytes) -> HttpResponse | None:
         """Open with `head` in front of what the endpoint may send at once; the response is a refusal."""
@@ -403,6 +403,7 @@ class Connection:
             log_exception("the accept function failed for %s", self)
             refusal = HttpResponse(b"internal error\n", 500)
         else:
+            self._read = self._wire.feed
             self.outbox.insert(mark, head)
             return None
         self.outbox.roll_back(mark)

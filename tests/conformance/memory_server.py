@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, closing
 from dataclasses import dataclass
 from functools import partial
@@ -21,8 +22,17 @@ from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_nodes.rosapi import Rosapi
 from rwt_nodes.tf import Tf2WebRepublisher
-from rwt_protocol.transport import Accept, Frame, PeerInfo
-from rwt_transports.drivers.memory import MemoryPeer
+from rwt_protocol.transport import (
+    AS_MANY_AS_FIT,
+    Accept,
+    DropReason,
+    Endpoint,
+    Flow,
+    FlowRules,
+    Frame,
+    PeerInfo,
+    Traffic,
+)
 
 Spoil = Callable[[Accept], Accept]
 """Puts a fault between the wire and the server."""
@@ -32,49 +42,90 @@ _TICK = 0.01
 _NO_TIME = 1e-6
 
 
-class _Arrivals(list[Frame]):
-    """What a peer has received; tells when there is more."""
+class _ClientEnd:
+    """What the endpoint writes to, and all that it has written; satisfies
+    :class:`rwt_protocol.transport.Sink`."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.more = asyncio.Event()
+    def __init__(self, accept: Accept) -> None:
+        self.frames: deque[Frame] = deque()
+        self.close_code: int | None = None
+        self.changed = asyncio.Event()
+        self.endpoint = accept(self, PeerInfo("memory", "192.0.2.1"))
 
-    def append(self, frame: Frame) -> None:
-        super().append(frame)
-        self.more.set()
+    def send(self, frame: Frame) -> None:
+        if self.close_code is None:
+            self.frames.append(frame)
+            self.changed.set()
+
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time.time_ns,
+    ) -> Flow:
+        return _ClientFlow(self)
+
+    def close(self, code: int = 1000, reason: str = "") -> None:
+        if self.close_code is None:
+            self.close_code = code
+            self.changed.set()
+            self.endpoint.closed(code, reason)
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        self.endpoint = endpoint
+
+    @property
+    def backlog(self) -> int:
+        return 0
+
+    @property
+    def traffic(self) -> Traffic:
+        return Traffic()
+
+
+class _ClientFlow:
+    """One topic's way to a client that is never slow."""
+
+    def __init__(self, client: _ClientEnd) -> None:
+        self.send = client.send
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        for frame in pieces:
+            self.send(frame)
+
+    def configure(self, rules: FlowRules) -> None:
+        """Rules are for slow readers."""
+
+    def close(self) -> None:
+        """There are no drops to report."""
 
 
 class MemoryWire(Wire):
     """A connection without a network."""
 
     def __init__(self, accept: Accept) -> None:
-        self._arrivals = _Arrivals()
-        self._taken = 0
-        self._peer = MemoryPeer(accept, PeerInfo("memory", "192.0.2.1"))
-        self._arrivals += self._peer.received
-        self._peer.received = self._arrivals
+        self._client = _ClientEnd(accept)
 
     async def send(self, data: str | bytes) -> None:
-        if self._peer.closed is not None:
-            raise WireClosed(self._peer.closed[0])
-        self._peer.send(data)
+        if self._client.close_code is not None:
+            raise WireClosed(self._client.close_code)
+        binary = isinstance(data, bytes)
+        self._client.endpoint.receive(data if isinstance(data, bytes) else data.encode(), binary)
 
     async def receive(self) -> str | bytes:
-        while self._taken == len(self._arrivals):
-            if self._peer.closed is not None:
-                raise WireClosed(self._peer.closed[0])
-            self._arrivals.more.clear()
-            try:
-                async with asyncio.timeout(0.02):
-                    await self._arrivals.more.wait()
-            except TimeoutError:
-                continue  # A close makes no noise here, so it is looked for.
-        frame = self._arrivals[self._taken]
-        self._taken += 1
+        client = self._client
+        while not client.frames:
+            if client.close_code is not None:
+                raise WireClosed(client.close_code)
+            client.changed.clear()
+            await client.changed.wait()
+        frame = client.frames.popleft()
         return frame.data if frame.binary else frame.data.decode()
 
     async def close(self, *, abruptly: bool = False) -> None:
-        self._peer.close(1006 if abruptly else 1000)
+        self._client.close(1006 if abruptly else 1000)
 
 
 class VirtualPace:

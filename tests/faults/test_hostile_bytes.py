@@ -23,13 +23,13 @@ from rwt_protocol.session import Refusal, Session
 from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import Limits, Routes
 from rwt_transports.connection import ListenerState, MakeWire
-from rwt_transports.drivers.memory import MemoryPipe
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp
 from tests.bridge.recording_client import Client
 from tests.faults.blocking_client import BlockingClient
 from tests.faults.conftest import MIB, Robot
+from tests.memory_pipe import MemoryPipe
 from tests.transports.rfc6455.compression import RSV1, deflated
 from tests.transports.rfc6455.frames import BINARY, FIN, KEY, frame, text
 from tests.transports.rfc6455.handshake import REQUEST

@@ -10,12 +10,12 @@ from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 from rwt_transports import Limits, Routes
 from rwt_transports.api import Wire, WireEvents
 from rwt_transports.connection import ListenerState
-from rwt_transports.drivers.memory import MemoryPipe
 from rwt_transports.http import HttpRequest, HttpResponse
 from rwt_transports.websocket.deflate import DeflateWire
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import WebSocketWire, websocket_server
 from rwt_transports.wires.json_stream import PLAIN, JsonStreamWire
+from tests.memory_pipe import MemoryPipe
 from tests.transports.rfc6455.frames import BINARY, frame
 
 LARGEST = 2_000

@@ -12,8 +12,8 @@ import pytest
 from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, Refused, Routes
 from rwt_transports.connection import ListenerState
-from rwt_transports.drivers.memory import MemoryPipe
 from rwt_transports.websocket.wire import CLIENT_FRAMING, websocket_server
+from tests.memory_pipe import MemoryPipe
 
 REQUEST = (
     b"GET /robot?token=1 HTTP/1.1\r\nHost: r2\r\nUpgrade: websocket\r\nConnection: keep-alive, Upgrade\r\n"

@@ -23,10 +23,10 @@ from rwt_transports.api import Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
-from rwt_transports.drivers.memory import MemoryPipe
 from rwt_transports.listener import OpenListener
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
+from tests.memory_pipe import MemoryPipe
 from tests.transports.rfc6455.case import Case
 from tests.transports.rfc6455.closing import LIMIT
 from tests.transports.rfc6455.compression import inflated
