@@ -7,12 +7,9 @@ from __future__ import annotations
 
 import argparse
 import re
-import signal
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from functools import partial
 from urllib.parse import urlsplit
-
-import anyio
 
 try:
     from husky_xarm.arm import ACTION
@@ -22,13 +19,9 @@ except ModuleNotFoundError as missing:
     if missing.name not in ("pybullet", "pybullet_data"):
         raise
     raise SystemExit("pybullet_robot: PyBullet is not installed: pip install pybullet") from None
-from rwt.server import Server, serve
-from rwt_graph import MemoryGraph
-from rwt_nodes import Rosapi, Tf2WebRepublisher
+from rwt import Server
 from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.depth_cloud import DepthCloudEncoder
-from rwt_nodes.mesh_files import MeshFiles
-from rwt_nodes.video import WebVideoServer
 from rwt_transports.errors import TransportError
 
 DEPTH_PER_TILE = 2.0
@@ -44,46 +37,29 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--size", type=_size, default="640x480", help="of pictures (%(default)s)")
     parser.add_argument("--camera-rate", type=_rate, default=10.0, help="pictures a second (%(default)g)")
     given = parser.parse_args(arguments)
+    lens = Lens(*given.size)
+    cloud = partial(
+        DepthCloudEncoder, crop_size=min(lens.width, lens.height), max_depth_per_tile=DEPTH_PER_TILE
+    )
+    robot = partial(HuskyXArm, lens=lens, camera_rate=given.camera_rate)
     try:
-        anyio.run(run, given.url, Lens(*given.size), given.camera_rate)
+        Server(given.url, packages=PACKAGE_FOLDERS, extra_nodes=(cloud, robot)).run(
+            partial(print, flush=True), describe
+        )
     except TransportError as error:
         raise SystemExit(f"pybullet_robot: {error}") from None
 
 
-async def run(url: str, lens: Lens, camera_rate: float) -> None:
-    """Serve the robot until a signal comes."""
-    mesh_files = MeshFiles(PACKAGE_FOLDERS)
-    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
-        async with MemoryGraph() as graph:
-            video = nodes.enter_context(closing(WebVideoServer(graph)))
-            for node in (
-                Rosapi(graph),
-                Tf2WebRepublisher(graph),
-                DepthCloudEncoder(
-                    graph, crop_size=min(lens.width, lens.height), max_depth_per_tile=DEPTH_PER_TILE
-                ),
-                HuskyXArm(graph, lens, camera_rate),
-            ):
-                nodes.enter_context(closing(node))
-            async with serve(
-                graph,
-                url,
-                http=[video.http, mesh_files.http],
-            ) as server:
-                announce(server)
-                async for _ in signals:
-                    return
-
-
-def announce(server: Server) -> None:
-    """Say where what is."""
+def describe(server: Server) -> str:
+    """Where what is."""
     url = server.urls[0]
     page = f"http://{urlsplit(url).netloc}"
-    print(f"a Husky with an xArm 6 is at {url}", flush=True)
-    print(f"  drive   rwt topic pub --url {url} -r 10 /cmd_vel geometry_msgs/Twist '{{linear: {{x: 0.5}}}}'")
-    print(f"  arm     action {ACTION}")
-    print(f"  look    {page}/stream_viewer?topic=/camera/image_raw")
-    print(f"  meshes  {page}/mesh_files/husky/meshes/base_link.stl", flush=True)
+    return f"""\
+a Husky with an xArm 6 is at {url}
+  drive   rwt topic pub --url {url} -r 10 /cmd_vel geometry_msgs/Twist '{{linear: {{x: 0.5}}}}'
+  arm     action {ACTION}
+  look    {page}/stream_viewer?topic=/camera/image_raw
+  meshes  {page}/packages/husky/meshes/base_link.stl"""
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -8,8 +8,8 @@ the time of its publishing in a row of black and white squares, which every code
 from __future__ import annotations
 
 import math
-import signal
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,13 +17,12 @@ import anyio
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt.server import serve
-from rwt_graph import MemoryGraph, Node
+from rwt import Server
+from rwt_graph import Node
 from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.demo.world.map import house
 from rwt_nodes.demo.world.pose import Pose
 from rwt_nodes.demo.world.view import View
-from rwt_nodes.video import WebVideoServer
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 Picture = NDArray[np.uint8]
@@ -116,19 +115,12 @@ def _latency_page(request: HttpRequest, reader: Reader) -> HttpResponse:
 LATENCY_PAGE: Final = HttpExtension((Route("/latency.html", _latency_page, Audience.ADMITTED),))
 
 
-async def main() -> None:
-    graph = MemoryGraph()
-    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
-        async with graph, anyio.create_task_group() as tasks:
-            video, node = WebVideoServer(graph), Node(graph, "camera")
-            tasks.start_soon(play, node)
-            async with serve(graph, "ws://127.0.0.1:0", http=[video.http, LATENCY_PAGE]) as server:
-                print(f"listening on {server.urls[0]}", flush=True)
-                async for _ in signals:
-                    break
-            video.close()
-            tasks.cancel_scope.cancel()
+def main() -> None:
+    server = Server("ws://127.0.0.1:0", http=[LATENCY_PAGE], nodes=("web_video_server",))
+    camera = server.node("camera")
+    server.graph.spawn(partial(play, camera), "camera")
+    server.run(partial(print, flush=True))
 
 
 if __name__ == "__main__":
-    anyio.run(main)
+    main()

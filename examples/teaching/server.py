@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import signal
 import time
-from contextlib import ExitStack, closing
+from functools import partial
 from multiprocessing.connection import Connection
 
 import anyio
 import anyio.to_thread
 
-from rwt.server import serve
-from rwt_graph import MemoryGraph, Node
-from rwt_nodes import Rosapi, Tf2WebRepublisher
+from rwt import Server
 from rwt_nodes.demo import DemoRobot
 from rwt_nodes.demo.world.lens import Lens
-from rwt_nodes.video import WebVideoServer
 from teaching.plan import Camera, name_of
 
 
@@ -30,20 +27,17 @@ def serve_robots(pipe: Connection[str | float, str], robots: int, camera: Camera
 
 async def _serve(pipe: Connection[str | float, str], robots: int, camera: Camera) -> None:
     lens = Lens(camera.width, camera.height)
-    with ExitStack() as nodes:
-        async with MemoryGraph() as graph:
-            video = nodes.enter_context(closing(WebVideoServer(graph)))
-            nodes.enter_context(closing(Rosapi(graph)))
-            nodes.enter_context(closing(Tf2WebRepublisher(graph)))
-            for number in range(1, robots + 1):
-                robot = DemoRobot(graph, seed=number, namespace=f"/{name_of(number)}", lens=lens)
-                nodes.enter_context(closing(robot))
-            with Node(graph, "organiser") as organiser:
-                for number in range(1, robots + 1):
-                    await organiser.set_param(f"/{name_of(number)}/demo_robot:camera_rate", camera.rate)
-            async with serve(graph, "ws://127.0.0.1:0", http=[video.http]) as server:
-                pipe.send(server.urls[0])
-                await _answer(pipe)
+    names = [name_of(number) for number in range(1, robots + 1)]
+    made = [
+        partial(DemoRobot, seed=number, namespace=f"/{name}", lens=lens)
+        for number, name in enumerate(names, start=1)
+    ]
+    async with Server("ws://127.0.0.1:0", extra_nodes=made) as server:
+        with server.node("organiser") as organiser:
+            for name in names:
+                await organiser.set_param(f"/{name}/demo_robot:camera_rate", camera.rate)
+        pipe.send(server.urls[0])
+        await _answer(pipe)
 
 
 async def _answer(pipe: Connection[str | float, str]) -> None:

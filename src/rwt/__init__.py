@@ -9,12 +9,25 @@ import importlib
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from rwt.server import Server, serve
+    from rwt.blocking import BlockingNode
+    from rwt.errors import ServerError
+    from rwt.playback import PlaybackServer
+    from rwt.server import Server
     from rwt.settings import LoadedSettings, Settings, SettingsError, load_settings, read_settings
+    from rwt_client import connect
+    from rwt_graph import LATCHED, MemoryGraph, Node, QoS, SimulatedClock
 
 _HOMES: Final = {
     "Server": "rwt.server",
-    "serve": "rwt.server",
+    "PlaybackServer": "rwt.playback",
+    "ServerError": "rwt.errors",
+    "BlockingNode": "rwt.blocking",
+    "Node": "rwt_graph",
+    "MemoryGraph": "rwt_graph",
+    "SimulatedClock": "rwt_graph",
+    "QoS": "rwt_graph",
+    "LATCHED": "rwt_graph",
+    "connect": "rwt_client",
     "Settings": "rwt.settings",
     "SettingsError": "rwt.settings",
     "LoadedSettings": "rwt.settings",
@@ -24,7 +37,15 @@ _HOMES: Final = {
 
 __all__ = [
     "Server",
-    "serve",
+    "PlaybackServer",
+    "ServerError",
+    "BlockingNode",
+    "Node",
+    "MemoryGraph",
+    "SimulatedClock",
+    "QoS",
+    "LATCHED",
+    "connect",
     "Settings",
     "SettingsError",
     "LoadedSettings",
@@ -38,3 +59,8 @@ def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The names for completion, imported or not."""
+    return sorted({*globals(), *__all__})

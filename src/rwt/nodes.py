@@ -1,4 +1,4 @@
-"""The ready-made nodes of `rwt serve`: which there are, and how they are started."""
+"""What takes part in the graph of a server besides the program's own nodes, and how it is started."""
 
 from __future__ import annotations
 
@@ -7,13 +7,21 @@ from contextlib import ExitStack, closing
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol
 
+from rwt.errors import ServerError
+from rwt_access.settings import SettingsError
 from rwt_nodes.rosapi import Rosapi
 from rwt_nodes.tf import Tf2WebRepublisher
 
+# What only some servers have is imported in the functions that start it.
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rwt.settings.models import NodeName, Settings
     from rwt_graph.api import Graph
+    from rwt_nodes.mesh_files import MeshFiles
+    from rwt_nodes.recording import Recorder
     from rwt_nodes.video import WebVideoServer
+    from rwt_protocol.transport import Accept
     from rwt_transports.http import HttpExtension
 
 
@@ -45,9 +53,113 @@ NODES: Final[Mapping[NodeName, Callable[[Graph, Settings], ReadyNode]]] = Mappin
 """Every node that the setting `nodes` may name. A row that needs heavy libraries imports them when called."""
 
 ON_EVERY_WORKER: Final[frozenset[NodeName]] = frozenset({"web_video_server"})
-"""Those that `rwt serve --workers` starts in each process: the ones with pages, since any may be asked."""
+"""The nodes that each worker process starts: those with pages, since any process may be asked for them."""
 
 
 def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> list[HttpExtension]:
-    """Start the nodes that the settings name and `stack` closes; returns what they bring to HTTP."""
-    return http_of(*[stack.enter_context(closing(NODES[name](graph, settings))) for name in settings.nodes])
+    """Start what the settings name and `stack` closes; returns what it brings to HTTP.
+
+    Raises:
+        SettingsError: there are no packages in a folder of the setting `packages`.
+    """
+    nodes: list[object] = [
+        stack.enter_context(closing(NODES[name](graph, settings))) for name in settings.nodes
+    ]
+    if settings.packages:
+        nodes.append(_mesh_files(settings))
+    if settings.demo:
+        from rwt_nodes.demo import DemoRobot
+
+        nodes.append(stack.enter_context(closing(DemoRobot(graph))))
+    return http_of(*nodes)
+
+
+def _mesh_files(settings: Settings) -> MeshFiles:
+    from rwt_nodes.mesh_files import MeshFiles, MeshFilesError
+
+    try:
+        return MeshFiles(settings.packages)
+    except MeshFilesError as error:
+        raise SettingsError(f"`packages`: {error}") from error
+
+
+def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, introspection: bool) -> None:
+    """Record a graph until `stack` is closed, and publish calls and goals where the distribution has topics
+    for them.
+
+    Args:
+        graph: what is recorded.
+        file: MCAP; None records nothing.
+        stack: closes the recorder; then what the last messages could not be written for is raised.
+        introspection: whether calls and goals are published even if nothing is recorded.
+
+    Raises:
+        SettingsError: introspection on ROS 1.
+        ServerError: the file cannot be written.
+    """
+    from rwt_nodes.introspection import Introspection
+    from rwt_nodes.recording import Recorder, RecordingError
+
+    has_topics = graph.distro.introspects_calls
+    if introspection and not has_topics:
+        raise SettingsError("introspection: is of ROS 2: ROS 1 has no topics for calls; leave it out")
+    if file is None:
+        if introspection:
+            stack.enter_context(closing(Introspection(graph)))
+        return
+    try:
+        recorder = Recorder(graph, file)
+    except RecordingError as error:
+        raise ServerError(f"record: {error}") from error
+    stack.callback(_finish, recorder)
+    if has_topics:
+        stack.enter_context(closing(Introspection(graph, on_topic=recorder.look)))
+
+
+def _finish(recorder: Recorder) -> None:
+    from rwt_nodes.recording import RecordingError
+
+    try:
+        recorder.close()
+    except RecordingError as error:
+        raise ServerError(f"record: {error}") from error
+
+
+def start_script(
+    graph: Graph, file: Path, settings: Settings, stack: ExitStack
+) -> Callable[[Accept], Accept]:
+    """Start the scripted robot of a file, which `stack` closes.
+
+    Returns:
+        Middleware between the transports and the bridge, which injects the script's faults.
+
+    Raises:
+        SettingsError: the script is wrong, or the graph notes no messages.
+    """
+    from rwt_testing.errors import ScriptError
+    from rwt_testing.observed_graph import ObservedGraph
+    from rwt_testing.script.control import ScriptControl
+    from rwt_testing.wire.observed import ObservedWire
+
+    if not isinstance(graph, ObservedGraph):
+        raise SettingsError(
+            "script: needs a graph in memory that notes its messages: leave out the setting `graph`, or give"
+            " `graph=rwt_testing.ObservedGraph`"
+        )
+    wire = ObservedWire(graph, bson=settings.bson_only_mode)
+    try:
+        stack.enter_context(closing(ScriptControl(graph, wire, file)))
+    except ScriptError as error:
+        raise SettingsError(f"script: {error}") from error
+    return wire.middleware
+
+
+__all__ = [
+    "NODES",
+    "ON_EVERY_WORKER",
+    "ReadyNode",
+    "http_of",
+    "start_nodes",
+    "start_recording",
+    "start_script",
+]

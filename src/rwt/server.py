@@ -1,157 +1,459 @@
-"""Serve a graph to rosbridge clients: the one call that a program needs to embed a server."""
+"""The assembled server: a graph, the nodes in it, the rosbridge gateway, its listeners and its pages."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Callable, Iterable
-from contextlib import AsyncExitStack, asynccontextmanager
+import logging
+import signal
+from collections.abc import Awaitable, Callable, Iterable
+from contextlib import AsyncExitStack, ExitStack
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import anyio
 
+from rwt.graphs import make_graph, make_registry, refuse_contradictions
+from rwt.nodes import ReadyNode, http_of, start_nodes, start_recording, start_script
 from rwt.observability.metrics import ServerMetrics
 from rwt.pages import routes
-from rwt.settings.models import Settings
+from rwt.settings.sources import with_changes
 from rwt_access.access import Access
 from rwt_access.origins import is_loopback_listener
+from rwt_access.settings import SettingsError
 from rwt_access.tls import client_tls, server_tls
 from rwt_bridge.bridge import Bridge
+from rwt_graph.api import Graph
+from rwt_graph.errors import NotRunning
+from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import DISCLOSURES
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
-from rwt_transports.relay.dial import dial
+from rwt_transports.relay.dial import check_dial_url, dial
 from rwt_transports.websocket.extensions import Deflate
 
 if TYPE_CHECKING:
-    from rwt.pages import Gather
-    from rwt_graph.api import Graph
+    from rwt.blocking import BlockingNode
+    from rwt.graphs import MakeGraph
+    from rwt.settings.models import Settings
+    from rwt.workers.worker import InWorker, WorkerContext
+    from rwt_graph.clock import Clock
+    from rwt_interfaces.registry import Registry
     from rwt_protocol.transport import Accept
     from rwt_transports.api import Listener
     from rwt_transports.http import HttpExtension
     from rwt_transports.relay.dial import RelayStatus
 
+logger = logging.getLogger(__name__)
+
+Loop = Literal["asyncio", "trio", "uvloop"]
+"""Event loops that a server can be given where the program has none."""
+
+Middleware = Callable[["Accept"], "Accept"]
+"""Stands between the transports and the bridge: is given the accept function of each listener, and returns
+the one to use."""
+
+_LOOPS: Final[dict[Loop, tuple[str, dict[str, bool]]]] = {
+    "asyncio": ("asyncio", {}),
+    "trio": ("trio", {}),
+    "uvloop": ("asyncio", {"use_uvloop": True}),
+}
+
 
 @dataclass(frozen=True, slots=True)
-class Server:
-    """A running server.
+class _Running:
+    """What there is of a server only while it runs."""
 
-    Attributes:
-        urls: where it listens, with the ports it has got.
-        bridge: the clients.
-        metrics: what is counted.
-        dials: how each dial-out goes (`dial.urls`).
-    """
-
-    urls: tuple[str, ...]
     bridge: Bridge
     metrics: ServerMetrics
-    dials: tuple[RelayStatus, ...]
-    _listeners: tuple[Listener, ...]
-
-    async def ended(self) -> None:
-        """Wait until whoever started this program has closed its standard input; without ``stdio:`` for
-        ever."""
-        async with anyio.create_task_group() as tasks:
-
-            async def watch(listener: Listener) -> None:
-                await listener.ended()
-                tasks.cancel_scope.cancel()
-
-            for listener in self._listeners:
-                tasks.start_soon(watch, listener)
-            await anyio.sleep_forever()
+    listeners: tuple[Listener, ...]
+    stack: AsyncExitStack
 
 
-@asynccontextmanager
-async def serve(
-    graph: Graph,
-    *urls: str,
-    settings: Settings | None = None,
-    http: Iterable[HttpExtension] = (),
-    around: Callable[[Accept], Accept] | None = None,
-    together: Gather | None = None,
-) -> AsyncIterator[Server]:
-    """Serve `graph` on every URL until the block is left; then each client is closed with code 1001.
+class Server:
+    """A robot graph and a rosbridge server in front of it, put together from settings.
+
+    In a program with an event loop of its own (asyncio, trio, uvloop)::
+
+        async with Server("ws://127.0.0.1:9090") as server:
+            robot = server.node("my_robot")
+
+    In one without, the server runs on a loop in a thread of its own, and what the block is given is a node
+    whose methods wait (:class:`rwt.blocking.BlockingNode`)::
+
+        with Server("ws://127.0.0.1:9090") as robot:
+            robot.publish("/battery", {"data": 12.6}, "std_msgs/Float32")
+
+    :meth:`run` serves until a signal comes. Leaving the block, or the signal, closes each client with code
+    1001. A server runs once.
 
     Args:
-        graph: a graph that runs (`async with graph`).
-        urls: where to listen, for example ``ws://127.0.0.1:9090``; none means what `settings` says. The
-            schemes are those of :data:`rwt_transports.schemes.SCHEMES`; ``wss`` and ``tcps`` need
-            `tls.certfile` and `tls.keyfile` in the settings.
-        settings: everything else.
-        http: what nodes bring to HTTP on the WebSocket's port: their attributes of this name.
-        around: puts something between the transports and the bridge, for example to inject faults: it is
-            given the accept function of each listener and returns the one to use.
-        together: where other processes serve the same TCP ports (see
-            :func:`rwt_transports.shared_port.hold_port`), what joins the metrics of all.
+        urls: where to listen, for example ``ws://127.0.0.1:9090``, instead of the setting `listen`. The
+            schemes are those of :data:`rwt_transports.schemes.SCHEMES`; ``wss`` and ``tcps`` need the
+            settings `tls.certfile` and `tls.keyfile`.
+        settings: how it is; the defaults by default. Without a URL anywhere it listens on the default one,
+            or, with `dial.urls`, on none.
+        graph: a graph that exists, or what makes one, such as a class; else the setting `graph` decides. One
+            that runs already goes on running when the server ends.
+        registry: the interfaces of a graph that is made here; those of `distro` and `interfaces` by default.
+        clock: of a graph that is made here; the wall clock by default.
+        extra_nodes: each is called with the graph when it runs, before anybody can connect, and makes a node
+            that is closed with the server; what the node brings to HTTP is its attribute `http`.
+        http: further pages, sections of the index page, and metrics.
+        script: a ``.toml`` or ``.py`` file that says what a robot for tests does.
+        record: an MCAP file to which all topics, calls and goals are written.
+        introspection: whether calls and goals are published on topics, as ROS 2 can.
+        middleware: what stands between the transports and the bridge, for example to inject faults.
+        name: of the node that a ``with`` block is given.
+        loop: which event loop :meth:`run` and a ``with`` block start.
+        worker: the process that this is, of several with the same ports; :meth:`run` makes those.
+        changes: settings by name that win over those of `settings`: ``Server(demo=True, distro="noetic")``.
+
+    Attributes:
+        settings: all of them, with `urls` and `changes`.
 
     Raises:
-        TransportError: a URL that cannot be used, or a port that is taken.
-        SettingsError: a file that the settings name cannot be used.
+        SettingsError: a setting or an argument that cannot be used, or that contradicts another.
+        GraphError: the options of Zenoh cannot be used.
+        BadUrl: one of `dial.urls` is not the URL of a hub.
     """
-    settings = settings or Settings()
-    bridge = Bridge(graph, settings, Access(graph, settings, DISCLOSURES))
-    extensions = tuple(http)
-    metrics = ServerMetrics(bridge, extensions)
-    limits = _transport_limits(settings)
-    dial_token = settings.dial.token.get_secret_value() if settings.dial.token else None
-    dial_tls = client_tls(settings.dial.cafile)
-    tls = server_tls(settings.tls)
-    async with AsyncExitStack() as stack:
+
+    def __init__(
+        self,
+        *urls: str,
+        settings: Settings | None = None,
+        graph: Graph | MakeGraph | Literal["memory", "zenoh"] | None = None,
+        registry: Registry | None = None,
+        clock: Clock | None = None,
+        extra_nodes: Iterable[Callable[[Graph], ReadyNode]] = (),
+        http: Iterable[HttpExtension] = (),
+        script: Path | None = None,
+        record: Path | None = None,
+        introspection: bool = False,
+        middleware: Middleware | None = None,
+        name: str = "robot",
+        loop: Loop = "asyncio",
+        worker: WorkerContext | None = None,
+        **changes: object,
+    ) -> None:
+        if urls:
+            changes["listen"] = urls
+        if isinstance(graph, str):
+            changes["graph"], graph = graph, None
+        self.settings = with_changes(settings, changes)
+        self._registry = registry
+        self._clock = clock
+        self._extra_nodes = tuple(extra_nodes)
+        self._http = tuple(http)
+        self._script = script
+        self._record = record
+        self._introspection = introspection
+        self._middleware = middleware
+        self._name = name
+        self._loop = loop
+        self._worker = worker
+        self._running: _Running | None = None
+        self._thread: ExitStack | None = None
+        self._given_graph = graph
+        if self.settings.dial.urls and "listen" not in self.settings.model_fields_set:
+            # A robot that only dials out needs no port.
+            self.settings = self.settings.model_copy(update={"listen": ()})
+        for url in self.settings.dial.urls:
+            check_dial_url(url)
+        if self.settings.workers == 1 or worker is not None:
+            self.graph  # noqa: B018 - a graph that cannot be made is the caller's mistake, raised to the caller
+        else:
+            self._refuse_several_processes()
+
+    def _refuse_several_processes(self) -> None:
+        for argument, value in (
+            ("script", self._script),
+            ("record", self._record),
+            ("introspection", self._introspection or None),
+            ("graph", self._given_graph),
+        ):
+            if value is not None:
+                raise SettingsError(
+                    f"{argument}: sees one process only: use it with `workers = 1`, or `rwt record`"
+                    " beside several"
+                )
+
+    @cached_property
+    def graph(self) -> Graph:
+        """The robot graph; it runs while the server does, and nodes may join it before."""
+        given, settings, worker = self._given_graph, self.settings, self._worker
+        if settings.workers > 1 and worker is None:
+            raise SettingsError(
+                f"`workers`: {settings.workers} processes cannot share the graph of this program: use 1 here,"
+                " or `Server(…).run()` or `rwt serve --workers`, where each process makes its own"
+            )
+        if isinstance(given, Graph):
+            if self._registry is not None or self._clock is not None:
+                raise SettingsError("registry, clock: the given graph has its own; leave them out")
+            refuse_contradictions(settings, given.registry)
+            if settings.graph != "memory" or "zenoh" in settings.model_fields_set:
+                raise SettingsError(
+                    "`graph`, `zenoh`: cannot change the given graph; leave out the settings, or the graph"
+                )
+            return given
+        registry = self._registry
+        if registry is None:
+            registry = make_registry(settings)
+        else:
+            refuse_contradictions(settings, registry)
+        if given is None and self._script is not None and settings.graph == "memory":
+            from rwt_testing.observed_graph import ObservedGraph  # Only what is tested is observed.
+
+            given = ObservedGraph
+        if given is None:
+            return make_graph(settings, registry, self._clock, worker)
+        if settings.graph != "memory":
+            raise SettingsError(f"`graph`: {settings.graph!r}, but {given!r} makes the graph; leave out one")
+        return given(registry, self._clock)
+
+    def node(self, name: str, namespace: str = "/") -> Node:
+        """A node in the graph, for a program on the server's event loop, or for one that has not started it.
+
+        Raises:
+            InvalidGraphName: the name or the namespace is not one that ROS allows.
+        """
+        return Node(self.graph, name, namespace)
+
+    # While it runs
+
+    @property
+    def running(self) -> bool:
+        """Whether clients can connect now."""
+        return self._running is not None
+
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """Where it listens, with the ports it has got. Raises :exc:`NotRunning` where it does not."""
+        return tuple(listener.url for listener in self._while_running.listeners)
+
+    @property
+    def bridge(self) -> Bridge:
+        """The rosbridge clients. Raises :exc:`NotRunning` while it does not run."""
+        return self._while_running.bridge
+
+    @property
+    def dials(self) -> tuple[RelayStatus, ...]:
+        """How each dial-out goes (`dial.urls`). Raises :exc:`NotRunning` while it does not run."""
+        return tuple(self._while_running.metrics.dials)
+
+    @property
+    def metrics(self) -> ServerMetrics:
+        """What is counted. Raises :exc:`NotRunning` while it does not run."""
+        return self._while_running.metrics
+
+    @property
+    def _while_running(self) -> _Running:
+        if self._running is None:
+            raise NotRunning("the server does not run: enter it with `async with server:` or `with server:`")
+        return self._running
+
+    async def ended(self) -> None:
+        """Wait until there is nobody to serve: the program at the other end of ``stdio:`` has closed it, or
+        the parent of this worker process has died. Without either this waits forever.
+
+        Raises:
+            NotRunning: it does not run.
+        """
+        async with anyio.create_task_group() as tasks:
+
+            async def watch(wait: Callable[[], Awaitable[object]]) -> None:
+                await wait()
+                tasks.cancel_scope.cancel()
+
+            for wait in self._ends():
+                tasks.start_soon(watch, wait)
+            await anyio.sleep_forever()
+
+    def _ends(self) -> list[Callable[[], Awaitable[object]]]:
+        """What each waits for an end of the server that comes by itself."""
+        ends: list[Callable[[], Awaitable[object]]] = [each.ended for each in self._while_running.listeners]
+        if self._worker is not None:
+            from rwt.workers.supervisor import parent_sentinel
+
+            ends.append(partial(anyio.wait_readable, parent_sentinel()))
+        return ends
+
+    # In a program with an event loop
+
+    async def __aenter__(self) -> Self:
+        async with AsyncExitStack() as stack:
+            self._running = _Running(*await self._start(stack), stack.pop_all())
+        return self
+
+    async def __aexit__(self, *exc: Any) -> bool | None:
+        stack = self._while_running.stack
+        self._running = None
+        return await stack.__aexit__(*exc)
+
+    async def _start(self, stack: AsyncExitStack) -> tuple[Bridge, ServerMetrics, tuple[Listener, ...]]:
+        settings, graph = self.settings, self.graph
+        tls = server_tls(settings.tls)
+        nodes = stack.enter_context(ExitStack())
+        if not graph.running:
+            await stack.enter_async_context(graph)
+        http = (*start_nodes(graph, settings, nodes), *self._start_extra_nodes(nodes), *self._http)
+        if self._record is not None or self._introspection:
+            start_recording(graph, self._record, nodes, introspection=self._introspection)
+        middleware = [] if self._middleware is None else [self._middleware]
+        if self._script is not None:
+            middleware.insert(0, start_script(graph, self._script, settings, nodes))
+        bridge = Bridge(graph, settings, Access(graph, settings, DISCLOSURES))
         stack.callback(bridge.close)
+        metrics = ServerMetrics(bridge, http)
         stack.callback(metrics.close)
+
+        def accept_at(url: str) -> Accept:
+            accept: Accept = partial(bridge.accept, loopback=is_loopback_listener(url))
+            for wrap in middleware:
+                accept = wrap(accept)
+            return accept
+
+        limits = _transport_limits(settings)
+        gather = None if self._worker is None else self._worker.metrics.gather
         listeners = [
             await stack.enter_async_context(
                 listen(
                     url,
-                    _accept_at(url, bridge, around),
-                    routes=routes(
-                        bridge,
-                        metrics,
-                        extensions,
-                        loopback=is_loopback_listener(url),
-                        gather=together,
-                    ),
+                    accept_at(url),
+                    routes=routes(bridge, metrics, http, loopback=is_loopback_listener(url), gather=gather),
                     limits=limits,
                     tls=tls,
                     bson=settings.bson_only_mode,
-                    shared=together is not None,
+                    shared=gather is not None,
                 )
             )
-            for url in urls or settings.listen
+            for url in settings.listen
         ]
+        token = settings.dial.token.get_secret_value() if settings.dial.token else None
+        dial_tls = client_tls(settings.dial.cafile)
         for url in settings.dial.urls:
-            dialing = dial(
-                url, _accept_at(url, bridge, around), token=dial_token, limits=limits, tls=dial_tls
-            )
+            dialing = dial(url, accept_at(url), token=token, limits=limits, tls=dial_tls)
             metrics.dials.append(await stack.enter_async_context(dialing))
-        urls_in_use = tuple(listener.url for listener in listeners)
-        yield Server(urls_in_use, bridge, metrics, tuple(metrics.dials), tuple(listeners))
+        if self._worker is not None:
+            await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
+        return bridge, metrics, tuple(listeners)
+
+    def _start_extra_nodes(self, stack: ExitStack) -> list[HttpExtension]:
+        """Start the program's own nodes; returns what they bring to HTTP."""
+        nodes = []
+        for make in self._extra_nodes:
+            nodes.append(node := make(self.graph))
+            stack.callback(node.close)
+        return http_of(*nodes)
+
+    # In a program without one
+
+    def __enter__(self) -> BlockingNode:
+        from anyio.from_thread import start_blocking_portal  # A program with an event loop needs none of it.
+
+        from rwt.blocking import BlockingNode
+
+        backend, options = _LOOPS[self._loop]
+        with ExitStack() as stack:
+            portal = stack.enter_context(start_blocking_portal(backend, options, name="rwt server"))
+            stack.enter_context(portal.wrap_async_context_manager(self))
+            robot = BlockingNode(self.node(self._name), self)
+            self._thread = stack.pop_all()
+        return robot
+
+    def __exit__(self, *exc: Any) -> bool | None:
+        thread, self._thread = self._thread, None
+        return None if thread is None else thread.__exit__(*exc)
+
+    def run(
+        self,
+        announce: Callable[[str], None] | None = None,
+        on_up: Callable[[Server], str] | None = None,
+        in_worker: InWorker | None = None,
+    ) -> int:
+        """Serve until SIGINT or SIGTERM comes, or :meth:`ended`; with the setting `workers` by that many
+        processes, of which one that ends is started again.
+
+        Args:
+            announce: called with what `on_up` returns; writes to the log by default.
+            on_up: called when clients can connect, on the event loop; by default says where the server
+                listens. With workers each process calls it, and what the first returns is announced.
+            in_worker: called in each worker process with its number and a function that serves; returns the
+                exit code, and may set up the log before.
+
+        Returns:
+            The exit code for the program: 0, unless a worker process failed.
+
+        Raises:
+            SettingsError: a file that the settings name cannot be used, or processes cannot share what is
+                asked.
+            TransportError: a URL that cannot be used, or a port that is taken.
+            GraphError: the graph cannot be joined with others.
+            ServerError: the recording cannot be written.
+        """
+        announce = announce or logger.info
+        on_up = on_up or listening
+        if self.settings.workers > 1 and self._worker is None:
+            from rwt.workers.worker import run_workers  # Imported only where there are several.
+
+            def serve(worker: WorkerContext, settings: Settings) -> None:
+                self._as_worker(worker, settings).run(worker.say, on_up)
+
+            return run_workers(self.settings, serve, announce, in_worker)
+        backend, options = _LOOPS[self._loop]
+        anyio.run(self._until_stopped, announce, on_up, backend=backend, backend_options=options)
+        return 0
+
+    def _as_worker(self, worker: WorkerContext, settings: Settings) -> Server:
+        """This server as one of several processes; what there can be only once is in the first."""
+        return Server(
+            settings=settings,
+            registry=self._registry,
+            clock=self._clock,
+            extra_nodes=self._extra_nodes if worker.number == 1 else (),
+            http=self._http,
+            middleware=self._middleware,
+            loop=self._loop,
+            worker=worker,
+        )
+
+    async def _until_stopped(self, announce: Callable[[str], None], on_up: Callable[[Server], str]) -> None:
+        with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+            async with self, anyio.create_task_group() as tasks:
+                announce(on_up(self))
+
+                async def until_ended() -> None:
+                    await self.ended()
+                    tasks.cancel_scope.cancel()
+
+                tasks.start_soon(until_ended)
+                async for _ in signals:
+                    break
+                tasks.cancel_scope.cancel()
 
 
-def _accept_at(url: str, bridge: Bridge, around: Callable[[Accept], Accept] | None) -> Accept:
-    """How clients of one listener are taken in."""
-    accept = partial(bridge.accept, loopback=is_loopback_listener(url))
-    return accept if around is None else around(accept)
+def listening(server: Server) -> str:
+    """Where a running server is reached, a line for each URL."""
+    lines = [f"listening on {url}" for url in server.urls]
+    return "\n".join([*lines, *(f"dialing {dialed.url}" for dialed in server.dials)])
 
 
 def _transport_limits(settings: Settings) -> Limits:
     """The bounds that the transports keep."""
-    wished = settings.limits
+    limits = settings.limits
     return Limits(
         message_bytes=settings.max_message_size,
-        connections=wished.connections,
-        handshake_seconds=wished.handshake_seconds,
-        idle_http_seconds=wished.idle_http_seconds,
-        close_seconds=wished.close_seconds,
-        ping_seconds=wished.ping_seconds,
-        pong_seconds=wished.pong_seconds,
-        idle_peer_seconds=wished.idle_peer_seconds,
-        data_bytes=wished.data_bytes,
-        data_frames=wished.data_frames,
-        outgoing_bytes=wished.outgoing_message_bytes,
-        control_bytes=wished.control_bytes,
-        control_frames=wished.control_frames,
+        connections=limits.connections,
+        handshake_seconds=limits.handshake_seconds,
+        idle_http_seconds=limits.idle_http_seconds,
+        close_seconds=limits.close_seconds,
+        ping_seconds=limits.ping_seconds,
+        pong_seconds=limits.pong_seconds,
+        idle_peer_seconds=limits.idle_peer_seconds,
+        data_bytes=limits.data_bytes,
+        data_frames=limits.data_frames,
+        outgoing_bytes=limits.outgoing_message_bytes,
+        control_bytes=limits.control_bytes,
+        control_frames=limits.control_frames,
         deflate=Deflate(settings.deflate),
     )

@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import anyio
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
-from rwt.nodes import http_of, start_nodes
-from rwt.server import serve
+from rwt.server import Server
 from rwt.settings.models import Settings
 from rwt.settings.sources import Given, from_text, load_settings
 from rwt_access.settings import SettingsError
 from rwt_graph.clock import SimulatedClock
-from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.errors import InterfaceError
-from rwt_interfaces.registry import Registry
 from rwt_pytest.options import Options
 from rwt_testing import Faults, ObservedGraph, ObservedWire, ScriptedRobot, Transcript
 from rwt_testing.expectations import PATIENCE, refuse_on_an_event_loop
 from rwt_testing.virtual_time import VirtualTime
-
-if TYPE_CHECKING:
-    from rwt_nodes.demo import DemoRobot
-    from rwt_transports.http import HttpExtension
-
 
 #: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
 EPOCH_NS = 1_700_000_000_000_000_000
@@ -105,30 +95,22 @@ class RobotServer:
 
 
 class Environment:
-    """What the fixtures of one test share; robot and server are made when they are first asked for.
+    """What the fixtures of one test share; the robot is made when it is first asked for.
 
     Attributes:
-        options: what the test wants.
         graph: the robot graph; it runs.
         wire: what observes the server.
+        server: the server, listening.
     """
 
     def __init__(
-        self,
-        options: Options,
-        settings: Settings,
-        graph: ObservedGraph,
-        portal: BlockingPortal,
-        stack: ExitStack,
-        http: Sequence[HttpExtension],
+        self, url: str, wire: ObservedWire, graph: ObservedGraph, portal: BlockingPortal, stack: ExitStack
     ) -> None:
-        self.options = options
         self.graph = graph
-        self.wire = ObservedWire(graph, bson=settings.bson_only_mode)
-        self._settings = settings
+        self.wire = wire
+        self.server = RobotServer(url, wire)
         self._portal = portal
         self._stack = stack
-        self._http = http
 
     @property
     def virtual_time(self) -> VirtualTime:
@@ -148,23 +130,10 @@ class Environment:
         self._stack.callback(robot.close)
         return robot
 
-    @cached_property
-    def server(self) -> RobotServer:
-        """The server, listening."""
-        running = serve(
-            self.graph,
-            _ANY_PORT,
-            settings=self._settings,
-            http=self._http,
-            around=self.wire.around,
-        )
-        server = self._stack.enter_context(self._portal.wrap_async_context_manager(running))
-        return RobotServer(server.urls[0], self.wire)
-
 
 @contextmanager
 def open_environment(options: Options) -> Iterator[Environment]:
-    """Run a graph in a thread until the block is left; then the thread has ended.
+    """Run a graph and a server in a thread until the block is left; then the thread has ended.
 
     For fixtures of your own that live longer than one test.
 
@@ -172,18 +141,24 @@ def open_environment(options: Options) -> Iterator[Environment]:
         UsageError: a setting or an interface file cannot be used.
     """
     settings = _settings(options)
-    registry = _registry(options)
     clock = SimulatedClock(EPOCH_NS) if options.virtual else None
     with ExitStack() as stack:
         portal = stack.enter_context(start_blocking_portal("asyncio", name="rwt robot"))
-        graph = ObservedGraph(registry, clock)
-        stack.enter_context(portal.wrap_async_context_manager(graph))
-        nodes = ExitStack()
-        stack.callback(portal.call, nodes.close)
-        http = portal.call(start_nodes, graph, settings, nodes)
-        if options.demo:
-            http += http_of(portal.call(_start_demo, graph, nodes))
-        environment = Environment(options, settings, graph, portal, stack, http)
+        try:
+            server = Server(
+                _ANY_PORT,
+                settings=settings,
+                graph=ObservedGraph,
+                clock=clock,
+                middleware=lambda accept: wire.middleware(accept),
+            )
+            graph = server.graph
+            assert isinstance(graph, ObservedGraph), "it is what the server was told to make"
+            wire = ObservedWire(graph, bson=settings.bson_only_mode)
+            stack.enter_context(portal.wrap_async_context_manager(server))
+        except SettingsError as error:
+            raise pytest.UsageError(f"rwt_settings: {error}") from None
+        environment = Environment(server.urls[0], wire, graph, portal, stack)
         _OPEN.append(environment)
         try:
             yield environment
@@ -197,44 +172,20 @@ def transcripts(most: int) -> list[str]:
     return [text for text in texts if text]
 
 
-def _start_demo(graph: ObservedGraph, stack: ExitStack) -> DemoRobot:
-    from rwt_nodes.demo import DemoRobot  # Its code is read only where it runs.
-
-    return stack.enter_context(closing(DemoRobot(graph)))
-
-
 def _settings(options: Options) -> Settings:
     """The server's settings: those of the ini file are texts, those of markers values."""
     given = []
+    marked = {"demo": options.demo, "interfaces": options.interfaces, "distro": options.distro}
     try:
         for key, value in options.settings.items():
             if isinstance(value, str):
                 given.append(from_text(key, value, "pytest"))
             else:
                 given.append(Given(tuple(key.split(".")), value, "pytest"))
-        given.append(Given(("distro",), options.distro, "pytest"))
+        given += [Given((key,), value, "pytest") for key, value in marked.items() if value]
         return load_settings(command_line=tuple(given)).settings
     except SettingsError as error:
         raise pytest.UsageError(f"rwt_settings: {error}") from None
-
-
-def _registry(options: Options) -> Registry:
-    registry = Registry(DISTROS[options.distro])
-    for folder in options.interfaces:
-        try:
-            registry.add_directory(folder)
-        except (InterfaceError, OSError) as error:
-            raise pytest.UsageError(f"rwt_interfaces: {folder}: {error}") from None
-    if options.interfaces:
-        _verify(registry)
-    return registry
-
-
-def _verify(registry: Registry) -> None:
-    try:
-        registry.verify()
-    except InterfaceError as error:
-        raise pytest.UsageError(f"rwt_interfaces: {error}") from None
 
 
 __all__ = ["RobotServer", "Environment", "Options", "open_environment", "transcripts"]

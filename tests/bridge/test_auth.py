@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
-from rwt import Settings, SettingsError
-from rwt.server import serve
+from rwt import Server, Settings, SettingsError
 from rwt_access.credentials import Rosauth, mac_of, presented_token
 from rwt_access.errors import NotAuthenticated
 from rwt_access.roles import Role
@@ -378,8 +377,7 @@ def test_with_tokens_and_a_secret_a_client_may_use_either(graph: MemoryGraph) ->
 @pytest.mark.anyio
 @pytest.mark.parametrize("anyio_backend", ["asyncio"])
 async def test_a_replayed_auth_over_a_socket_closes_with_1008() -> None:
-    graph = MemoryGraph()
-    async with graph, serve(graph, "ws://127.0.0.1:0", settings=_settings()) as server:
+    async with Server("ws://127.0.0.1:0", settings=_settings()) as server:
         url = server.urls[0]
         captured = json.dumps({"op": "auth", **signed(rand="on the wire")})
         async with connect(url, compression=None) as victim, connect(url, compression=None) as thief:

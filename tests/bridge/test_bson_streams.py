@@ -10,9 +10,7 @@ import pytest
 from anyio.abc import ByteStream
 from anyio.streams.buffered import BufferedByteReceiveStream
 
-from rwt import Settings
-from rwt.server import serve
-from rwt_graph import MemoryGraph
+from rwt import Server
 from rwt_transports.errors import BadUrl
 
 pytestmark = pytest.mark.anyio
@@ -28,9 +26,8 @@ async def _send(stream: ByteStream, **message: object) -> None:
 
 
 async def test_publish_and_call_over_tcp() -> None:
-    settings = Settings(bson_only_mode=True)
-    async with MemoryGraph() as graph, serve(graph, "tcp://127.0.0.1:0", settings=settings) as server:
-        graph.node("adder").advertise_service(
+    async with Server("tcp://127.0.0.1:0", bson_only_mode=True) as server:
+        server.node("adder").advertise_service(
             "/add", "example_interfaces/AddTwoInts", lambda request: {"sum": request.a + request.b}
         )
         port = int(server.urls[0].rpartition(":")[2])
@@ -47,8 +44,7 @@ async def test_publish_and_call_over_tcp() -> None:
 
 
 async def test_what_is_no_document_ends_the_connection() -> None:
-    settings = Settings(bson_only_mode=True)
-    async with MemoryGraph() as graph, serve(graph, "tcp://127.0.0.1:0", settings=settings) as server:
+    async with Server("tcp://127.0.0.1:0", bson_only_mode=True) as server:
         port = int(server.urls[0].rpartition(":")[2])
         async with await anyio.connect_tcp("127.0.0.1", port) as stream:
             await stream.send(b"\x00\x00\x00\x00")
@@ -57,8 +53,6 @@ async def test_what_is_no_document_ends_the_connection() -> None:
 
 
 async def test_datagrams_carry_no_bson() -> None:
-    settings = Settings(bson_only_mode=True)
-    async with MemoryGraph() as graph:
-        with pytest.raises(BadUrl, match="BSON is not spoken over udp"):
-            async with serve(graph, "udp://127.0.0.1:0", settings=settings):
-                pass
+    with pytest.raises(BadUrl, match="BSON is not spoken over udp"):
+        async with Server("udp://127.0.0.1:0", bson_only_mode=True):
+            pass

@@ -12,11 +12,10 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from websockets.asyncio.client import connect as connect_websocket
 
-from rwt import Settings
+from rwt import Server, Settings
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import PrometheusText
 from rwt.pages import routes
-from rwt.server import serve
 from rwt_bridge.bridge import Bridge
 from rwt_delivery.counters import MOST_TOPICS, Counters
 from rwt_graph.clock import SimulatedClock
@@ -196,10 +195,8 @@ def _get(url: str) -> tuple[Mapping[str, str], bytes]:
 
 @pytest.mark.anyio
 async def test_over_http_with_a_client_on_the_same_port(anyio_backend: Any) -> None:
-    graph = MemoryGraph()
     async with (
-        graph,
-        serve(graph, "ws://127.0.0.1:0", settings=Settings()) as server,
+        Server("ws://127.0.0.1:0") as server,
         connect_websocket(server.urls[0], compression=None) as wire,
     ):
         await wire.send(json.dumps({"op": "subscribe", "topic": "/n", "type": INT}))

@@ -14,8 +14,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.typing import Origin, Subprotocol
 
-from rwt import Settings
-from rwt.server import serve
+from rwt import Server, Settings
 from rwt_access.origins import Origins, is_loopback_listener
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
@@ -149,8 +148,7 @@ def anyio_backend() -> str:
 
 @asynccontextmanager
 async def _served(**tables: object) -> AsyncIterator[str]:
-    graph = MemoryGraph()
-    async with graph, serve(graph, "ws://127.0.0.1:0", settings=Settings.model_validate(tables)) as server:
+    async with Server("ws://127.0.0.1:0", settings=Settings.model_validate(tables)) as server:
         yield server.urls[0]
 
 
@@ -227,10 +225,9 @@ PUBLISH = b'{"op":"publish","topic":"/x","type":"std_msgs/String","msg":{"data":
 )
 async def test_an_http_request_to_a_port_of_plain_json_runs_nothing(head: bytes) -> None:
     """A page may send one to any port, and is not asked for its origin there."""
-    graph = MemoryGraph()
-    async with graph, serve(graph, "tcp://127.0.0.1:0") as server:
+    async with Server("tcp://127.0.0.1:0") as server:
         heard: list[object] = []
-        graph.node("listener").subscribe("/x", heard.append, type="std_msgs/String")
+        server.node("listener").subscribe("/x", heard.append, type="std_msgs/String")
         port = int(server.urls[0].rpartition(":")[2])
         async with await anyio.connect_tcp("127.0.0.1", port) as stream:
             await stream.send(head + PUBLISH)
@@ -290,9 +287,8 @@ async def test_a_nodes_page_is_for_those_who_may_come_in_and_knows_what_they_may
         heard = [topic for topic in ("/open", "/shut") if reader.may_subscribe(topic)]
         return HttpResponse(" ".join(heard).encode())
 
-    graph = MemoryGraph()
     http = [HttpExtension((Route("/stream", page, Audience.ADMITTED),))]
-    async with graph, serve(graph, "ws://127.0.0.1:0", settings=settings, http=http) as server:
+    async with Server("ws://127.0.0.1:0", settings=settings, http=http) as server:
         host = server.urls[0].removeprefix("ws://")
         assert (await _get(host, "/stream")).startswith("HTTP/1.1 401 ")
         assert (await _get(host, f"/stream?token={TOKEN}")).endswith("\r\n\r\n/open")
@@ -337,10 +333,7 @@ async def test_pages_of_nodes_may_be_read_by_pages_that_may_connect(
 ) -> None:
     settings = Settings.model_validate({"origins": {"allow": allow}})
     for route in _PAGES.routes:
-        async with (
-            MemoryGraph() as graph,
-            serve(graph, "ws://127.0.0.1:0", settings=settings, http=[_PAGES]) as server,
-        ):
+        async with Server("ws://127.0.0.1:0", settings=settings, http=[_PAGES]) as server:
             host, port = server.urls[0].removeprefix("ws://").split(":")
             head = f"GET {route.path} HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: close\r\n"
             if origin is not None:

@@ -7,8 +7,7 @@ import json
 import pytest
 from websockets.asyncio.client import connect
 
-from rwt.server import serve
-from rwt_graph import MemoryGraph
+from rwt import Server
 
 MEBIBYTE = 1024 * 1024
 
@@ -17,7 +16,7 @@ MEBIBYTE = 1024 * 1024
 @pytest.mark.parametrize("size", [100 * 1000 * 1000, 64 * MEBIBYTE + 1])
 @pytest.mark.anyio
 async def test_a_message_of_100_mb_costs_nobody_anything(size: int) -> None:
-    async with MemoryGraph() as graph, serve(graph, "ws://127.0.0.1:0") as server:
+    async with Server("ws://127.0.0.1:0") as server:
         url = server.urls[0]
         async with connect(url, compression=None) as clumsy, connect(url, compression=None) as other:
             subscribe = json.dumps({"op": "subscribe", "topic": "/x", "type": "std_msgs/String"})

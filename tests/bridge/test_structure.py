@@ -11,9 +11,7 @@ from typing import Any
 import pytest
 from websockets.asyncio.client import connect as connect_websocket
 
-from rwt import Settings
-from rwt.server import serve
-from rwt_graph.memory.graph import MemoryGraph
+from rwt import Server
 from rwt_protocol import codecs
 from rwt_protocol.codecs import CODECS, PublishEncoder
 from rwt_protocol.payloads import Sample
@@ -80,10 +78,8 @@ async def test_no_task_per_message() -> None:
         created.append(coro.__qualname__)
         return asyncio.Task(coro, loop=loop, **options)
 
-    graph = MemoryGraph()
-    url = "ws://127.0.0.1:0"
-    async with graph, serve(graph, url, settings=Settings()) as server:
-        graph.node("adder").advertise_service(
+    async with Server("ws://127.0.0.1:0", nodes=()) as server:
+        server.node("adder").advertise_service(
             "/add", "example_interfaces/AddTwoInts", lambda request: {"sum": request.a + request.b}
         )
         async with connect_websocket(server.urls[0], compression=None) as wire:

@@ -22,9 +22,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import NameOID
 from websockets.asyncio.client import connect
 
-from rwt import Settings, SettingsError
-from rwt.server import serve
-from rwt_graph import MemoryGraph
+from rwt import Server, Settings, SettingsError
 
 
 @pytest.fixture
@@ -62,9 +60,8 @@ def _settings(folder: Path, certificate: str, key: str) -> Settings:
 
 @pytest.mark.anyio
 async def test_wss_with_a_certificate_from_files(files: Path) -> None:
-    graph = MemoryGraph()
     settings = _settings(files, "cert.pem", "key.pem")
-    async with graph, serve(graph, "wss://127.0.0.1:0", settings=settings) as server:
+    async with Server("wss://127.0.0.1:0", settings=settings) as server:
         trust = ssl.create_default_context(cafile=str(files / "cert.pem"))
         async with connect(server.urls[0], ssl=trust, compression=None) as wire:
             await wire.send(json.dumps({"op": "subscribe", "topic": "/x", "type": "std_msgs/String"}))
@@ -88,8 +85,6 @@ async def test_wss_with_a_certificate_from_files(files: Path) -> None:
 async def test_what_is_wrong_with_the_files_is_said(
     files: Path, certificate: str, key: str, expected: str
 ) -> None:
-    graph = MemoryGraph()
-    async with graph:
-        with pytest.raises(SettingsError, match=expected):
-            async with serve(graph, "wss://127.0.0.1:0", settings=_settings(files, certificate, key)):
-                raise AssertionError("it serves")
+    with pytest.raises(SettingsError, match=expected):
+        async with Server("wss://127.0.0.1:0", settings=_settings(files, certificate, key)):
+            raise AssertionError("it serves")

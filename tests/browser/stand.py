@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import mimetypes
 from collections.abc import AsyncIterator, Iterable
-from contextlib import AsyncExitStack, asynccontextmanager, closing
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from rwt.server import serve
-from rwt_graph import MemoryGraph, Node
+from rwt import Server
+from rwt_graph import Graph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
-from rwt_nodes import Rosapi, Tf2WebRepublisher
-from rwt_nodes.demo import DemoRobot
-from rwt_nodes.video import WebVideoServer
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.browser.driver import HERE, NODE
 
@@ -32,7 +29,7 @@ class Stand:
     """
 
     url: str
-    graph: MemoryGraph
+    graph: Graph
     node: Node
 
 
@@ -54,11 +51,5 @@ async def stand(
     """Serve a graph, with the demo robot on request, and beside it pages for the browser."""
     folders = {"/lib/": NODE / "node_modules", "/built/": built, "/test/": HERE / "pages"}
     served = [HttpExtension(tuple(files(folder, path) for path, folder in folders.items())), *http]
-    async with MemoryGraph(registry=REGISTRIES[distro]) as graph, AsyncExitStack() as stack:
-        served.append(stack.enter_context(closing(WebVideoServer(graph))).http)
-        if robot:
-            served.append(stack.enter_context(closing(DemoRobot(graph))).http)
-        server = await stack.enter_async_context(serve(graph, "ws://127.0.0.1:0", http=served))
-        Rosapi(graph)
-        Tf2WebRepublisher(graph)
-        yield Stand(server.urls[0].replace("ws", "http", 1) + "/", graph, Node(graph, "test"))
+    async with Server("ws://127.0.0.1:0", registry=REGISTRIES[distro], http=served, demo=robot) as server:
+        yield Stand(server.urls[0].replace("ws", "http", 1) + "/", server.graph, server.node("test"))

@@ -37,13 +37,11 @@ FORMS = [("jazzy", "ros"), ("noetic", "json")]
 
 @pytest.fixture(autouse=True)
 def logging_as_before() -> Iterator[None]:
-    """Commands that run in this process set up logging for themselves."""
-    root, own = logging.getLogger(), logging.getLogger("rwt_nodes.recording.writer")
-    handlers, levels = root.handlers[:], (root.level, own.level)
+    """`rwt record` quiets a logger of this process."""
+    own = logging.getLogger("rwt_nodes.recording.writer")
+    level = own.level
     yield
-    root.handlers[:] = handlers
-    root.setLevel(levels[0])
-    own.setLevel(levels[1])
+    own.setLevel(level)
 
 
 @contextmanager

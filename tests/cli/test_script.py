@@ -237,8 +237,8 @@ def test_a_coroutine_begins_anew_with_reset(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("robot.toml", "[topcs]", "rwt: --script robot.toml: unknown key `topcs`; did you mean `topics`?"),
-        ("robot.py", "x = 1\n1 / 0", "rwt: --script robot.py:2: ZeroDivisionError: division by zero"),
+        ("robot.toml", "[topcs]", "rwt: script: robot.toml: unknown key `topcs`; did you mean `topics`?"),
+        ("robot.py", "x = 1\n1 / 0", "rwt: script: robot.py:2: ZeroDivisionError: division by zero"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2(tmp_path: Path, name: str, text: str, said: str) -> None:

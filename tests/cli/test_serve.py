@@ -83,7 +83,7 @@ def test_a_folder_without_packages_ends_it_with_a_sentence(tmp_path: Path) -> No
     )
     assert (ended.returncode, ended.stdout) == (2, "")
     assert ended.stderr.strip().endswith(
-        f"--packages {tmp_path}: no packages; expected PACKAGE/meshes/… in it, or a package.xml"
+        f"`packages`: {tmp_path}: no packages; expected PACKAGE/meshes/… in it, or a package.xml"
     )
 
 

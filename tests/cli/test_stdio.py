@@ -14,11 +14,10 @@ _COMMAND = [sys.executable, "-m", "rwt_cli", "serve", "stdio:"]
 
 _NOISY = """
 import os, sys, anyio
-from rwt.server import serve
-from rwt_graph import MemoryGraph
+from rwt import Server
 print("printed before")
 async def main():
-    async with MemoryGraph() as graph, serve(graph, "stdio:") as server:
+    async with Server("stdio:") as server:
         print("printed in between")
         os.system("echo said by a child")
         assert sys.stdin.read() == ""

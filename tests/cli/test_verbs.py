@@ -10,14 +10,13 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt.server import serve
+from rwt import Server
 from rwt_cli import COMMANDS, main, parser_for
 from rwt_cli.commands.topic.echo import ECHO
 from rwt_cli.console.output import Output
 from rwt_cli.console.yaml_text import read_yaml
 from rwt_cli.graph_lookup import absolute_name
 from rwt_client import connect
-from rwt_graph import MemoryGraph, Node
 from tests.cli.conftest import Rwt, demo_server
 
 _ADD = "example_interfaces/srv/AddTwoInts"
@@ -540,8 +539,8 @@ def test_csv_for_people_is_harmless() -> None:
     stream = io.StringIO()
 
     async def echo() -> None:
-        async with MemoryGraph() as graph, serve(graph, "ws://127.0.0.1:0") as server:
-            Node(graph, "robot").advertise("/text", "std_msgs/String", latch=True).publish(
+        async with Server("ws://127.0.0.1:0") as server:
+            server.node("robot").advertise("/text", "std_msgs/String", latch=True).publish(
                 {"data": "\x1b[2J"}
             )
             async with connect(server.urls[0]) as robot:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 import re
 import signal
@@ -28,16 +27,6 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers share p
 
 _LONGEST = 25.0
 _UP = re.compile(r"worker (\d) is up, as process (\d+)")
-
-
-@pytest.fixture(autouse=True)
-def log_as_before() -> Iterator[None]:
-    """A command that is run in this process leaves its log's handler, on a stream that is closed soon."""
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
-    yield
-    root.handlers[:] = handlers
-    root.setLevel(level)
 
 
 @dataclass(slots=True)
@@ -245,9 +234,9 @@ def test_a_worker_that_cannot_start_ends_the_command() -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["ws://127.0.0.1:0", "--script", "robot.toml"], "--script sees one process only"),
-        (["ws://127.0.0.1:0", "--record", "a.mcap"], "--record sees one process only"),
-        (["ws://127.0.0.1:0", "--introspection"], "--introspection sees one process only"),
+        (["ws://127.0.0.1:0", "--script", "robot.toml"], "script: sees one process only"),
+        (["ws://127.0.0.1:0", "--record", "a.mcap"], "record: sees one process only"),
+        (["ws://127.0.0.1:0", "--introspection"], "introspection: sees one process only"),
         (["ws://127.0.0.1:0", "--distro", "noetic"], "a graph of noetic cannot be joined"),
         (["stdio:"], "stdio: has one client"),
         (["ws://127.0.0.1:0", "--workers", "0"], "`workers`"),

@@ -9,10 +9,8 @@ from typing import Any
 import pytest
 import uvloop
 
-from rwt.server import serve
+from rwt import Server
 from rwt_client import connect
-from rwt_graph import MemoryGraph
-from rwt_nodes import Rosapi
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 
@@ -35,17 +33,16 @@ async def _count(goal: Any) -> dict[str, object]:
 
 
 async def _all() -> list[object]:
-    async with MemoryGraph() as graph, serve(graph, "ws://127.0.0.1:0", http=[_PAGES]) as server:
-        robot = graph.node("robot")
-        with Rosapi(graph):
-            robot.advertise_service("/beep", "std_srvs/Trigger", _beep)
-            async with connect(server.urls[0]) as client:
-                await client.advertise_service("/boop", "std_srvs/Trigger", _beep)
-                await client.advertise_action("/count", "example_interfaces/Fibonacci", _count)
-                own: Any = await client.call("/beep")
-                offered: Any = await robot.call_service("/boop", {})
-                goal = await robot.send_goal("/count", {"order": 3})
-                _, result = await goal.result()
+    async with Server("ws://127.0.0.1:0", http=[_PAGES]) as server:
+        robot = server.node("robot")
+        robot.advertise_service("/beep", "std_srvs/Trigger", _beep)
+        async with connect(server.urls[0]) as client:
+            await client.advertise_service("/boop", "std_srvs/Trigger", _beep)
+            await client.advertise_action("/count", "example_interfaces/Fibonacci", _count)
+            own: Any = await client.call("/beep")
+            offered: Any = await robot.call_service("/boop", {})
+            goal = await robot.send_goal("/count", {"order": 3})
+            _, result = await goal.result()
         reader, writer = await asyncio.open_connection("127.0.0.1", int(server.urls[0].rpartition(":")[2]))
         writer.write(b"GET /page HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
         answer = await reader.read()

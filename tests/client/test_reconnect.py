@@ -8,7 +8,7 @@ import anyio
 import pytest
 from anyio.abc import TaskStatus
 
-from rwt.server import serve
+from rwt import Server
 from rwt_client import (
     Backoff,
     CannotConnect,
@@ -202,7 +202,7 @@ async def _serve(
     task_status: TaskStatus[tuple[str, anyio.CancelScope]],
 ) -> None:
     with anyio.CancelScope() as scope:
-        async with serve(graph, url) as server:
+        async with Server(url, graph=graph, nodes=()) as server:
             task_status.started((server.urls[0], scope))
             await anyio.sleep_forever()
     ended.set()

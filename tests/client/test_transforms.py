@@ -9,12 +9,11 @@ from typing import Any
 
 import anyio
 import pytest
-from anyio.from_thread import start_blocking_portal
 
-from rwt.server import serve
+from rwt import Server
 from rwt_client import CallFailed, ConnectionLost, TransformUnavailable
 from rwt_client.blocking import connect as connect_blocking
-from rwt_graph import MemoryGraph, Node
+from rwt_graph import Node
 from rwt_nodes import Tf2WebRepublisher
 from rwt_tf2 import StampedTransform, Transform, write_transform
 from tests.client.worlds import AT_ONCE, World, scripted, until, world
@@ -200,14 +199,10 @@ async def test_the_compact_way_asks_again_on_a_new_connection() -> None:
 @contextmanager
 def server() -> Iterator[str]:
     """A robot that stands at 1, and its server, on an event loop in another thread."""
-    with start_blocking_portal() as portal:
-        graph = MemoryGraph()
-        with portal.wrap_async_context_manager(graph):
-            portal.call(Tf2WebRepublisher, graph)
-            frames = portal.call(Frames, portal.call(Node, graph, "robot"))
-            portal.call(graph.node("ticker").create_timer, 0.02, lambda: frames.move(1.0, 1.0))
-            with portal.wrap_async_context_manager(serve(graph, "ws://127.0.0.1:0")) as running:
-                yield running.urls[0]
+    with Server("ws://127.0.0.1:0") as robot:
+        frames = Frames(robot.node)
+        robot.node.create_timer(0.02, lambda: frames.move(1.0, 1.0))
+        yield robot.server.urls[0]
 
 
 def test_the_blocking_face() -> None:

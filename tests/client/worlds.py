@@ -11,8 +11,7 @@ from typing import Any, Unpack
 
 import anyio
 
-from rwt import Settings
-from rwt.server import serve
+from rwt import Server, Settings
 from rwt_bridge import Bridge
 from rwt_client import Backoff, Robot, connect
 from rwt_client.connection import ConnectKeywords
@@ -75,7 +74,7 @@ async def _connected(graph: MemoryGraph, transport: str, options: ConnectKeyword
             yield robot
     else:
         async with (
-            serve(graph, f"{transport}://127.0.0.1:0") as server,
+            Server(f"{transport}://127.0.0.1:0", graph=graph, nodes=()) as server,
             connect(server.urls[0], **options) as robot,
         ):
             yield robot

@@ -11,12 +11,9 @@ from typing import Literal
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
-from rwt import Settings
-from rwt.server import serve
+from rwt import Server, Settings
 from rwt.settings.models import LimitSettings
 from rwt_bridge.bridge import Bridge
-from rwt_graph import MemoryGraph
-from rwt_nodes import Rosapi
 from tests.faults.blocking_client import PATIENCE, BlockingClient
 
 MIB = 1 << 20
@@ -62,11 +59,8 @@ def start(request: pytest.FixtureRequest) -> Iterator[Start]:
     with start_blocking_portal(backend) as portal, contextlib.ExitStack() as running:
 
         def begin(settings: Settings) -> Robot:
-            graph = running.enter_context(portal.wrap_async_context_manager(MemoryGraph()))
-            rosapi = portal.call(Rosapi, graph)
-            running.callback(portal.call, rosapi.close)
-            opening = serve(graph, "ws://127.0.0.1:0", "tcp://127.0.0.1:0", settings=settings)
-            server = running.enter_context(portal.wrap_async_context_manager(opening))
+            made = Server("ws://127.0.0.1:0", "tcp://127.0.0.1:0", settings=settings, nodes=("rosapi",))
+            server = running.enter_context(portal.wrap_async_context_manager(made))
             web, tcp = (int(url.rpartition(":")[2]) for url in server.urls)
             return Robot((web, tcp), server.bridge, portal)
 

@@ -22,7 +22,7 @@ class WiredClient(Client):
         self.traffic = Traffic()
         self.close_code = None
         self.close_reason = ""
-        self.endpoint = wire.around(bridge.accept)(self, PeerInfo("memory", address="127.0.0.1"))
+        self.endpoint = wire.middleware(bridge.accept)(self, PeerInfo("memory", address="127.0.0.1"))
 
 
 class World:

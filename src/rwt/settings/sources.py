@@ -89,6 +89,28 @@ def load_settings(
     return LoadedSettings(settings, sources)
 
 
+def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Settings:
+    """Settings of a program, some of them changed.
+
+    Args:
+        settings: None for the defaults.
+        changes: values by the names of settings at the top.
+
+    Raises:
+        SettingsError: an unknown setting, or a wrong value.
+    """
+    given = settings or Settings()
+    if not changes:
+        return given
+    try:
+        return Settings.model_validate(
+            {**{name: getattr(given, name) for name in given.model_fields_set}, **changes}
+        )
+    except ValidationError as error:
+        _, text = explain(error)
+        raise SettingsError(text) from None
+
+
 def read_settings(path: Path) -> Settings:
     """Read a TOML file alone.
 

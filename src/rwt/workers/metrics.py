@@ -20,7 +20,7 @@ from rwt.observability.prometheus import PrometheusText, merged
 _PATIENCE: Final = 1.0
 
 
-class WorkerFigures:
+class WorkerMetrics:
     """One worker's part.
 
     Args:
@@ -35,7 +35,7 @@ class WorkerFigures:
         self._count = count
 
     @asynccontextmanager
-    async def offered(self, own: Callable[[], bytes]) -> AsyncIterator[None]:
+    async def serve(self, own: Callable[[], bytes]) -> AsyncIterator[None]:
         """Let the others ask for `own` within the block."""
         path = self._path(self._number)
         path.unlink(missing_ok=True)  # Of a worker that was killed.
@@ -55,7 +55,7 @@ class WorkerFigures:
             yield
             tasks.cancel_scope.cancel()
 
-    async def together(self, own: bytes) -> bytes:
+    async def gather(self, own: bytes) -> bytes:
         """The metrics of all, and which of them have answered."""
         pages: dict[int, bytes] = {self._number: own}
         async with anyio.create_task_group() as tasks:
@@ -84,4 +84,4 @@ class WorkerFigures:
         return self._folder / f"metrics-{number}"
 
 
-__all__ = ["WorkerFigures"]
+__all__ = ["WorkerMetrics"]

@@ -1,8 +1,7 @@
-"""`rwt serve --workers N`: N processes on the same ports, with one graph over Zenoh."""
+"""The setting `workers`: N processes on the same ports, with one graph over Zenoh."""
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 import tempfile
@@ -11,17 +10,15 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import anyio
 
 from rwt.nodes import ON_EVERY_WORKER
-from rwt.workers.metrics import WorkerFigures
+from rwt.workers.metrics import WorkerMetrics
 from rwt.workers.supervisor import Say, Supervisor, parent_lives
+from rwt_access.settings import SettingsError
 from rwt_access.tls import server_tls
-from rwt_cli.console.logs import name_worker
-from rwt_cli.console.output import reported
-from rwt_cli.errors import CommandError
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.shared_port import HeldPort, can_share, hold_port
 
@@ -32,41 +29,51 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Seat:
+class WorkerContext:
     """What one worker has for itself.
 
     Attributes:
         number: from 1; the first is also the home of what there can be only once.
         folder: where the workers have their sockets, for this user only.
-        figures: the metrics of all.
-        say: called with the announcement when clients can come.
+        metrics: those of all workers.
+        say: called once, with the announcement, when clients can connect.
     """
 
     number: int
     folder: Path
-    figures: WorkerFigures
+    metrics: WorkerMetrics
     say: Say
 
 
-Serve = Callable[["Settings", Seat], None]
-"""Serves as one worker until it is told to end."""
+ServeAsWorker: TypeAlias = "Callable[[WorkerContext, Settings], None]"
+"""Serves as one worker until it is to end."""
+
+InWorker = Callable[[int, Callable[[], None]], int]
+"""Runs a worker's part, given its number and what serves; returns the exit code."""
 
 
-def serve_by_workers(settings: Settings, arguments: argparse.Namespace, serve: Serve) -> int:
+def run_workers(
+    settings: Settings, serve: ServeAsWorker, announce: Say, in_worker: InWorker | None = None
+) -> int:
     """Run the parent: hold the ports, start the workers, announce, watch; returns the exit code.
 
     Raises:
-        CommandError: what was asked for cannot be shared among processes.
+        SettingsError: processes cannot share what is asked, or the certificate cannot be used.
         TransportError: an address cannot be had.
-        SettingsError: the certificate cannot be used.
     """
-    _check(settings, arguments)
+    _check(settings)
     tls = server_tls(settings.tls)
     with ExitStack() as stack:
         folder = stack.enter_context(_folder())
         shared, urls = stack.enter_context(_held(settings, tls))
-        work = partial(_work, settings.model_copy(update={"listen": urls}), shared, folder, serve)
-        return Supervisor(settings.workers, work, _patience(settings)).run(partial(print, flush=True))
+        settings = settings.model_copy(update={"listen": urls})
+        work = partial(_work, settings, shared, folder, serve, in_worker or _plainly)
+        return Supervisor(settings.workers, work, _patience(settings)).run(announce)
+
+
+def _plainly(number: int, serve: Callable[[], None]) -> int:
+    serve()
+    return 0
 
 
 def _patience(settings: Settings) -> float:
@@ -74,22 +81,16 @@ def _patience(settings: Settings) -> float:
     return settings.limits.close_seconds + 10.0
 
 
-def _check(settings: Settings, arguments: argparse.Namespace) -> None:
+def _check(settings: Settings) -> None:
     """Refuse what several processes cannot do together."""
-    for option in ("script", "record", "introspection"):
-        if getattr(arguments, option):
-            raise CommandError(
-                f"--{option} sees one process only: use it without --workers, or `rwt record` beside them",
-                exit_code=2,
-            )
     if sys.platform != "linux":
-        raise CommandError("--workers needs Linux, which spreads clients over processes", exit_code=2)
+        raise SettingsError("`workers`: needs Linux, which spreads clients over processes; use 1")
     if not DISTROS[settings.distro].joins_over_zenoh:
-        raise CommandError(
-            f"--workers needs ROS 2: a graph of {settings.distro} cannot be joined over Zenoh", exit_code=2
+        raise SettingsError(
+            f"`workers`: need ROS 2: a graph of {settings.distro} cannot be joined over Zenoh; use 1"
         )
     if "stdio:" in (url.lower() for url in settings.listen):
-        raise CommandError("stdio: has one client, which one process serves: no --workers", exit_code=2)
+        raise SettingsError("`workers`: stdio: has one client, which one process serves; use 1")
 
 
 @contextmanager
@@ -120,13 +121,18 @@ def _held(settings: Settings, tls: SSLContext | None) -> Iterator[tuple[frozense
 
 
 def _work(
-    settings: Settings, shared: frozenset[str], folder: Path, serve: Serve, number: int, say: Say
+    settings: Settings,
+    shared: frozenset[str],
+    folder: Path,
+    serve: ServeAsWorker,
+    in_worker: InWorker,
+    number: int,
+    say: Say,
 ) -> int:
     """In a child: serve as worker `number`; returns the exit code."""
-    name_worker(number)
-    seat = Seat(number, folder, WorkerFigures(folder, number, settings.workers), say)
+    worker = WorkerContext(number, folder, WorkerMetrics(folder, number, settings.workers), say)
     try:
-        return reported(lambda: serve(_share(settings, shared, number), seat))
+        return in_worker(number, partial(serve, worker, _share(settings, shared, number)))
     finally:
         if not parent_lives():
             # It was killed, and cannot tidy up.
@@ -148,4 +154,4 @@ def _share(settings: Settings, shared: frozenset[str], number: int) -> Settings:
     )
 
 
-__all__ = ["Seat", "Serve", "serve_by_workers"]
+__all__ = ["InWorker", "WorkerContext", "run_workers"]

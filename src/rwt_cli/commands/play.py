@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
-from collections.abc import AsyncIterator
-from contextlib import ExitStack, aclosing, closing
-from dataclasses import dataclass
+from contextlib import aclosing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import anyio
-
-from rwt.nodes import start_nodes
-from rwt.server import serve
-from rwt_access.settings import SettingsError
+from rwt.server import Server, listening
 from rwt_cli.commands.config import add_settings_options, settings_of
+from rwt_cli.commands.serve import announce, command_errors
 from rwt_cli.console.key_presses import Key, key_presses
 from rwt_cli.console.logs import log_to_stderr
 from rwt_cli.errors import CommandError
 from rwt_cli.verbs import topic_glob
 from rwt_nodes.playback.player import FASTEST, SLOWEST
-from rwt_transports.errors import TransportError
 
 if TYPE_CHECKING:
-    from rwt.settings.models import Settings
     from rwt_nodes.playback import Player, PlayOptions
     from rwt_nodes.recording import Recording
 
@@ -40,16 +33,6 @@ keys, in a terminal: space pauses and resumes, right plays the next message, up 
 """
 _CLOCK_HZ = 40.0
 _FASTER = 1.1
-
-
-@dataclass(frozen=True, slots=True)
-class _Order:
-    """What is to be played."""
-
-    settings: Settings
-    options: PlayOptions
-    paused: bool
-    stay: bool
 
 
 def add_play_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -113,6 +96,7 @@ def parse_remap(text: str) -> tuple[str, str]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from rwt.playback import PlaybackServer
     from rwt_nodes.recording import RecordingError, open_recording
 
     log_to_stderr("text", verbose=arguments.verbose)
@@ -126,15 +110,22 @@ def _run(arguments: argparse.Namespace) -> int:
         )
     settings = settings_of(arguments, {"listen": urls or None}).settings
     try:
-        with open_recording(files) as recording:
-            anyio.run(
-                _play, recording, _Order(settings, _options(arguments), arguments.paused, arguments.stay)
+        with open_recording(files) as recording, command_errors():
+            server = PlaybackServer(
+                recording, options=_options(arguments), stay=arguments.stay, settings=settings
             )
-    except (TransportError, RecordingError) as error:
+
+            def on_up(up: Server) -> str:
+                up.graph.spawn(partial(_follow_keys, server.player), "key presses")
+                return listening(up)
+
+            def say(text: str) -> None:
+                announce(text)
+                _say_what_plays(recording)
+
+            return server.run(say, on_up)
+    except RecordingError as error:
         raise CommandError(str(error)) from error
-    except SettingsError as error:
-        raise CommandError(str(error), exit_code=2) from error
-    return 0
 
 
 def _is_url(word: str) -> bool:
@@ -150,53 +141,12 @@ def _options(arguments: argparse.Namespace) -> PlayOptions:
         start=arguments.start,
         end=arguments.end,
         loop=arguments.loop,
-        paused=True,  # Until the server is there.
+        paused=arguments.paused,
         selection=TopicSelection(tuple(arguments.topics), tuple(arguments.exclude), True, True),
         remap=dict(arguments.remap),
         clock_hz=arguments.clock,
         answer_services=not arguments.no_services,
     )
-
-
-async def _play(recording: Recording, order: _Order) -> None:
-    from rwt_graph.memory.graph import MemoryGraph
-    from rwt_interfaces.registry import Registry
-    from rwt_nodes.playback import PlaybackClock, Player
-
-    graph = MemoryGraph(Registry(recording.distro), PlaybackClock(recording.start_ns))
-    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
-        async with graph:
-            try:
-                player = nodes.enter_context(closing(Player(graph, recording, order.options)))
-            except ValueError as error:
-                raise CommandError(str(error), exit_code=2) from error
-            http = start_nodes(graph, order.settings, nodes)
-            async with serve(
-                graph,
-                *order.settings.listen,
-                settings=order.settings,
-                http=http,
-            ) as server:
-                _announce(server.urls, recording)
-                if not order.paused:
-                    player.resume()
-                await _until_over(player, signals, stay=order.stay)
-
-
-async def _until_over(player: Player, signals: AsyncIterator[signal.Signals], *, stay: bool) -> None:
-    """Wait for a signal or, unless it is to stay, for the recording's end; keys control it meanwhile."""
-    async with anyio.create_task_group() as tasks:
-
-        async def until_signal() -> None:
-            async for _ in signals:
-                tasks.cancel_scope.cancel()
-
-        tasks.start_soon(until_signal)
-        tasks.start_soon(_follow_keys, player)
-        await player.finished.wait()
-        if stay:
-            await anyio.sleep_forever()
-        tasks.cancel_scope.cancel()
 
 
 async def _follow_keys(player: Player) -> None:
@@ -224,12 +174,7 @@ def _standing(player: Player) -> str:
     return f"{state} at {position:.3f} of {length:.3f} s, speed {player.rate:.3g}   "
 
 
-def _announce(urls: tuple[str, ...], recording: Recording) -> None:
-    """Say that the server is ready: on stdout, or on stderr where stdout belongs to the protocol."""
-    over_stdio = "stdio:" in urls
-    print(
-        "\n".join(f"listening on {url}" for url in urls), flush=True, file=sys.stderr if over_stdio else None
-    )
+def _say_what_plays(recording: Recording) -> None:
     count = sum(topic.count or 0 for topic in recording.topics)
     length = (recording.end_ns - recording.start_ns) / 1e9
     print(f"playing {count} messages of {length:.1f} s", file=sys.stderr)

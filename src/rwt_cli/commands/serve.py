@@ -3,41 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
-from functools import partial
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import anyio
-
-from rwt.graphs import add_backend_options, backend_options
-from rwt.nodes import http_of, start_nodes
-from rwt.script import stage
-from rwt.server import serve
-from rwt.settings.sources import DEFAULT
+from rwt.errors import ServerError
+from rwt.server import Server, listening
 from rwt_access.settings import SettingsError
 from rwt_cli.commands.config import add_settings_options, settings_of
-from rwt_cli.console.logs import FORMATS, log_to_stderr
+from rwt_cli.console.logs import FORMATS, log_to_stderr, name_worker
+from rwt_cli.console.output import reported
 from rwt_cli.errors import CommandError
 from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.errors import InterfaceError
-from rwt_interfaces.registry import Registry
 from rwt_program.errors import RobotError
 from rwt_transports.errors import TransportError
-from rwt_transports.relay.dial import check_dial_url
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
-
-    from rwt.server import Server
     from rwt.settings.models import Settings
-    from rwt.workers.worker import Seat
-    from rwt_graph.api import Graph
-    from rwt_nodes.demo import DemoRobot
-    from rwt_nodes.mesh_files import MeshFiles
 
 _EXAMPLES = """\
 examples:
@@ -90,7 +74,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         metavar="N",
         help="serve the same ports with N processes, for more clients than one core can serve (default 1)",
     )
-    add_backend_options(parser)
+    _add_graph_options(parser)
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
     parser.add_argument(
@@ -128,33 +112,64 @@ def _add_robot_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_graph_options(parser: argparse.ArgumentParser) -> None:
+    """The options that choose a graph and connect it."""
+    parser.add_argument(
+        "--graph",
+        choices=("memory", "zenoh"),
+        help="keep the graph in this process (default), or join it with others over Zenoh",
+    )
+    parser.add_argument(
+        "--zenoh-listen",
+        action="append",
+        metavar="ENDPOINT",
+        help="be found by other processes at, for example, tcp/0.0.0.0:7447; may be given several times",
+    )
+    parser.add_argument(
+        "--zenoh-connect",
+        action="append",
+        metavar="ENDPOINT",
+        help="join the process or router at, for example, tcp/10.0.0.7:7447; may be given several times",
+    )
+    parser.add_argument(
+        "--zenoh-config", metavar="FILE", help="a Zenoh configuration file, for TLS, access control, …"
+    )
+    parser.add_argument("--domain", type=int, metavar="N", help="ROS_DOMAIN_ID (default 0)")
+
+
 def _run(arguments: argparse.Namespace) -> int:
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
-    with _told_in_one_line():
+    with command_errors():
         settings = _settings(arguments)
-        if settings.workers > 1:
-            from rwt.workers.worker import serve_by_workers  # Read only where there are several.
-
-            return serve_by_workers(settings, arguments, partial(_serve_at, arguments))
-        anyio.run(_serve, settings, arguments)
-    return 0
+        server = Server(
+            settings=settings,
+            script=arguments.script,
+            record=arguments.record,
+            introspection=arguments.introspection,
+        )
+        return server.run(announce, _on_up, _in_worker)
 
 
 @contextmanager
-def _told_in_one_line() -> Iterator[None]:
-    """Turn what can go wrong into a :exc:`CommandError`."""
+def command_errors() -> Iterator[None]:
+    """Turn what a server raises into a :exc:`CommandError`."""
     try:
         yield
-    except (TransportError, RobotError) as error:
+    except (TransportError, RobotError, ServerError) as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
         raise CommandError(str(error), exit_code=2) from error
 
 
-def _serve_at(arguments: argparse.Namespace, settings: Settings, seat: Seat) -> None:
-    """Serve as one of several workers."""
-    with _told_in_one_line():
-        anyio.run(_serve, settings, arguments, seat)
+def _in_worker(number: int, serve: Callable[[], None]) -> int:
+    """Serve as one of several processes."""
+    name_worker(number)
+
+    def act() -> None:
+        with command_errors():
+            serve()
+
+    return reported(act)
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
@@ -167,115 +182,26 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "interfaces": tuple(arguments.interfaces or ()) or None,
         "packages": tuple(arguments.packages or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
-        **backend_options(arguments),
+        "graph": arguments.graph,
+        "zenoh.listen": tuple(arguments.zenoh_listen or ()) or None,
+        "zenoh.connect": tuple(arguments.zenoh_connect or ()) or None,
+        "zenoh.config": arguments.zenoh_config,
+        "zenoh.domain": arguments.domain,
     }
-    loaded = settings_of(arguments, given)
-    settings = loaded.settings
-    for url in settings.dial.urls:
-        check_dial_url(url)
-    if settings.dial.urls and loaded.source(("listen",)) == DEFAULT:
-        # Who only dials out wants no port.
-        return settings.model_copy(update={"listen": ()})
-    return settings
+    return settings_of(arguments, given).settings
 
 
-def _registry(settings: Settings) -> Registry:
-    registry = Registry(DISTROS[settings.distro])
-    for folder in settings.interfaces:
-        try:
-            registry.add_directory(folder)
-        except (InterfaceError, OSError) as error:
-            raise CommandError(f"--interfaces {folder}: {error}", exit_code=2) from error
-    try:
-        registry.verify()
-    except InterfaceError as error:
-        raise CommandError(f"--interfaces: {error}", exit_code=2) from error
-    return registry
+def announce(text: str) -> None:
+    """Print that a server is ready; on standard error where standard output belongs to the protocol."""
+    over_stdio = "listening on stdio:" in text.splitlines()
+    print(text, flush=True, file=sys.stderr if over_stdio else sys.stdout)
 
 
-def _mesh_files(settings: Settings) -> MeshFiles:
-    """The files of the packages that are to be served."""
-    from rwt_nodes.mesh_files import MeshFiles, MeshFilesError  # Its code is read only where it runs.
-
-    try:
-        return MeshFiles(settings.packages)
-    except MeshFilesError as error:
-        raise CommandError(f"--packages {error}", exit_code=2) from error
-
-
-async def _serve(settings: Settings, arguments: argparse.Namespace, seat: Seat | None = None) -> None:
-    graph, start_script = stage(arguments.script, _registry(settings), settings, seat)
-    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals, ExitStack() as nodes:
-        async with graph:
-            http = start_nodes(graph, settings, nodes)
-            if settings.packages:
-                http.append(_mesh_files(settings).http)
-            if settings.demo:
-                http += http_of(nodes.enter_context(_demo_robot(graph)))
-            if arguments.record is not None or arguments.introspection:
-                from rwt.recording import record_graph  # Read only where something is recorded.
-
-                told = arguments.introspection
-                record_graph(graph, arguments.record, introspection=told, stack=nodes)
-            served = serve(
-                graph,
-                *settings.listen,
-                settings=settings,
-                http=http,
-                around=start_script(nodes),
-                together=None if seat is None else seat.figures.together,
-            )
-            async with served as server:
-                said = _announcement(server, demo=settings.demo)
-                if seat is None:
-                    # Standard output belongs to the protocol where it is served.
-                    over_stdio = "stdio:" in server.urls
-                    print(said, flush=True, file=sys.stderr if over_stdio else sys.stdout)
-                    await _signal_or_end(signals, server.ended)
-                else:
-                    async with seat.figures.offered(server.metrics.text):
-                        seat.say(said)
-                        await _signal_or_end(signals, _parent_ended)
-
-
-async def _parent_ended() -> None:
-    """Wait until the parent of this worker has died without a word."""
-    from rwt.workers.supervisor import parent_sentinel
-
-    await anyio.wait_readable(parent_sentinel())
-
-
-async def _signal_or_end(
-    signals: AsyncIterator[signal.Signals], ended: Callable[[], Awaitable[None]]
-) -> None:
-    """Wait for a signal, or until there is nobody any more to serve for: who started this as a child has
-    closed its standard input, or is gone."""
-    async with anyio.create_task_group() as tasks:
-
-        async def watch() -> None:
-            await ended()
-            tasks.cancel_scope.cancel()
-
-        tasks.start_soon(watch)
-        async for _ in signals:
-            break
-        tasks.cancel_scope.cancel()
-
-
-def _announcement(server: Server, *, demo: bool) -> str:
-    """What says that the server is ready."""
-    said = [f"listening on {url}" for url in server.urls]
-    said += [f"dialing {relay.url}" for relay in server.dials]
+def _on_up(server: Server) -> str:
+    """Where the server is reached and, for the demo robot, what to do next."""
     web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
-    if demo and web is not None:
-        said.append(_next_steps(web))
-    return "\n".join(said)
-
-
-def _demo_robot(graph: Graph) -> closing[DemoRobot]:
-    from rwt_nodes.demo import DemoRobot  # Its code is read only where it runs.
-
-    return closing(DemoRobot(graph))
+    hint = [_next_steps(web)] if server.settings.demo and web is not None else []
+    return "\n".join([listening(server), *hint])
 
 
 def _next_steps(url: str) -> str:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class ObservedWire:
-    """What :func:`rwt.server` is given as `around`.
+    """What :func:`rwt.server` is given as `middleware`.
 
     Args:
         graph: the robot; faults follow its clock, and act on its thread.
@@ -58,7 +58,7 @@ class ObservedWire:
         """How many clients are connected."""
         return len(self._open)
 
-    def around(self, accept: Accept) -> Accept:
+    def middleware(self, accept: Accept) -> Accept:
         """The accept function of a listener, observed."""
 
         def accept_observed(sink: Sink, info: PeerInfo) -> Endpoint:

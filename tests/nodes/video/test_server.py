@@ -19,8 +19,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rwt import Settings
-from rwt.server import serve
+from rwt import Server, Settings
 from rwt_graph import MemoryGraph, Node, TopicPublisher
 from rwt_nodes.video import WebVideoServer
 from tests.nodes.video.conftest import image, scene
@@ -142,13 +141,8 @@ async def _theatre(
     graph = MemoryGraph()
     async with graph:
         video = WebVideoServer(graph, *limits)
-        settings = Settings.model_validate(tables)
-        async with serve(
-            graph,
-            "ws://127.0.0.1:0",
-            settings=settings,
-            http=[video.http],
-        ) as server:
+        settings = Settings.model_validate({"nodes": (), **tables})
+        async with Server("ws://127.0.0.1:0", graph=graph, http=[video.http], settings=settings) as server:
             camera = Node(graph, "camera")
             pictures = camera.advertise("/cam/image", "sensor_msgs/Image")
             camera.advertise("/cam/camera_info", "sensor_msgs/CameraInfo")

@@ -1,0 +1,75 @@
+"""A server whose robot is a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Self
+
+from rwt.server import Server
+from rwt_access.settings import SettingsError
+from rwt_graph.errors import NotRunning
+from rwt_graph.memory.graph import MemoryGraph
+from rwt_interfaces.registry import Registry
+from rwt_nodes.playback import PlaybackClock, Player, PlayOptions
+
+if TYPE_CHECKING:
+    from rwt.settings.models import Settings
+    from rwt_graph.api import Graph
+    from rwt_nodes.recording import Recording
+
+
+class PlaybackServer(Server):
+    """Serves a recording as a robot: its messages at their times, on a clock that shows the recording's time.
+
+    Args:
+        recording: an open one (:func:`rwt_nodes.recording.open_recording`); it stays open while this runs.
+        urls: where to listen, as for :class:`Server`.
+        options: how it is played; it begins when clients can connect, unless it is `paused`.
+        stay: whether the server goes on at the recording's end, with what is kept for late joiners; else
+            :meth:`ended` returns then.
+        settings: as for :class:`Server`; the distribution is that of the recording.
+
+    Raises:
+        SettingsError: a setting or an option that cannot be used, or that contradicts the recording.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        *urls: str,
+        options: PlayOptions | None = None,
+        stay: bool = False,
+        settings: Settings | None = None,
+    ) -> None:
+        graph = MemoryGraph(Registry(recording.distro), PlaybackClock(recording.start_ns))
+        super().__init__(*urls, settings=settings, graph=graph, extra_nodes=(self._make_player,))
+        self._recording = recording
+        self._options = options or PlayOptions()
+        self._stay = stay
+        self._player: Player | None = None
+
+    @property
+    def player(self) -> Player:
+        """What plays. Raises :exc:`NotRunning` before the server was entered."""
+        if self._player is None:
+            raise NotRunning(
+                "nothing plays yet: enter the server with `async with server:` or `with server:`"
+            )
+        return self._player
+
+    def _make_player(self, graph: Graph) -> Player:
+        try:
+            self._player = Player(graph, self._recording, replace(self._options, paused=True))
+        except ValueError as error:
+            raise SettingsError(f"options: {error}") from error
+        return self._player
+
+    def _ends(self) -> list[Callable[[], Awaitable[object]]]:
+        return [*super()._ends(), *([] if self._stay else [self.player.finished.wait])]
+
+    async def __aenter__(self) -> Self:
+        await super().__aenter__()
+        if not self._options.paused:
+            self.player.resume()
+        return self
