@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from rwt_access.disclosure import response_filter
+from rwt_access.disclosure import restrict
 from rwt_access.graph_view import GraphView
 from rwt_access.quotas import Quota
 from rwt_graph.names import resolve
@@ -18,7 +18,7 @@ from rwt_program.errors import CallFailed, NotFound, ProviderNotFound
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Sequence
 
-    from rwt_access.disclosure import Disclosures, ResponseFilter
+    from rwt_access.disclosure import Disclosures, OutcomeFilter
     from rwt_access.roles import Role
     from rwt_access.settings import ClientLimits
     from rwt_delivery.counters import Counters
@@ -52,22 +52,22 @@ class UnknownTopicType(NotFound):
 class _Call:
     """One call of a client under way; called with its outcome."""
 
-    __slots__ = ("_calls", "_on_reply", "_quota", "_restrict", "pending")
+    __slots__ = ("_calls", "_filtered", "_on_reply", "_quota", "pending")
 
     def __init__(
-        self, calls: set[_Call], quota: Quota, on_reply: OnReply, restrict: ResponseFilter | None
+        self, calls: set[_Call], quota: Quota, on_reply: OnReply, filtered: OutcomeFilter | None
     ) -> None:
         self._calls = calls
         self._quota = quota
         self._on_reply = on_reply
-        self._restrict = restrict
+        self._filtered = filtered
         self.pending: PendingCall | None = None
 
     def __call__(self, outcome: Payload | CallFailed) -> None:
         self._calls.discard(self)
         self._quota.held -= 1
-        if self._restrict is not None and not isinstance(outcome, CallFailed):
-            outcome = self._restrict(outcome)
+        if self._filtered is not None:
+            outcome = self._filtered(outcome)
         self._on_reply(outcome)
 
 
@@ -255,18 +255,13 @@ class ClientGraph(GraphView):
             raise ProviderNotFound(f"Service {name} does not exist")
         self._in_flight.take()
         try:
-            payload = request(info.type)
-            call = _Call(
-                self._calls,
-                self._in_flight,
-                on_reply,
-                None
-                if self.role.unrestricted
-                else response_filter(self, self._disclosures, name, info.type, payload),
-            )
+            payload, filtered = request(info.type), None
+            if not self.role.unrestricted:
+                payload, filtered = restrict(self, self._disclosures, name, info.type, payload)
         except BaseException:
             self._in_flight.give_back()
             raise
+        call = _Call(self._calls, self._in_flight, on_reply, filtered)
         self._calls.add(call)
         self._shared.counters.calls += 1
         call.pending = self._shared.participant.call_service(name, payload, call, timeout)

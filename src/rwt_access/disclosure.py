@@ -17,6 +17,7 @@ from rwt_access.graph_view import canonical
 from rwt_graph.disclosure import AsksAbout, Disclosure, Kind, Lists, Reads
 from rwt_graph.names import namespace_of
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import CallFailed
 
 if TYPE_CHECKING:
     from rwt_access.graph_view import GraphView
@@ -26,17 +27,23 @@ if TYPE_CHECKING:
 Disclosures = Mapping[str, Disclosure]
 """What services reveal, by the name of their type."""
 
-ResponseFilter = Callable[[Payload], Payload]
-"""From the service's response to the one that the client gets."""
+OutcomeFilter = Callable[["Payload | CallFailed"], "Payload | CallFailed"]
+"""From the outcome of a call to the one that the client gets."""
 
 #: Packages whose services are about the graph itself: without a declaration nothing of them is passed on.
 _ABOUT_THE_GRAPH: Final = ("rosapi/", "rosapi_msgs/", "rcl_interfaces/")
 
+#: A name that nothing in a graph can have, since ROS does not allow it.
+_NO_NAME: Final = "/!"
 
-def response_filter(
+
+def restrict(
     view: GraphView, disclosures: Disclosures, service: str, type: ServiceType, request: Payload
-) -> ResponseFilter | None:
-    """How the response to `request` is filtered for a client; None where it goes out as it is.
+) -> tuple[Payload, OutcomeFilter | None]:
+    """The request of a client as it is put to a service, and how the outcome is filtered; None: not at all.
+
+    A question about what is hidden is put about a name that does not exist, so that the service itself gives
+    the answer that such names get.
 
     Args:
         view: what the client sees.
@@ -55,8 +62,9 @@ def response_filter(
             raise NotAllowed(
                 f"{service} does not declare what it reveals, so only roles that may do everything call it"
             )
-        return None
+        return request, None
     lists: list[Lists] = []
+    hidden = ""
     for part in disclosure:
         if isinstance(part, Lists):
             lists.append(part)
@@ -64,14 +72,22 @@ def response_filter(
         asked = getattr(request.value(), part.field)
         if isinstance(part, AsksAbout):
             if not _sees(view, part.kind, canonical(asked)):
-                return lambda response: Payload.from_json(response.type, b"{}")
+                hidden = canonical(asked)
+                changed = msgspec.structs.replace(request.value(), **{part.field: _NO_NAME})
+                request = Payload.from_value(request.type, changed)
             continue
         act: Act = "get_param" if isinstance(part, Reads) else "set_param"
         for name in _parameters(service, asked):
             view.role.require(act, name)
-    if not lists:
-        return None
-    return lambda response: _filtered(view, lists, service, response)
+    if not lists and not hidden:
+        return request, None
+
+    def filtered(outcome: Payload | CallFailed) -> Payload | CallFailed:
+        if isinstance(outcome, CallFailed):
+            return outcome.__class__(str(outcome).replace(_NO_NAME, hidden)) if hidden else outcome
+        return _without(view, lists, service, outcome) if lists else outcome
+
+    return request, filtered
 
 
 def _sees(view: GraphView, kind: Kind, name: str) -> bool:
@@ -89,7 +105,7 @@ def _sees(view: GraphView, kind: Kind, name: str) -> bool:
             return view.sees_node(name)
 
 
-def _filtered(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
+def _without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
     """The response without the names that the view hides."""
     value = response.value()
     for part in lists:

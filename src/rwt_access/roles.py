@@ -48,13 +48,16 @@ class Role:
         settings: its globs.
     """
 
-    __slots__ = ("_decisions", "_patterns", "name", "unrestricted")
+    __slots__ = ("_decisions", "_patterns", "_subscribes_to_all", "name", "unrestricted")
 
     def __init__(self, name: str, settings: RoleSettings) -> None:
         self.name = name
         globs = {act: _globs(act, settings) for act in ACTS}
         self.unrestricted = all("*" in globs[act] for act in ACTS)
         self._patterns = {act: _pattern(globs[act]) for act in ACTS}
+        self._subscribes_to_all = any(
+            glob.removeprefix("/").strip("*") == "" for glob in globs["subscribe"] if glob
+        )
         self._decisions: dict[tuple[Act, str], bool] = {}
 
     def allows(self, act: Act, name: str) -> bool:
@@ -84,8 +87,8 @@ class Role:
 
     @property
     def sees_every_topic(self) -> bool:
-        """Whether no topic is hidden: a glob that allows everything matches one that names everything."""
-        return self.allows("subscribe", "/*")
+        """Whether no topic is hidden: whether one of the globs consists of stars alone."""
+        return self.unrestricted or self._subscribes_to_all
 
     def sees_topic(self, name: str) -> bool:
         """Whether a topic is shown: to those who may subscribe to it or publish on it."""

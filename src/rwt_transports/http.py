@@ -148,6 +148,11 @@ class Routes:
         """Serve ``GET`` and ``HEAD`` of `path`."""
         self.add(path, handler, "GET")
 
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Every path that is served, in the order they were added."""
+        return tuple(self._handlers)
+
     def find(self, method: str, path: str) -> Handler | HttpResponse:
         """The handler, or the 404 or 405 to answer in its place."""
         handlers = self._handlers.get(path) or self._below(path)

@@ -214,7 +214,12 @@ SERVICES: Final = (
         "node_details",
         "NodeDetails",
         node_details,
-        (Lists("topic", ("subscribing",)), Lists("topic", ("publishing",)), Lists("service", ("services",))),
+        (
+            AsksAbout("node", "node"),
+            Lists("topic", ("subscribing",)),
+            Lists("topic", ("publishing",)),
+            Lists("service", ("services",)),
+        ),
     ),
     Service("action_servers", "GetActionServers", action_servers, (Lists("action", ("action_servers",)),)),
     Service("action_type", "ActionType", action_type, (AsksAbout("action", "action"),)),

@@ -1,0 +1,310 @@
+"""Nothing of the graph reaches a client but through a rule: every verb, service, route and name is walked."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import AsyncIterator, Iterator, Mapping
+from typing import Any
+
+import anyio.lowlevel
+import msgspec
+import pytest
+
+from rwt import Settings
+from rwt.observability.metrics import ServerMetrics
+from rwt.pages import routes
+from rwt_access.access import Access
+from rwt_access.client_graph import ClientGraph
+from rwt_access.errors import NotAllowed
+from rwt_access.graph_view import GraphView
+from rwt_bridge import Bridge
+from rwt_delivery.shared_graph import SharedGraph
+from rwt_graph import MemoryGraph, Node
+from rwt_graph.api import GoalEvents, Graph
+from rwt_graph.clock import SimulatedClock
+from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
+from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
+from rwt_nodes import Rosapi
+from rwt_nodes.rosapi import DISCLOSURES
+from rwt_nodes.video import WebVideoServer
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse
+from tests.bridge.recording_client import Client
+
+#: A guest may do everything with what is called so, and nothing with anything else.
+GUEST = {
+    act: ["*open*"] for act in ("publish", "subscribe", "call", "provide", "goals", "get_param", "set_param")
+}
+HIDDEN = "secret"
+#: As long as the hidden one, and nowhere in the graph.
+ABSENT = "nought"
+
+
+def _access(graph: Graph, globs: Mapping[str, object]) -> Access:
+    return Access(graph, _settings(globs), DISCLOSURES)
+
+
+def _settings(globs: Mapping[str, object]) -> Settings:
+    return Settings.model_validate({"auth": {"default_role": "guest"}, "roles": {"guest": globs}})
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"
+
+
+@pytest.fixture(params=["jazzy", "noetic"])
+def distro(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+async def graph(distro: str) -> AsyncIterator[MemoryGraph]:
+    """A robot of which each kind of thing is there twice: once open, and once hidden on a node of its own."""
+    graph = MemoryGraph(Registry(DISTROS[distro]), SimulatedClock(1_700_000_000_000_000_000))
+
+    async def execute(goal: object) -> None:
+        await anyio.sleep_forever()
+
+    async with graph:
+        with Rosapi(graph):
+            for name in ("open", HIDDEN):
+                node = Node(graph, f"{name}_node")
+                node.advertise(f"/{name}_topic", "sensor_msgs/Image")
+                node.subscribe(f"/{name}_heard", lambda message: None, type="std_msgs/String")
+                node.advertise_service(f"/{name}_service", "std_srvs/Trigger", lambda _: {"success": True})
+                node.advertise_action(f"/{name}_action", "example_interfaces/Fibonacci", execute)
+                node.parameters.declare(f"{name}_param", 1.0)
+            yield graph
+
+
+# -- verbs -------------------------------------------------------------------------------------------------
+
+
+def _nothing(*_: object) -> None:
+    """A callback that is never called."""
+
+
+def _empty(type: Any) -> Payload:
+    raise AssertionError("a verb that is refused makes no payload")
+
+
+VERBS: Mapping[str, tuple[Any, ...]] = {
+    "advertise": ("/x", "std_msgs/String", None),
+    "publisher": ("/x", "std_msgs/String"),
+    "subscribe": ("/x", "std_msgs/String"),
+    "call_service": ("/x", _empty, _nothing),
+    "advertise_service": ("/x", "std_srvs/Trigger", _nothing),
+    "send_goal": ("/x", _empty, GoalEvents(on_result=_nothing)),
+    "cancel_goal": ("/x", "0" * 32),
+    "advertise_action": ("/x", "example_interfaces/Fibonacci", _nothing),
+    "require": ("publish", "/x"),
+}
+"""What touches the graph: refused to a role without rights."""
+
+LISTINGS = {"topics", "services", "actions", "nodes"}
+LOOK_UPS = {"topic", "service", "action", "may_subscribe", "sees_parameter", "sees_node"}
+OWN = {
+    "unadvertise",
+    "unsubscribe",
+    "startup_samples",
+    "withdraw_service",
+    "withdraw_action",
+    "take_role",
+    "close",
+}
+"""What concerns nothing but what the client itself holds already."""
+
+
+def _client(graph: Graph, globs: Mapping[str, object]) -> ClientGraph:
+    access = _access(graph, globs)
+    return access.client(SharedGraph(graph, "/gateway", 0.0, _nothing), access.admission.roles["guest"])
+
+
+@pytest.mark.anyio
+async def test_every_method_is_a_verb_with_a_rule_or_concerns_the_clients_own(graph: MemoryGraph) -> None:
+    public = {
+        name
+        for kind in (GraphView, ClientGraph)
+        for name, value in vars(kind).items()
+        if inspect.isfunction(value) and not name.startswith("_")
+    }
+    assert public == set(VERBS) | LISTINGS | LOOK_UPS | OWN
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("verb", VERBS)
+async def test_a_role_without_rights_can_do_nothing(graph: MemoryGraph, verb: str) -> None:
+    before = [graph.topics(), graph.services(), graph.actions()]
+    client = _client(graph, {})
+    with pytest.raises(NotAllowed, match=r"roles\.guest\."):
+        getattr(client, verb)(*VERBS[verb])
+    assert [graph.topics(), graph.services(), graph.actions()] == before
+    assert client.calls_in_flight == 0
+
+
+@pytest.mark.anyio
+async def test_a_role_without_rights_sees_nothing(graph: MemoryGraph) -> None:
+    client = _client(graph, {})
+    assert [getattr(client, name)() for name in sorted(LISTINGS - {"services", "nodes"})] == [(), ()]
+    # rosapi itself is open to every role, by its declarations.
+    assert {info.name.split("/")[1] for info in client.services()} == {"rosapi"}
+    assert {info.name for info in client.nodes()} == {"/rosapi"}
+    for name in sorted(LOOK_UPS):
+        assert not getattr(client, name)("/open_topic")
+
+
+# -- services ----------------------------------------------------------------------------------------------
+
+
+class Asker:
+    """A guest that calls services."""
+
+    def __init__(self, graph: Graph) -> None:
+        settings = _settings(GUEST)
+        self._client = Client(Bridge(graph, settings, Access(graph, settings, DISCLOSURES)))
+
+    async def ask(self, service: str, args: Mapping[str, object]) -> str:
+        """The reply, as text."""
+        self._client.say("call_service", id="q", service=service, args=args)
+        for _ in range(1000):
+            for message in self._client.heard():
+                return json.dumps(message)
+            await anyio.lowlevel.checkpoint()
+        raise AssertionError(f"{service} did not answer")
+
+
+def _about(graph: Graph) -> list[str]:
+    """The services that are about the graph: rosapi's, and those of every node's parameters."""
+    return [
+        info.name for info in graph.services() if info.type.name in {**DISCLOSURES, **PARAMETER_DISCLOSURES}
+    ]
+
+
+def _requests(type: Any, word: str) -> Iterator[dict[str, object]]:
+    """Requests in which each text names something called `word`, of every kind."""
+    fields = msgspec.structs.fields(type.request.struct)
+    for suffix in ("topic", "heard", "service", "action", "node", "param"):
+        for name in (f"/{word}_{suffix}", f"{word}_{suffix}", f"/{word}_node:{word}_param"):
+            request: dict[str, object] = {}
+            for field in fields:
+                if field.type is str:
+                    request[field.name] = "1.0" if field.name in ("value", "default_value") else name
+                elif field.name in ("names", "prefixes"):
+                    request[field.name] = [name]
+                elif field.name == "parameters":
+                    request[field.name] = [{"name": name, "value": {"type": 3, "double_value": 9.0}}]
+            yield request
+
+
+@pytest.mark.anyio
+async def test_every_service_about_the_graph_declares_what_it_reveals(
+    graph: MemoryGraph, distro: str
+) -> None:
+    names = _about(graph)
+    assert len([name for name in names if name.startswith("/rosapi/")]) > 20
+    undeclared = [
+        info.name
+        for info in graph.services()
+        if info.name.startswith("/rosapi/")
+        or info.type.name.startswith(("rosapi/", "rosapi_msgs/", "rcl_interfaces/"))
+        if info.name not in names
+    ]
+    assert undeclared == []
+
+
+@pytest.mark.anyio
+async def test_no_answer_names_what_is_hidden(graph: MemoryGraph) -> None:
+    asker = Asker(graph)
+    for service in _about(graph):
+        info = graph.service(service)
+        assert info is not None
+        assert HIDDEN not in (await asker.ask(service, {})).replace(service, ""), service
+        for request in _requests(info.type, "open"):
+            assert HIDDEN not in (await asker.ask(service, request)).replace(service, ""), (service, request)
+
+
+@pytest.mark.anyio
+async def test_what_is_hidden_is_answered_as_if_it_were_not_there(graph: MemoryGraph) -> None:
+    asker = Asker(graph)
+    for service in (name for name in _about(graph) if HIDDEN not in name):
+        info = graph.service(service)
+        assert info is not None
+        pairs = zip(_requests(info.type, HIDDEN), _requests(info.type, ABSENT), strict=True)
+        for hidden, absent in pairs:
+            answers = [await asker.ask(service, request) for request in (hidden, absent)]
+            assert answers[0].replace(HIDDEN, ABSENT) == answers[1], (service, hidden)
+
+
+@pytest.mark.anyio
+async def test_a_service_about_the_graph_that_declares_nothing_is_refused(graph: MemoryGraph) -> None:
+    Node(graph, "open_extra").advertise_service(
+        "/rosapi/more", "std_srvs/Trigger", lambda _: {"success": True}
+    )
+    answer = json.loads(await Asker(graph).ask("/rosapi/more", {}))
+    assert (answer["result"], "does not declare what it reveals" in answer["values"]) == (False, True)
+    settings = _settings(GUEST)
+    client = Client(Bridge(graph, settings, Access(graph, settings)))
+    client.say("call_service", id="q", service="/rosapi/topics", args={})
+    (reply,) = client.heard()
+    assert reply["result"] is False
+
+
+# -- pages -------------------------------------------------------------------------------------------------
+
+
+def _extensions(graph: MemoryGraph) -> tuple[HttpExtension, ...]:
+    return (WebVideoServer(graph).http,)
+
+
+async def _body(answer: Any) -> bytes:
+    answer = await answer if inspect.isawaitable(answer) else answer
+    assert isinstance(answer, HttpResponse)
+    if isinstance(answer.body, bytes):
+        return f"{answer.status} ".encode() + answer.body
+    async for chunk in answer.body:
+        return chunk
+    return b""
+
+
+@pytest.mark.anyio
+async def test_no_page_names_what_is_hidden(graph: MemoryGraph) -> None:
+    settings = _settings(GUEST)
+    bridge = Bridge(graph, settings, Access(graph, settings, DISCLOSURES))
+    extensions = _extensions(graph)
+    found = routes(bridge, ServerMetrics(bridge, extensions), extensions)
+    for path in found.paths:
+        handler = found.find("GET", path)
+        assert callable(handler), path
+        assert HIDDEN.encode() not in await _body(handler(HttpRequest("GET", path))), path
+        answers = [
+            await _body(handler(HttpRequest("GET", path, f"topic=/{word}_topic")))
+            for word in (HIDDEN, ABSENT)
+        ]
+        assert answers[0].replace(HIDDEN.encode(), ABSENT.encode()) == answers[1], path
+
+
+@pytest.mark.anyio
+async def test_without_a_token_no_page_but_the_health_check_answers(graph: MemoryGraph) -> None:
+    settings = Settings.model_validate(
+        {"auth": {"tokens": {"t": {"token": "x" * 20, "role": "admin"}}}, "roles": {"guest": GUEST}}
+    )
+    bridge = Bridge(graph, settings, Access(graph, settings, DISCLOSURES))
+    extensions = _extensions(graph)
+    found = routes(bridge, ServerMetrics(bridge, extensions), extensions)
+    open_to_all = [
+        route.path for its in extensions for route in its.routes if route.audience is Audience.ANYBODY
+    ]
+    for path in set(found.paths) - {"/healthz", *open_to_all}:
+        handler = found.find("GET", path)
+        assert callable(handler)
+        assert (await _body(handler(HttpRequest("GET", path)))).startswith(b"401 "), path
+
+
+@pytest.mark.anyio
+async def test_metrics_are_for_those_who_may_subscribe_to_every_topic(graph: MemoryGraph) -> None:
+    for globs, shown in ((["*"], True), (["/*"], True), (["/[!c]*"], False), (["/open*", "/?*"], False)):
+        reader = GraphView(graph, _access(graph, {"subscribe": globs}).admission.roles["guest"])
+        assert reader.sees_every_topic is shown, globs
