@@ -19,7 +19,6 @@ from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.services import Calls, ServiceHandler, ServiceServer, ServiceServers
 from rwt_client.endpoints.subscriptions import (
     Callback,
-    Compression,
     SubscribeOptions,
     Subscription,
     SubscriptionTable,
@@ -67,7 +66,7 @@ class SubscribeKeywords(TypedDict, total=False):
     """Keyword arguments of everything that subscribes; see `SubscribeOptions`."""
 
     arrays: ArrayKind
-    compression: Compression
+    compression: str
     throttle: float
     queue: int
     queue_bytes: int

@@ -13,7 +13,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from rwt_cli.commands.doctor import ENCODINGS
+from rwt_cli.commands.doctor import encodings
 from tests.cli.conftest import Rwt, demo_server
 
 
@@ -27,7 +27,7 @@ def test_a_server_that_is_well(rwt: Rwt, demo: str) -> None:
     assert (ended.code, told["ok"], told["url"]) == (0, True, demo)
     verdicts = _verdicts(told)
     assert list(verdicts)[:4] == ["server", "connection", "rosapi", "ROS"]
-    assert {verdicts[f"encoding {name}"] for name in ENCODINGS} == {"ok"}
+    assert {verdicts[f"encoding {name}"] for name in encodings()} == {"ok"}
     lines = rwt("doctor").out.splitlines()
     assert lines[0].startswith("ok       server: rwt ")
 
@@ -113,7 +113,7 @@ def test_an_old_server_with_a_wrong_clock(rwt: Rwt) -> None:
     verdicts = _verdicts(ended.json)
     assert (ended.code, verdicts["clock"], verdicts["encoding json"]) == (0, "warning", "ok")
     assert verdicts["server"] == "note"
-    assert {verdicts[f"encoding {name}"] for name in ENCODINGS if name != "json"} == {"note"}
+    assert {verdicts[f"encoding {name}"] for name in encodings() if name != "json"} == {"note"}
     (clock,) = (finding for finding in ended.json["findings"] if finding["name"] == "clock")
     assert clock["text"].startswith(("-3600", "-3601", "-3602"))
     assert "NTP" in clock["advice"]

@@ -7,7 +7,7 @@ import logging
 from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 
@@ -16,6 +16,7 @@ from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_enc
 from rwt_client.wire.decoding import MessageReader, UnparsedMessage
 from rwt_program.errors import InvalidMessage, TimedOut
 from rwt_program.messages import Message
+from rwt_protocol.codecs import SELECTABLE
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("rwt_client")
 
-Compression = Literal["auto", "none", "png", "cbor"]
+COMPRESSIONS: Final = ("auto", *(encoding.name for encoding in SELECTABLE if not encoding.raw))
+"""What a subscription can ask for."""
 Callback = Callable[[Any], object]
 """Takes one message; a plain function, or a coroutine function, which gets one after the other."""
 
@@ -37,7 +39,8 @@ class SubscribeOptions:
 
     Attributes:
         arrays: what numeric arrays become: ``list``, or ``numpy``.
-        compression: ``auto`` asks for CBOR where a message has big arrays and the server offers it.
+        compression: one of :data:`COMPRESSIONS`; ``auto`` asks for CBOR where a message has big arrays and
+            the server offers it.
         throttle: least seconds between two messages, kept by the server; 0 for every message.
         queue: messages that wait for an iterator or an asynchronous callback; of more the newest stay.
         queue_bytes: the same bound in bytes; the newest message stays however big it is.
@@ -49,7 +52,7 @@ class SubscribeOptions:
     """
 
     arrays: ArrayKind = "list"
-    compression: Compression = "auto"
+    compression: str = "auto"
     throttle: float = 0.0
     queue: int = 1000
     queue_bytes: int = 64 * 1024 * 1024
@@ -58,8 +61,8 @@ class SubscribeOptions:
 
     def __post_init__(self) -> None:
         check_kind(self.arrays)
-        if self.compression not in get_args(Compression):
-            known = ", ".join(get_args(Compression))
+        if self.compression not in COMPRESSIONS:
+            known = ", ".join(COMPRESSIONS)
             raise ValueError(f"compression: expected one of {known}, got {self.compression!r}")
 
 
@@ -109,7 +112,7 @@ class SubscriptionTable:
             del self._topics[subscription.name]
             self.session.listen(subscription.name, None)
 
-    def compression(self, wanted: Compression, message_type: MessageType) -> Literal["none", "png", "cbor"]:
+    def compression(self, wanted: str, message_type: MessageType) -> str:
         """What to ask for."""
         if wanted != "auto":
             return wanted
@@ -153,7 +156,7 @@ class Subscription:
         self._options = options
         self._id = table.session.next_id("subscribe", name)
         self._reader: MessageReader | None = None
-        self._compression: Literal["none", "png", "cbor"] = "none"
+        self._compression = "none"
         self._callback = callback
         self._direct = callback is not None and not _is_asynchronous(callback)
         self._queue: deque[tuple[UnparsedMessage, int]] = deque()

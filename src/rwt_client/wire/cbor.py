@@ -1,5 +1,8 @@
 """CBOR frames as servers send them, read without copying the bytes in them.
 
+This is a reader of its own beside the one of :mod:`rwt_protocol.codecs.cbor`: the library there takes all of
+CBOR, and copies each byte string, which for images and point clouds is most of the frame.
+
 Read are the items that messages are made of, of definite length (RFC 8949 section 3, CBR-01 to CBR-06).
 Anything else, which no message needs, makes the frame unreadable.
 """
@@ -10,12 +13,7 @@ import re
 import struct
 from typing import Final, NamedTuple
 
-FORMATS: Final = {
-    64: "<B", 65: ">H", 66: ">I", 67: ">Q", 68: "<B", 69: "<H", 70: "<I", 71: "<Q",
-    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
-    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
-}  # fmt: skip
-"""Byte order and element of the typed arrays of RFC 8746 section 2.1, by tag."""
+from rwt_protocol.codecs.cbor import TYPED_ARRAYS, array_elements
 
 _DEEPEST: Final = 64
 _SIMPLE: Final = {20: False, 21: True, 22: None, 23: None}
@@ -36,10 +34,7 @@ class TypedArray(NamedTuple):
 
     def plain(self) -> object:
         """As Python's own: octets as bytes, anything else as a list."""
-        if self.format == "<B":
-            return bytes(self.data)
-        order, letter = self.format[0], self.format[1]
-        return list(struct.unpack(f"{order}{len(self.data) // struct.calcsize(letter)}{letter}", self.data))
+        return array_elements(self.format, self.data)
 
     def numpy(self) -> object:
         """As a numpy array on the same memory, which cannot be written to."""
@@ -133,7 +128,7 @@ class _Reader:
     def _nested(self, major: int, count: int, depth: int) -> object:
         if major == _TAG:
             content = self.item(depth)
-            form = FORMATS.get(count)
+            form = TYPED_ARRAYS.get(count)
             if form is None or not isinstance(content, memoryview) or len(content) % struct.calcsize(form):
                 raise Unreadable
             return TypedArray(form, content)

@@ -25,6 +25,7 @@ class Encoding:
         precedence: the strongest of what a client asks for on one topic wins (SUB-08).
         publish_encoder: from a topic's name, as the client spelled it, to an encoder for its samples.
         binary: whether its frames are binary, which a transport of text cannot carry.
+        raw: whether it carries the bytes that the robot serialises (CBR-10), not fields.
         exclusive: makes the codec of every message of every client, where the settings ask for this encoding:
             `compression` cannot. None where `compression` asks for it, and all that is not published is JSON.
             It raises `EncodingUnavailable` if it needs a package that is not installed.
@@ -34,6 +35,7 @@ class Encoding:
     precedence: int
     publish_encoder: Callable[[str], PublishEncoder]
     binary: bool = False
+    raw: bool = False
     exclusive: Callable[[], Codec] | None = None
 
 
@@ -59,7 +61,7 @@ CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(
             Encoding("none", 0, JSON.publish_encoder),
             Encoding("png", 1, png.publish_encoder),
             Encoding("cbor", 2, CBOR.publish_encoder, binary=True),
-            Encoding("cbor-raw", 3, cbor.raw_publish_encoder, binary=True),
+            Encoding("cbor-raw", 3, cbor.raw_publish_encoder, binary=True, raw=True),
             Encoding(
                 "bson",
                 4,
@@ -70,7 +72,10 @@ CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(
         )
     }
 )
-"""Every encoding, by its name in `compression`."""
+"""Every encoding, by its name in `compression`: a new one is a row here, and what the row names."""
+
+SELECTABLE: Final = tuple(encoding for encoding in CODECS.values() if encoding.exclusive is None)
+"""Those that `compression` can ask for."""
 
 
 def encoding_of(compression: str) -> Encoding:
@@ -83,6 +88,7 @@ __all__ = [
     "CBOR",
     "CODECS",
     "JSON",
+    "SELECTABLE",
     "CborCodec",
     "Codec",
     "Encoding",

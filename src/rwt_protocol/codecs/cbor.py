@@ -30,12 +30,13 @@ _KIND: Final = (
     "a simple value",
 )
 
-_ARRAYS: Final = {
+TYPED_ARRAYS: Final = {
     64: "<B", 65: ">H", 66: ">I", 67: ">Q", 68: "<B", 69: "<H", 70: "<I", 71: "<Q",
     72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
     80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
 }  # fmt: skip
-"""Byte order and type of the elements of each kind of typed array (RFC 8746 section 2.1)."""
+"""Byte order of the elements of each kind of typed array and their letter in :mod:`struct`, by tag (RFC 8746
+section 2.1)."""
 
 _FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
 """Tags that the library would turn into dates, patterns, shared references and so on, which ROS has not."""
@@ -128,15 +129,24 @@ def _head(major: int, argument: int) -> bytes:
 
 
 def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:
-    """The elements of a typed array; of unsigned bytes, the bytes."""
     import cbor2  # loaded by whoever decodes
 
-    code = _ARRAYS.get(tag.tag)
+    code = TYPED_ARRAYS.get(tag.tag)
     data = tag.value
     if code is None or not isinstance(data, bytes) or len(data) % struct.calcsize(code):
         raise cbor2.CBORDecodeError("not a typed array")
+    return array_elements(code, data)
+
+
+def array_elements(code: str, data: Buffer) -> bytes | list[int] | list[float]:
+    """The elements of a typed array: octets as bytes, anything else as a list.
+
+    Args:
+        code: one of :data:`TYPED_ARRAYS`.
+        data: as many whole elements as there are.
+    """
     if code == "<B":
-        return data
+        return bytes(data)
     return list(struct.unpack(f"{code[0]}{len(data) // struct.calcsize(code)}{code[1]}", data))
 
 

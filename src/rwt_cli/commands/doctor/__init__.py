@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 Verdict = Literal["ok", "note", "warning", "problem"]
 
-ENCODINGS: Final = ("json", "png", "cbor", "cbor-raw", "fragments")
-
 _PATIENCE: Final = 3.0
 """Seconds that each question may take, if ``--timeout`` does not allow less."""
 _QUESTIONS: Final = 10
@@ -229,7 +227,7 @@ class _Examination:
             yield await self._look_at_version()
             for finding in await self._look_at_time():
                 yield finding
-        for encoding in ENCODINGS:
+        for encoding in encodings():
             yield await self._look_at_encoding(encoding)
             if self._probe.closed_with is not None:
                 code, reason = self._probe.closed_with
@@ -282,7 +280,7 @@ class _Examination:
 
     async def _look_at_encoding(self, encoding: str) -> Finding:
         name = f"encoding {encoding}"
-        if encoding.startswith("cbor") and not self._binary:
+        if not self._binary and _is_binary(encoding):
             return Finding(name, "note", "not on this transport, which carries text only")
         probe, topic = self._probe, f"/rwt_doctor_{secrets.token_hex(4)}"
         kind = self._type
@@ -305,6 +303,19 @@ class _Examination:
         """Wait until the server is done with what was said, so that nothing of it is taken for the next."""
         if self._rosapi:
             await self._probe.call("/rosapi/get_time", self._patience)
+
+
+def encodings() -> tuple[str, ...]:
+    """What is looked at: every encoding that can be asked for, and JSON in pieces."""
+    from rwt_protocol.codecs import SELECTABLE
+
+    return ("json", *(each.name for each in SELECTABLE if each.name != "none"), "fragments")
+
+
+def _is_binary(encoding: str) -> bool:
+    from rwt_protocol.codecs import CODECS
+
+    return encoding in CODECS and CODECS[encoding].binary
 
 
 def _judge(encoding: str, frame: ReceivedFrame | None, said: str) -> tuple[Verdict, str, str]:
