@@ -1,9 +1,9 @@
-"""Publishes what is called and what goals do, as ROS 2's service introspection and its actions do.
+"""Publishes service calls and the progress of goals, as ROS 2's service introspection and actions do.
 
-A service `/add` of type `pkg/srv/X` is told of on `/add/_service_event` (`pkg/srv/X_Event`): each request as
-it is received and each response as it is sent. ROS 2 knows no failed call, so of one that fails only the
-request is told. An action `/go` is told of on `/go/_action/feedback` and `/go/_action/status`, and in the
-events of `/go/_action/send_goal` and `/go/_action/get_result`.
+Events of a service `/add` of type `pkg/srv/X` are on `/add/_service_event` (`pkg/srv/X_Event`): each request
+as it is received and each response as it is sent. ROS 2 has no failed calls, so of one that fails only the
+request is published. Those of an action `/go` are on `/go/_action/feedback` and `/go/_action/status`, and in
+the events of `/go/_action/send_goal` and `/go/_action/get_result`.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _NOBODY: Final = bytes(16)
 
 
 class NotObservable(Exception):
-    """The graph's calls cannot be told of: it speaks ROS 1, or its backend does not see them."""
+    """The graph's calls cannot be published: it speaks ROS 1, or its backend does not see them."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Open:
-    """One call or goal that is under way: by what its events are told apart."""
+    """One call or goal under way: the client and sequence number of its events."""
 
     service: str
     type: str
@@ -48,7 +48,7 @@ class _Open:
 
 
 class Introspection(CallObserver):
-    """Tells of the calls and goals of a graph until it is closed.
+    """Publishes the calls and goals of a graph until it is closed.
 
     Args:
         graph: of ROS 2.
@@ -122,7 +122,7 @@ class Introspection(CallObserver):
         return self._publisher(f"{action.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
     def _publisher(self, topic: str, type_name: str, qos: QoS = DEFAULT_QOS) -> Publisher | None:
-        """The publisher of a topic; None where somebody else has given the topic another type."""
+        """The publisher of a topic; None where the topic has another type already."""
         self._needed.add(topic)
         known, publisher = self._publishers.get(topic, ("", None))
         if publisher is not None and known == type_name:
@@ -136,7 +136,7 @@ class Introspection(CallObserver):
         except RobotError as error:
             if topic not in self._refused:
                 self._refused.add(topic)
-                logger.warning("nothing is told on %s: %s", topic, error)
+                logger.warning("nothing is published on %s: %s", topic, error)
             return None
         self._publishers[topic] = (type_name, publisher)
         self._on_topic()
@@ -145,7 +145,7 @@ class Introspection(CallObserver):
     # -- services ------------------------------------------------------------------------------------------
 
     def on_call(self, service: ServiceInfo, request: Payload, on_reply: OnReply) -> OnReply:
-        """Tell of a call, and later of its answer."""
+        """Publish a call, and later its response."""
         if not self._takes(service.name) or "/_action/" in service.name:
             return on_reply
         call = self._begin(service.name, service.type.name)
@@ -183,15 +183,15 @@ class Introspection(CallObserver):
     # -- actions -------------------------------------------------------------------------------------------
 
     def on_goal(self, action: ActionInfo, goal_id: str, goal: Payload, events: GoalEvents) -> GoalEvents:
-        """Tell of a goal, and later of what becomes of it."""
+        """Publish a goal, and later its progress."""
         if not self._takes(action.name):
             return events
         watched = _WatchedGoal(self, action, goal_id, events)
         watched.sent(goal)
         return GoalEvents(watched.ended, watched.fed_back, watched.accepted)
 
-    def tell_status(self, action: ActionInfo, goal_id: str, status: GoalStatus) -> None:
-        """Tell how all goals of an action are that have not ended, and this one."""
+    def publish_status(self, action: ActionInfo, goal_id: str, status: GoalStatus) -> None:
+        """Publish the status of an action's goals that have not ended, and of this one."""
         if self._is_carried(action):
             return
         goals = self._statuses.setdefault(action.name, {})
@@ -209,8 +209,8 @@ class Introspection(CallObserver):
         if publisher is not None:
             publisher.publish(Payload.from_value(publisher.type, {"status_list": listed}))
 
-    def tell_feedback(self, action: ActionInfo, goal_id: str, feedback: Payload) -> None:
-        """Tell of a goal's feedback."""
+    def publish_feedback(self, action: ActionInfo, goal_id: str, feedback: Payload) -> None:
+        """Publish a goal's feedback."""
         if self._is_carried(action):
             return
         publisher = self._feedback_of(action)
@@ -219,13 +219,13 @@ class Introspection(CallObserver):
             publisher.publish(Payload.from_value(publisher.type, content))
 
     def begin_step(self, action: ActionInfo, part: str, kind: str, request: dict[str, object]) -> _Open:
-        """Tell of the request of one step of a goal."""
+        """Publish the request of one step of a goal."""
         step = self._begin(f"{action.name}/_action/{part}", f"{action.type.name}_{kind}")
         self._tell(step, REQUEST_RECEIVED, request)
         return step
 
     def end_step(self, step: _Open, response: dict[str, object]) -> None:
-        """Tell of the response of one step of a goal."""
+        """Publish the response of one step of a goal."""
         self._tell(step, RESPONSE_SENT, response)
 
     def now(self) -> dict[str, int]:
@@ -233,7 +233,7 @@ class Introspection(CallObserver):
         return self._stamp(self._graph.clock.time_ns())
 
     def close(self) -> None:
-        """Tell of nothing more. May be called twice."""
+        """Publish nothing more. May be called twice."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -242,10 +242,12 @@ class Introspection(CallObserver):
 
 
 class _WatchedGoal:
-    """One goal: tells of it what its client hears, and passes that on."""
+    """Publishes the events of one goal, and passes them on to its client."""
 
-    def __init__(self, told: Introspection, action: ActionInfo, goal_id: str, events: GoalEvents) -> None:
-        self._told = told
+    def __init__(
+        self, introspection: Introspection, action: ActionInfo, goal_id: str, events: GoalEvents
+    ) -> None:
+        self._introspection = introspection
         self._action = action
         self._id = goal_id
         self._events = events
@@ -255,38 +257,38 @@ class _WatchedGoal:
     def sent(self, goal: Payload) -> None:
         """The goal is sent."""
         request: dict[str, object] = {"goal_id": uuid(self._id), "goal": goal.value()}
-        self._sending = self._told.begin_step(self._action, "send_goal", "SendGoal", request)
+        self._sending = self._introspection.begin_step(self._action, "send_goal", "SendGoal", request)
 
     def accepted(self) -> None:
         """The goal is accepted; ROS 2's clients ask for the result then."""
         self._answer(accepted=True)
-        self._told.tell_status(self._action, self._id, GoalStatus.EXECUTING)
+        self._introspection.publish_status(self._action, self._id, GoalStatus.EXECUTING)
         asked: dict[str, object] = {"goal_id": uuid(self._id)}
-        self._result = self._told.begin_step(self._action, "get_result", "GetResult", asked)
+        self._result = self._introspection.begin_step(self._action, "get_result", "GetResult", asked)
         if self._events.on_accepted is not None:
             self._events.on_accepted()
 
     def fed_back(self, feedback: Payload) -> None:
-        """There is feedback."""
-        self._told.tell_feedback(self._action, self._id, feedback)
+        """The goal's server has sent feedback."""
+        self._introspection.publish_feedback(self._action, self._id, feedback)
         if self._events.on_feedback is not None:
             self._events.on_feedback(feedback)
 
     def ended(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        """There is a result, or none."""
+        """The goal has ended, with a result or without."""
         if self._result is None:
             self._answer(accepted=False)
         else:
-            self._told.tell_status(self._action, self._id, status)
+            self._introspection.publish_status(self._action, self._id, status)
             if isinstance(outcome, Payload):
                 response: dict[str, object] = {"status": int(status), "result": outcome.value()}
-                self._told.end_step(self._result, response)
+                self._introspection.end_step(self._result, response)
         self._events.on_result(status, outcome)
 
     def _answer(self, *, accepted: bool) -> None:
         sending, self._sending = self._sending, None
         if sending is not None:
-            self._told.end_step(sending, {"accepted": accepted, "stamp": self._told.now()})
+            self._introspection.end_step(sending, {"accepted": accepted, "stamp": self._introspection.now()})
 
 
 def uuid(goal_id: str) -> dict[str, bytes]:

@@ -22,7 +22,7 @@ from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpRespon
 PATH: Final = "/packages/"
 
 #: What a scene is made of. Packages hold more, and some of it, as a launch file with a password, is not for
-#: everybody who may look at the robot.
+#: every client.
 CONTENT_TYPES: Final[Mapping[str, str]] = MappingProxyType(
     {
         ".dae": "model/vnd.collada+xml",
@@ -138,7 +138,7 @@ def _below(root: Path, rest: str) -> Path | None:
     Links are followed: a workspace that was built with links has nothing else.
     """
     parts = rest.split("/")
-    # On Windows a backslash and the colon of a drive lead elsewhere.
+    # On Windows a backslash and the colon of a drive leave the package.
     if any(not part or part.startswith(".") or set(part) & set("\\:\0") for part in parts):
         return None
     return root.joinpath(*parts)

@@ -1,4 +1,4 @@
-"""Everything that one test has: a graph in a thread of its own, a robot, a server, and the wire between."""
+"""The environment of one test: a graph in a thread of its own, a robot, a server, and the wire between."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RobotServer:
 
     @property
     def faults(self) -> Faults:
-        """What goes wrong on the way; see :class:`rwt_testing.Faults`."""
+        """The faults of the wire; see :class:`rwt_testing.Faults`."""
         return self._wire.faults
 
     @property
@@ -114,7 +114,7 @@ class Environment:
 
     @property
     def virtual_time(self) -> VirtualTime:
-        """The clock as the test moves it."""
+        """The clock, which the test moves."""
         clock = self.graph.clock
         if not isinstance(clock, SimulatedClock):
             raise pytest.UsageError(

@@ -1,4 +1,4 @@
-"""What a test wants: its markers, the command line and the ini file."""
+"""A test's options: from its markers, the command line and the ini file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _KEYS = ("distro", "demo", "interfaces", "settings")
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How a robot and its server should be.
+    """The options of a robot and its server.
 
     Attributes:
         distro: ROS distribution.
@@ -53,7 +53,7 @@ def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ..
 
 
 def options_of(request: pytest.FixtureRequest, distro: str) -> Options:
-    """Everything that a test wants.
+    """The options of one test.
 
     Raises:
         UsageError: a marker or an ini value cannot be used.

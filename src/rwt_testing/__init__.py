@@ -1,4 +1,4 @@
-"""Robots for tests: scripted ones, what they received, and faults on the way. No test framework is needed."""
+"""Robots for tests: scripted robots, a journal of what they received, and faults on the wire."""
 
 from rwt_testing.errors import BlockingWait, ScriptError
 from rwt_testing.journal import Journal, Kind, Received

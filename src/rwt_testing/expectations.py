@@ -63,7 +63,7 @@ class Expectation:
         return [e for e in journal.of(self.kind, self.name) if not misfit(e.message, self.matching)]
 
     def enough(self, found: list[Received]) -> bool:
-        """Whether waiting on can only waste time."""
+        """Whether the outcome can no longer change by waiting."""
         if self.count == 0:
             return bool(found)
         return len(found) >= (1 if self.count is None else self.count)

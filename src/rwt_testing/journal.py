@@ -1,4 +1,4 @@
-"""What reached the robot: messages, calls and goals, in order, for every thread to look at."""
+"""The journal of what reached the robot: messages, calls and goals, in order, readable from any thread."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OF_THE_SERVER = frozenset(("/client_count", "/connected_clients", "/rosout", "/p
 
 
 class Kind(StrEnum):
-    """What an entry is."""
+    """The kinds of entries."""
 
     MESSAGE = "message"
     CALL = "call"
@@ -71,7 +71,7 @@ class Journal:
         self._version = 0
 
     def add(self, entry: Received) -> None:
-        """Note one more, and wake who waits."""
+        """Add an entry, and wake threads that wait for one."""
         with self._changed:
             entries = self._entries.setdefault((entry.kind, entry.name), deque(maxlen=self._kept))
             entries.append(entry)

@@ -1,4 +1,4 @@
-"""Whether a message is the one that was meant."""
+"""Comparison of a message with the fields that a test expects."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ABSOLUTE = 1e-9
 
 
 def misfit(message: Message, wanted: Matching) -> str:
-    """Why a message is not the one that was meant, in words; empty when it is.
+    """Why a message does not match, in words; empty when it does.
 
     Floats are compared to within a millionth. Lists must have the same length.
 

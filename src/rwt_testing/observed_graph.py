@@ -1,4 +1,4 @@
-"""A graph in memory that notes every message which anybody publishes."""
+"""A graph in memory with a journal of every message that is published."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ObservedGraph(MemoryGraph):
 
 
 class _ObservedParticipant(Participant):
-    """Passes everything on, and notes what is published."""
+    """A participant whose publishers note their messages."""
 
     def __init__(self, inner: Participant, journal: Journal, clock: Clock) -> None:
         self.name = inner.name
@@ -104,7 +104,7 @@ class _ObservedParticipant(Participant):
 
 
 class _ObservedPublisher(Publisher):
-    """Notes a message before anybody receives it, so that whoever reacts to it finds it noted."""
+    """Notes a message before it is delivered, so that code that reacts to it finds it in the journal."""
 
     def __init__(self, inner: Publisher, node: str, journal: Journal, now_ns: Callable[[], int]) -> None:
         self.topic = inner.topic

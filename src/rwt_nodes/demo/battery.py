@@ -33,7 +33,7 @@ class Battery:
         return EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self.level
 
     def swap(self) -> None:
-        """Put a full one in."""
+        """Replace the battery by a full one."""
         self.level = 1.0
 
     def drain(self, velocity: Velocity, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""How the robot is: `/diagnostics`."""
+"""The robot's health: `/diagnostics`."""
 
 from __future__ import annotations
 

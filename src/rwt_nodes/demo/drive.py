@@ -53,7 +53,7 @@ STANDSTILL = Velocity()
 
 
 class DifferentialDrive:
-    """The moving robot.
+    """The robot's motion: pose, velocity and wheel angles, step by step.
 
     Attributes:
         limits: may be changed at any time.

@@ -1,4 +1,4 @@
-"""The action `/fibonacci`, the one of every tutorial."""
+"""The action `/fibonacci` of ROS's tutorials."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _SURPLUS = {"actionlib_tutorials/Fibonacci": 2, "example_interfaces/Fibonacci": 
 
 
 class FibonacciRequest(Protocol):
-    """The goal of every Fibonacci action."""
+    """The goal, which every package's Fibonacci action has."""
 
     order: int
 
 
 class Fibonacci:
-    """Finds one number after another, as slowly as people can watch, and cancel.
+    """Serves the action: one number after another, slowly enough to watch and to cancel.
 
     Attributes:
         rate: numbers in a second.

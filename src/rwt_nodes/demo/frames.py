@@ -1,4 +1,4 @@
-"""What the robot's coordinate frames are called."""
+"""Names of the robot's coordinate frames."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal, Protocol
 
+from rwt_graph.clock import NANOSECONDS
 from rwt_nodes.demo.drive import Velocity
 from rwt_nodes.demo.world.pose import Pose
 
@@ -42,7 +43,7 @@ class PoseLike(Protocol):
 
 def time(nanoseconds: int) -> Message:
     """A time or a duration."""
-    seconds, rest = divmod(nanoseconds, 1_000_000_000)
+    seconds, rest = divmod(nanoseconds, NANOSECONDS)
     return {"sec": seconds, "nanosec": rest}
 
 

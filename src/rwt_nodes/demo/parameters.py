@@ -1,4 +1,4 @@
-"""The robot's adjustable numbers, which values they take, and what is told to whoever asks for another."""
+"""The robot's ROS parameters: their limits, and the reason for refusing other values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rwt_graph import Node, ParameterRejected
 
 @dataclass(frozen=True, slots=True)
 class Tunable:
-    """One number.
+    """One numeric parameter with its limits.
 
     Attributes:
         name: of the parameter.

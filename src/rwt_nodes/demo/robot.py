@@ -137,7 +137,7 @@ class DemoRobot:
         self._chatter.publish({"data": f"hello world {self._said}"})
 
     def _step(self) -> None:
-        """One control step: who drives, one step of the world, and what is to be told of it."""
+        """One control step: choose the velocity, move the robot, publish its state."""
         now = self._node.clock.monotonic()
         seconds = min(now - self._stepped, _LONGEST_STEP)
         self._stepped = now
@@ -152,7 +152,7 @@ class DemoRobot:
         self._cameras.look_for_listeners()
 
     def _wanted(self) -> Velocity:
-        """A hand on the stick goes before navigation; a released stick, which still says 0, does not."""
+        """The velocity to drive with: teleoperation goes before navigation, unless its command is zero."""
         by_hand = self._teleop.velocity or STANDSTILL
         planned = self._navigation.steer(overridden=not by_hand.is_zero)
         return planned if by_hand.is_zero else by_hand
@@ -163,7 +163,7 @@ class DemoRobot:
         self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
     def _reset(self, request: object) -> messages.Message:
-        """Back to the start with a fresh battery and the arm at rest; the motors stay as they are."""
+        """Return to the start with a full battery and the arm at rest; the motors stay as they are."""
         self._navigation.abort("the robot was reset")
         self._arm_controller.abort("the robot was reset")
         self._arm.reset()

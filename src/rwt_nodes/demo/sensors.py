@@ -29,7 +29,7 @@ class ScanPublisher:
         self._timer: Timer | None = None
 
     def start(self) -> None:
-        """Begin to scan."""
+        """Publish scans from now on."""
         self._timer = self._node.create_timer(self._period, self._scan)
 
     def set_rate(self, rate: float) -> None:
@@ -40,7 +40,7 @@ class ScanPublisher:
             self.start()
 
     def _scan(self) -> None:
-        # Nobody pays for rays that nobody sees.
+        # Rays are cast for subscribers only.
         if not self._scans.subscriber_count:
             return
         lidar = self._lidar

@@ -1,4 +1,4 @@
-"""What the robot tells about itself: where it is, how its parts stand, and what it looks like."""
+"""The robot's state: odometry, transforms and joint states."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class StatePublisher:
         fixed.publish({"transforms": self._fixed_transforms(chassis)})
 
     def publish(self) -> None:
-        """Publish the state of this moment, to those who listen."""
+        """Publish the present state on every topic that has subscribers."""
         stamp = self._node.clock.time_ns()
         if self._odom.subscriber_count:
             self._odom.publish(self._odometry(stamp))

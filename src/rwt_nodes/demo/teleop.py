@@ -1,4 +1,4 @@
-"""What somebody asks of the robot by hand, on `/cmd_vel`, and for how long that holds."""
+"""Teleoperation: velocity commands on `/cmd_vel`, which expire."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class TwistLike(Protocol):
 
 
 class Teleop:
-    """The last command.
+    """The last velocity command.
 
     Attributes:
         timeout: seconds after which a command no longer holds.
@@ -41,7 +41,7 @@ class Teleop:
         return self._last
 
     def forget(self) -> None:
-        """Drop the command as if its time were over."""
+        """Drop the command, as if it had expired."""
         self._last = None
 
     def _on_twist(self, twist: TwistLike) -> None:

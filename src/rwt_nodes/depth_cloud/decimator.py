@@ -1,4 +1,4 @@
-"""A thinner copy of a point cloud topic, made while somebody listens to it."""
+"""A decimated copy of a point cloud topic, made while it has subscribers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VOXEL: Final = Number("voxel", 0.0, 1000.0, "m", "Edge of a cube of which one po
 
 
 class CloudDecimator:
-    """Publishes fewer of the points of a `sensor_msgs/PointCloud2` topic, while somebody listens.
+    """Publishes fewer of the points of a `sensor_msgs/PointCloud2` topic, while the result has subscribers.
 
     Points keep their fields. `stride` and `voxel` are ROS parameters and can be changed while it works.
 
@@ -76,7 +76,7 @@ class CloudDecimator:
         return (subscription,)
 
     def _thin(self, payload: Payload) -> Mapping[str, object]:
-        """Runs in a worker thread; numpy is loaded with the first listener."""
+        """Decimate one cloud. Runs in a worker thread; numpy is loaded with the first subscriber."""
         from rwt_nodes.depth_cloud.point_cloud import cloud_of, every, one_per_voxel, read_points
 
         cloud: Any = payload.value()

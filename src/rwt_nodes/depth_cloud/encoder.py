@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph import Graph, Node, Sample
+from rwt_graph.clock import NANOSECONDS
 from rwt_nodes.depth_cloud.latest_only import Closable, LatestOnly
 from rwt_nodes.depth_cloud.parameters import Number
 from rwt_program.qos import SENSOR_DATA
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
     from rwt_interfaces.payload import Payload
 
-_NANOSECONDS: Final = 1_000_000_000
 _IMAGE: Final = "sensor_msgs/Image"
 
 CROP_SIZE: Final = Number(
@@ -32,10 +32,10 @@ MAX_DEPTH_PER_TILE: Final = Number(
 
 
 class DepthCloudEncoder:
-    """Publishes depth and colour as one picture, while somebody listens.
+    """Publishes depth and colour as one picture, while it has subscribers.
 
     A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie
-    on the same pixels (registered), and the middle of both is taken. What the picture looks like says
+    on the same pixels (registered), and the middle of both is taken. The layout of the picture is in
     :mod:`rwt_nodes.depth_cloud.picture`.
 
     Node, topic and parameters have the names of ROS 1's `depthcloud_encoder`; `crop_size`,
@@ -76,7 +76,7 @@ class DepthCloudEncoder:
         CROP_SIZE.declare(self._node, crop_size, self._set_crop)
         TARGET_RESOLUTION.declare(self._node, target_resolution, self._set_size)
         MAX_DEPTH_PER_TILE.declare(self._node, max_depth_per_tile, self._set_depth_per_tile)
-        self._slop_ns = round(slop * _NANOSECONDS)
+        self._slop_ns = round(slop * NANOSECONDS)
         self._latest: dict[str, tuple[int, Payload]] = {}
         pictures = self._node.advertise(topic, _IMAGE, SENSOR_DATA)
         self._work: LatestOnly[tuple[Payload, Payload]] = LatestOnly(
@@ -104,7 +104,7 @@ class DepthCloudEncoder:
         )
 
     def _take(self, topic: str, sample: Sample) -> None:
-        """Hand on the two latest if they belong together; each is used once."""
+        """Encode the two latest images if their times match; each is used once."""
         message: Any = sample.payload.value()
         self._latest[topic] = stamp_ns(message.header.stamp), sample.payload.detach()
         if len(self._latest) < len(self._topics):
@@ -115,7 +115,7 @@ class DepthCloudEncoder:
             self._work.offer((depth, colour))
 
     def _encode(self, pair: tuple[Payload, Payload]) -> Mapping[str, object]:
-        """Runs in a worker thread; numpy is loaded with the first listener."""
+        """One picture. Runs in a worker thread; numpy is loaded with the first subscriber."""
         from rwt_nodes.depth_cloud.depths import read_depths, square
         from rwt_nodes.depth_cloud.picture import encode_picture
 

@@ -1,4 +1,4 @@
-"""What goes wrong with depths."""
+"""Errors of depth clouds."""
 
 from __future__ import annotations
 

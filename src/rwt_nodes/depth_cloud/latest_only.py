@@ -1,4 +1,4 @@
-"""Work in a thread on the newest of what comes, for as long as somebody listens to the result."""
+"""A worker thread that processes the latest input only, while the result has subscribers."""
 
 from __future__ import annotations
 
@@ -21,20 +21,21 @@ _COMPLAIN_EVERY: Final = 10.0
 
 
 class Closable(Protocol):
-    """Something that was begun."""
+    """Something that can be closed."""
 
     def close(self) -> None:
-        """End it."""
+        """Close it."""
 
 
 class LatestOnly(Generic[T]):
-    """Turns inputs into messages in a worker thread, one at a time; of what comes meanwhile the newest waits.
+    """Turns inputs into messages in a worker thread, one at a time, and keeps the latest meanwhile.
 
     Args:
         node: that publishes.
         topic: of the results.
         work: makes the result; runs in a worker thread. What it cannot read it refuses by raising.
-        listen: begins to :meth:`offer` inputs; what it returns is closed when nobody listens to the topic.
+        listen: subscribes to the inputs, which it gives to :meth:`offer`; what it returns is closed
+            when the topic has no subscribers.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class LatestOnly(Generic[T]):
         node.create_timer(LOOK_EVERY, self._look)
 
     def offer(self, item: T) -> None:
-        """Work on this next, instead of what waits."""
+        """Process `item` next, in place of one that waits."""
         self._next = item
         if not self._busy:
             self._busy = True
@@ -85,10 +86,10 @@ class LatestOnly(Generic[T]):
             self._node.log.warning(line)
 
     def _look(self) -> None:
-        heard = self._topic.subscriber_count > 0
-        if heard and not self._inputs:
+        wanted = self._topic.subscriber_count > 0
+        if wanted and not self._inputs:
             self._inputs = self._listen()
-        elif not heard and self._inputs:
+        elif not wanted and self._inputs:
             for each in self._inputs:
                 each.close()
             self._inputs = ()

@@ -1,4 +1,4 @@
-"""Numbers of a node that may be changed while it works: ROS parameters with limits."""
+"""Numeric ROS parameters with limits, which can be changed at any time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rwt_graph import Node, ParameterRejected
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One number.
+    """One numeric parameter with its limits.
 
     Attributes:
         name: of the parameter.

@@ -1,4 +1,4 @@
-"""Markers that people drag, turn and click in a viewer, and what their program hears of it.
+"""Markers that people drag, turn and click in a viewer, with feedback for the program.
 
 ::
 

@@ -21,7 +21,7 @@ class MenuEntry:
         title: what the entry says.
         checked: with a check mark, without one, or None for an entry that has no place for one.
         visible: whether it is shown, and what is under it.
-        on_select: told when it is chosen, in place of the marker's own callback.
+        on_select: called when it is chosen, in place of the marker's own callback.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Menu:
         """Add an entry below the ones that are there.
 
         Args:
-            on_select: told when it is chosen; None leaves that to the marker's own callback.
+            on_select: called when it is chosen; None leaves that to the marker's own callback.
             parent: the entry under which it goes; one with entries under it cannot be chosen itself.
             checked: None for an entry without a check mark.
 

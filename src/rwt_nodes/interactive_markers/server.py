@@ -1,4 +1,4 @@
-"""A server of interactive markers: which there are, where, and who is told what people do to them."""
+"""A server of interactive markers: their poses, and callbacks for what people do to them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rwt_nodes.interactive_markers.topics import MarkerTopics
 
 logger = logging.getLogger(__name__)
 
-#: Seconds for which a marker belongs to whoever has last dragged it.
+#: Seconds for which a marker belongs to the viewer that has last dragged it.
 _GRIP = 1.0
 
 
@@ -57,7 +57,7 @@ class _Entry:
 
 
 class InteractiveMarkerServer:
-    """Shows markers under one namespace and hears what people do to them.
+    """Shows markers under one namespace and reports what people do to them.
 
     Changes show when :meth:`apply_changes` is called, all at once; those that a callback makes do when it
     returns. Every method may be called from any thread once the graph runs.
@@ -95,7 +95,7 @@ class InteractiveMarkerServer:
         Args:
             marker: a `visualization_msgs/InteractiveMarker`, as :func:`interactive_marker` makes one. A
                 header without a stamp keeps the marker fixed to its frame.
-            on_feedback: told of every event but the choice of menu entries that have a callback.
+            on_feedback: called with every event but the choice of menu entries that have a callback.
             menu: shown in place of the message's own `menu_entries`.
 
         Raises:

@@ -29,13 +29,13 @@ _KEEP_ALIVE_PERIOD = 0.5
 
 
 class MarkerTopics:
-    """What carries the markers of one server.
+    """The publishers, subscriptions and services of one server.
 
     Args:
         node: publishes, and names the server to clients.
         namespace: absolute, or relative to the node's.
         snapshot: the sequence number and all markers that clients know of.
-        on_feedback: told of each message of the topic `feedback`.
+        on_feedback: called with each message of the topic `feedback`.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class MarkerTopics:
     def publish(
         self, sequence: int, markers: Sequence[Message], poses: Sequence[Message], erases: Sequence[str]
     ) -> None:
-        """Tell of changes: markers that are new, poses of others, and names of those that are gone."""
+        """Publish changes: markers that are new, poses of others, and names of those that are gone."""
         update = {
             "server_id": self._server_id,
             "seq_num": sequence,
@@ -87,7 +87,7 @@ class MarkerTopics:
             self._full.publish(self._init())
 
     def close(self) -> None:
-        """Withdraw all of it."""
+        """Withdraw the topics and services."""
         self._parts.close()
 
     def _init(self) -> Mapping[str, object]:

@@ -17,8 +17,8 @@ class PlaybackClock(SteadyClock):
     """ROS time is that of a recording; steady time and timers are real.
 
     Give it to the graph, and the graph to a :class:`~rwt_nodes.playback.player.Player`, which tells it the
-    time: messages are published with the very stamps that they were recorded with, and who asks the robot for
-    the time hears the recording's.
+    time: messages are published with the very stamps that they were recorded with, and clients that
+    ask for the time get the recording's.
 
     Args:
         start_ns: the time before a player plays, nanoseconds since the epoch.

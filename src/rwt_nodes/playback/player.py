@@ -149,7 +149,7 @@ class Player:
         return self._rate
 
     def _place(self, position_ns: int) -> None:
-        """Say that it is `position_ns` now."""
+        """Set the position to `position_ns`."""
         self._anchor_ns = position_ns
         self._anchor_at = self._clock.monotonic()
 

@@ -69,7 +69,7 @@ class ReadAhead:
                 self._changed.notify()
 
     def _put(self, message: RecordedMessage) -> bool:
-        """Add a message when there is room; False when nobody wants it any more."""
+        """Add a message when there is room; False after :meth:`close`."""
         with self._changed:
             while (len(self._ready) >= AHEAD_MESSAGES or self._bytes >= AHEAD_BYTES) and not self._closed:
                 self._changed.wait()

@@ -27,7 +27,7 @@ _REQUESTS: Final = (0, 1)
 
 
 class RecordedServices:
-    """Offers every service whose calls were recorded with their contents, and that nobody offers yet."""
+    """Offers every service whose calls were recorded with their contents, and that no node offers yet."""
 
     def __init__(self, graph: Graph, recording: Recording, selection: TopicSelection, node: str) -> None:
         self._graph = graph
@@ -59,7 +59,7 @@ class RecordedServices:
 
 
 class _RecordedCalls:
-    """What one service answered, by the CDR of the request."""
+    """The recorded responses of one service, by the CDR of the request."""
 
     def __init__(self, name: str, service: ServiceType) -> None:
         self._name = name
@@ -76,14 +76,14 @@ class _RecordedCalls:
     def learn(self, topic: RecordedTopic, event: MessageType, message: RecordedMessage) -> None:
         """Take in one event."""
         try:
-            told = read_payload(topic.encoding, event, message.data).value()
-            call = (bytes(told.info.client_gid), told.info.sequence_number)  # type: ignore[attr-defined]  # a service event
-            if told.info.event_type in _REQUESTS:  # type: ignore[attr-defined]  # likewise
-                for request in told.request:  # type: ignore[attr-defined]  # likewise
+            recorded = read_payload(topic.encoding, event, message.data).value()
+            call = (bytes(recorded.info.client_gid), recorded.info.sequence_number)  # type: ignore[attr-defined]  # a service event
+            if recorded.info.event_type in _REQUESTS:  # type: ignore[attr-defined]  # likewise
+                for request in recorded.request:  # type: ignore[attr-defined]  # likewise
                     self._open[call] = Payload.from_value(self._service.request, request).cdr()
                 return
-            for response in told.response:  # type: ignore[attr-defined]  # likewise
-                # A call is told of twice where client and server both do it: the second finds nothing open.
+            for response in recorded.response:  # type: ignore[attr-defined]  # likewise
+                # Client and server may both have published a call: the second event finds nothing open.
                 request = self._open.pop(call, None)
                 if request is not None:
                     payload = Payload.from_value(self._service.response, response)

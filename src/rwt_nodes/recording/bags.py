@@ -47,7 +47,7 @@ class BagRecording(Recording):
             raise RecordingUnreadable(f"{path} is not a bag that can be read: {error}{hint}") from None
 
     def _opened(self) -> Reader1 | Reader2:
-        """A reader of its own for each who reads: sqlite3 wants to be used by the thread that opened it."""
+        """A new reader for each reading: sqlite3 must be used by the thread that opened it."""
         return Reader1(self.paths[0]) if self._is_ros1 else Reader2(self.paths[0])
 
     def _describe(self, reader: Reader1 | Reader2) -> None:

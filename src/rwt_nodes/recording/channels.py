@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
+from rwt_graph.clock import NANOSECONDS
 from rwt_interfaces.field_types import Array, Bool, FieldType, Float, Int, Octets, String, Time
 from rwt_program.qos import Durability, History, QoS, Reliability
 
@@ -108,7 +109,7 @@ def _profile(qos: QoS) -> str:
 
 
 def _duration(seconds: float | None) -> str:
-    whole, rest = divmod(round(seconds * 1_000_000_000), 1_000_000_000) if seconds else _INFINITE
+    whole, rest = divmod(round(seconds * NANOSECONDS), NANOSECONDS) if seconds else _INFINITE
     return f"\n    sec: {whole}\n    nsec: {rest}"
 
 

@@ -25,7 +25,7 @@ class RecordingUnreadable(RecordingError):
 
 
 class RecordingNotWritten(RecordingError):
-    """The file cannot be written, or not any more."""
+    """The file cannot be written; what was written before stays readable."""
 
 
 def require(library: str) -> None:

@@ -52,7 +52,7 @@ _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
 
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
-    """What a walk through a file without a usable index has found.
+    """What was found in a file without a usable index.
 
     Attributes:
         summary: the index that the file should have had.
@@ -249,7 +249,7 @@ def _record(opcode: int, content: bytes, complaint: str) -> records.McapRecord:
 
 
 def recovery(file: IO[bytes], path: Path) -> RecoveryReport:
-    """Make the index of a file by reading all of it.
+    """Rebuild the index of a file by reading all of it.
 
     Raises:
         RecordingUnreadable: it is damaged before its first chunk ends.

@@ -1,4 +1,4 @@
-"""Records a graph from within: a node that writes what it hears on every topic to an MCAP file."""
+"""A node that records the messages of every topic of its graph in an MCAP file."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Recorder:
                     topic.name, recorded.receive, None, BEST_AVAILABLE
                 )
             elif alone:
-                # The topic lives on if somebody comes back, and does not because of the recorder.
+                # A topic exists while others use it; the recorder's subscription must not keep it alive.
                 recorded.subscription.close()
                 recorded.subscription = None
 
@@ -126,7 +126,7 @@ class Recorder:
         )
 
     def stop(self) -> None:
-        """Hear nothing more; what was heard is still being written. To be called on the graph's thread."""
+        """Record nothing more; what was taken is still written. To be called on the graph's thread."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -14,7 +14,7 @@ from rwt_interfaces.distro import Distro
 from rwt_program.qos import QoS
 
 MessageEncoding = Literal["cdr", "ros1", "json", ""]
-"""How a topic's messages are written; empty where nobody here can read them."""
+"""How a topic's messages are written; empty for an encoding that cannot be read."""
 
 
 @dataclass(frozen=True, slots=True)

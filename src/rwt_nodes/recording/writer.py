@@ -1,4 +1,4 @@
-"""Writes MCAP files from a thread of its own, so that whoever records never waits for a disk.
+"""Writes MCAP files from a thread of its own, so that recording never waits for a disk.
 
 `write` only puts a message on a queue. The thread makes chunks of them and hands what it has to the system at
 least once a second, whole: a program that is killed loses that second and nothing else, and what a full disk
@@ -197,7 +197,7 @@ class RecordingWriter:
         except RecordingNotWritten as error:
             self._fail(str(error))  # The next file of a recording that splits is there already.
         except Exception:
-            # Nobody else would hear of it, and the recording would go on without being written.
+            # Otherwise no caller would learn of it, and the recording would go on without being written.
             logger.exception("recording failed")
             self._fail("internal error, see the log")
 
@@ -355,7 +355,7 @@ class _Disk:
         """Nothing is held back here."""
 
     def keep(self) -> None:
-        """What there is now is whole."""
+        """Mark what was written so far as whole."""
         self._whole = self.size
 
     def cut(self) -> None:

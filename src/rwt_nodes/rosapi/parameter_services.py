@@ -1,4 +1,4 @@
-"""Parameters, with their values as JSON text both ways (API-07).
+"""Services about parameters, with their values as JSON text in both directions (API-07).
 
 Names are `/node:name` on ROS 2 and `/name` on ROS 1 (API-08). On ROS 2 a failure is in the response, as
 `successful` and `reason`; ROS 1's types lack these fields, so there it fails the call.

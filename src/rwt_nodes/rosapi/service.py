@@ -1,4 +1,4 @@
-"""What one service of rosapi is: a row of the tables in this folder."""
+"""A row of the tables of services in this folder."""
 
 from __future__ import annotations
 

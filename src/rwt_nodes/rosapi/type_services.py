@@ -1,4 +1,4 @@
-"""What the known types look like."""
+"""Services about types: their fields, constants and names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of the event loop's time the streams may take."""
+"""The share of the event loop's time that the streams may take."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Final
 
 SHARE: Final = 0.25
 """Of the event loop's time, for all streams together: a client may ask for a thousand frames a hundred times
-a second, and everybody else wants to be served, too."""
+a second, and other clients must be served, too."""
 
 _NEWEST: Final = 0.2
 """How much the last turn counts in what a turn usually takes: one that was held up must not slow a stream."""
 
 
 class CpuBudget:
-    """Lets one stream rest after its turns, as long as its part of :data:`SHARE` wants it.
+    """The processor time of one stream: it rests after each turn to stay within its part of :data:`SHARE`.
 
     Args:
         monotonic: seconds of the robot's clock.

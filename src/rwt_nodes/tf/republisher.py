@@ -83,7 +83,7 @@ class Tf2WebRepublisher:
         return True
 
     async def _run_goal(self, goal: ActionGoal) -> None:
-        """Send feedback until the goal is canceled (TFR-08), or nobody has taken any for a while."""
+        """Send feedback until the goal is canceled (TFR-08), or no client has taken any for a while."""
         request = Request.read(goal.request)
         number = self._make_room()
         with anyio.CancelScope() as scope:

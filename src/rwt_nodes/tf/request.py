@@ -1,4 +1,4 @@
-"""What a client asks of the republisher: a goal or a service's request."""
+"""Requests to the republisher: the goal of its action, or the request of its service."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Request:
 
     @classmethod
     def read(cls, message: RequestMessage) -> Request:
-        """Out of a message, names without a leading slash (TFR-03).
+        """Read a message; the names lose a leading slash (TFR-03).
 
         Raises:
             RequestRefused: a rate or a threshold that is no number, a negative rate, or too many frames.

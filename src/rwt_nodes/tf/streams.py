@@ -1,4 +1,4 @@
-"""What is sent to one client: as the feedback of a goal, or on a topic of its own."""
+"""The transforms sent to one client: as the feedback of a goal, or on a topic of its own."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.transform_filters import TransformFilter
 from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
 
-UNHEARD: Final = 10.0
-"""Seconds that a goal runs on when nobody takes its feedback: its page was closed, or comes back."""
+FEEDBACK_TIMEOUT: Final = 10.0
+"""Seconds that a goal goes on without a client that takes its feedback: a page may come back."""
 
 DIGITS: Final = 6
 """Decimals that are sent: a micrometre, a microradian. All of a float's would double the size in JSON."""
@@ -58,17 +58,17 @@ class GoalStream:
         self._filter = filter_
         self._goal = goal
         self._end = end
-        self._heard_at = self._clock.monotonic()
+        self._taken_at = self._clock.monotonic()
 
     def tick(self) -> None:
         """Send what is due, if anything (TFR-06)."""
         now = self._clock.monotonic()
         if not self._goal.feedback_wanted:
             self._filter.forget()
-            if now - self._heard_at >= UNHEARD:
-                self.stop(f"nobody took the feedback for {UNHEARD:g} s")
+            if now - self._taken_at >= FEEDBACK_TIMEOUT:
+                self.stop(f"no client took the feedback for {FEEDBACK_TIMEOUT:g} s")
             return
-        self._heard_at = now
+        self._taken_at = now
         self._budget.turn(self._send)
 
     def _send(self) -> None:
@@ -85,7 +85,7 @@ class GoalStream:
 class TopicStream:
     """A topic of one call of the service (TFR-09).
 
-    It goes when nobody has subscribed to it for `timeout` seconds. Nothing is sent before the first
+    It ends after `timeout` seconds without a subscriber. Nothing is sent before the first
     subscriber comes, and each that comes gets everything.
     """
 
@@ -113,7 +113,7 @@ class TopicStream:
         self._subscribed_at = node.clock.monotonic()
 
     def start(self, period: float) -> None:
-        """Begin."""
+        """Begin to publish every `period` seconds."""
         self._timer = self._node.create_timer(period, self._tick)
 
     def _tick(self) -> None:
@@ -134,7 +134,7 @@ class TopicStream:
             self._publisher.publish(to_message(due))
 
     def stop(self, reason: str) -> None:
-        """Withdraw the topic; there is nobody to tell why."""
+        """Withdraw the topic. The reason is for goals, which have a client to send it to."""
         if self._timer is None:
             return
         self._timer.cancel()

@@ -1,4 +1,4 @@
-"""Which transforms are due: everything that has moved since it was sent last."""
+"""Filters of transforms: those that have moved since they were sent last."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from rwt_tf2 import IDENTITY, Buffer, LookupFailed, StampedTransform, Transform,
 from rwt_tf2.quaternion import dot
 
 GRACE: Final = 2.0
-"""Seconds that a frame may be missing before somebody is told: the first transforms take a moment."""
+"""Seconds that a frame may be missing before it is logged: the first transforms take a moment."""
 
 
 class TransformFilter(Protocol):
-    """Remembers what one client has been sent, and finds what is due."""
+    """The transforms that one client has been sent, and which are due again."""
 
     def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
-        """What is to be sent now; it counts as sent."""
+        """The transforms to send now; they count as sent."""
 
     def forget(self) -> None:
-        """Begin anew: everything is due."""
+        """Forget what was sent: every transform is due."""
 
 
 class MissingFrames:
-    """Says once that a frame cannot be had, until it works again (TFR-06)."""
+    """Logs once that a frame cannot be looked up, until that works again (TFR-06)."""
 
     def __init__(self, say: Callable[[str], None], monotonic: Callable[[], float]) -> None:
         self._say = say
@@ -34,14 +34,14 @@ class MissingFrames:
         self._said: set[str] = set()
 
     def miss(self, frame: str, why: LookupFailed) -> None:
-        """It could not be had."""
+        """A frame could not be looked up."""
         since = self._since.setdefault(frame, self._monotonic())
         if frame not in self._said and self._monotonic() - since >= GRACE:
             self._said.add(frame)
             self._say(str(why))
 
     def found(self, frame: str) -> None:
-        """It works."""
+        """A frame was looked up."""
         if self._since.pop(frame, None) is not None:
             self._said.discard(frame)
 
@@ -54,8 +54,8 @@ def make_filter(request: Request, missing: MissingFrames) -> TransformFilter:
 class TargetFrameFilter:
     """Each source frame as seen from the target (TFR-02), sent again when it has moved (TFR-04).
 
-    A frame that cannot be had is left out, also the first time: the original then sends a transform of zeros
-    (TFR-07).
+    A frame that cannot be looked up is left out, also the first time: the original then sends a transform of
+    zeros (TFR-07).
     """
 
     def __init__(self, request: Request, missing: MissingFrames) -> None:
@@ -81,7 +81,7 @@ class TargetFrameFilter:
         return found
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget what was sent: every transform is due."""
         self._sent.clear()
 
     def _others(self, buffer: Buffer) -> list[str]:
@@ -130,7 +130,7 @@ class TreeFilter:
         return found
 
     def forget(self) -> None:
-        """Begin anew."""
+        """Forget what was sent: every transform is due."""
         self._sent.clear()
 
     def _edges(self, buffer: Buffer) -> dict[str, StampedTransform]:
@@ -155,7 +155,7 @@ class TreeFilter:
     ) -> set[str]:
         """What has to be sent besides `due` for frames that would be wrong; empty when none is.
 
-        A frame that is put right puts others off that were looked at before: look again.
+        Correcting one frame moves others that were checked before, so callers repeat until nothing is needed.
         """
         more: set[str] = set()
         held: dict[str, Transform] = {}

@@ -1,8 +1,8 @@
-"""One encoder for all who want to see the same, and what each of them gets.
+"""One encoder for equal requests, and a queue of pictures for each viewer.
 
-A picture is encoded only when a viewer has room for it, in a worker thread, and once. What has no room waits
-nowhere: the newest message replaces the one before. So a slow viewer gets fewer pictures, and none of them
-old; and where nobody looks, nothing is encoded and nothing is subscribed to.
+A picture is encoded only when a viewer has room for it, in a worker thread, and once. Messages that cannot
+be encoded yet do not queue: the latest replaces the one before. So a slow viewer gets fewer pictures, none of
+them old; and without viewers nothing is encoded and nothing is subscribed to.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ logger = logging.getLogger("rwt_nodes.video")
 
 #: Pictures of a video that may wait for a viewer. A picture by itself never waits: the next replaces it.
 _MOST_WAITING: Final = 4
-#: Seconds from one key picture that a slow viewer needs to the next; they are large, and everybody gets them.
+#: Seconds from one key picture for a slow viewer to the next; they are large, and every viewer gets them.
 _KEY_PAUSE: Final = 0.5
 
 
 class Viewer:
-    """One who looks: a short queue of pictures, in which a key picture takes the place of all others.
+    """A viewer's queue of pictures: short, and a key picture takes the place of all others.
 
     Attributes:
-        failure: why there is nothing more to see; None while there may be.
+        failure: why there are no more pictures; None while there may be some.
     """
 
     def __init__(self, broadcast: Broadcast) -> None:
         self._broadcast = broadcast
         self._waiting: deque[Encoded] = deque()
         self._begun = False  # what cannot be shown by itself makes no sense before a key picture
-        self._wake = anyio.Event()
+        self._woken = anyio.Event()
         self._over = False
         self.failure: VideoError | None = None
 
@@ -55,7 +55,7 @@ class Viewer:
         return not waiting or (waiting[-1].track is not None and len(waiting) < _MOST_WAITING)
 
     def put(self, picture: Encoded) -> None:
-        """Offer a picture."""
+        """Queue a picture, or drop what the viewer has no room for."""
         if picture.key:
             self._drop(len(self._waiting))
             self._begun = True
@@ -66,7 +66,7 @@ class Viewer:
             self._broadcast.ask_for_key()
             return
         self._waiting.append(picture)
-        self._wake.set()
+        self._woken.set()
 
     def _drop(self, count: int) -> None:
         self._waiting.clear()
@@ -77,22 +77,22 @@ class Viewer:
         while not self._waiting:
             if self._over:
                 return None
-            await self._wake.wait()
-            self._wake = anyio.Event()
+            await self._woken.wait()
+            self._woken = anyio.Event()
         picture = self._waiting.popleft()
-        self._broadcast.look()
+        self._broadcast.wake()
         return picture
 
     def leave(self) -> None:
-        """Look no more."""
+        """Leave the broadcast."""
         self._broadcast.leave(self)
 
     def end(self, failure: VideoError | None = None) -> None:
-        """There will be nothing more to see, after what waits already."""
+        """End the stream after the pictures that are queued already."""
         if not self._over:
             self.failure = failure
             self._over = True
-            self._wake.set()
+            self._woken.set()
 
 
 class Broadcast:
@@ -105,10 +105,10 @@ class Broadcast:
         limiter: bounds the worker threads of all broadcasts.
         counts: what is counted.
         on_end: called once when the last viewer has left, or when there is nothing to see.
-        now: seconds that never go back. Real time, whatever clock the robot has: so is what viewers live in.
+        now: seconds that never go back. Real time, as viewers have it, whatever clock the robot has.
 
     Attributes:
-        viewers: who looks.
+        viewers: everyone who watches.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Broadcast:
         self._key_wanted = True
         self._key_asked = False
         self._key_at = now()
-        self._wake = anyio.Event()
+        self._woken = anyio.Event()
         self._over = False
         node.graph.spawn(self._run, f"pictures of {request.topic}")
         # Last: what is kept for late joiners comes at once.
@@ -152,7 +152,7 @@ class Broadcast:
             # A video is entered at a key picture, and the topic may be silent: the last one is made again.
             self._key_wanted = True
             self._newest = self._newest or self._last
-        self.look()
+        self.wake()
         return viewer
 
     def leave(self, viewer: Viewer) -> None:
@@ -172,14 +172,14 @@ class Broadcast:
         for viewer in self.viewers:
             viewer.end(failure)
         self._on_end(self)
-        self.look()
+        self.wake()
 
-    def look(self) -> None:
-        """Something has changed: see whether there is something to do."""
-        self._wake.set()
+    def wake(self) -> None:
+        """Wake the encoder's task: a message, a viewer or room in a queue is new."""
+        self._woken.set()
 
     def ask_for_key(self) -> None:
-        """A viewer has to begin again, though not at once: everybody pays for a key picture."""
+        """Ask for a key picture for a viewer who lost some, soon but not at once: it costs every viewer."""
         self._key_asked = True
 
     def _takes_key(self, now: float) -> bool:
@@ -190,18 +190,18 @@ class Broadcast:
         return key
 
     def _take(self, sample: Sample) -> None:
-        """A message: the newest takes the place of one that nobody had room for."""
+        """Take a message; it replaces one that was not encoded for lack of room."""
         if self._newest is not None:
             self.counts.skipped += 1
         self._newest = sample.payload.detach()
-        self.look()
+        self.wake()
 
     async def _run(self) -> None:
         while not self._over:
             payload = self._newest
             if payload is None or not any(viewer.can_accept for viewer in self.viewers):
-                await self._wake.wait()
-                self._wake = anyio.Event()
+                await self._woken.wait()
+                self._woken = anyio.Event()
                 continue
             self._newest, self._last = None, payload
             try:
@@ -216,7 +216,7 @@ class Broadcast:
                 self._show(encoded)
 
     def _unreadable(self, error: VideoError) -> None:
-        """Cameras do send a broken picture now and then; when the first is one, there is no more hope."""
+        """Count an unreadable picture. Cameras send some now and then; after a first one the stream ends."""
         self.counts.failed += 1
         if self.counts.complaint != str(error):
             # Once: viewers who come again and again must not fill the log.

@@ -1,4 +1,4 @@
-"""The node that serves pictures and video: the pages, and who shares which encoder."""
+"""The node that serves pictures and video: its pages, and the encoders that viewers share."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class WebVideoServer:
 
     Args:
         graph: whose topics are shown.
-        most_viewers: who may look at a time; the next is told to come later.
+        most_viewers: viewers at a time; further ones are refused with status 503.
         most_encoders: different streams at a time, likewise.
 
     Attributes:
@@ -205,7 +205,7 @@ def _check_codec(stream: StreamRequest) -> None:
 
 
 def _make_encoder(stream: StreamRequest) -> Encoder:
-    """Runs in a worker thread, for the libraries are loaded here."""
+    """Make the encoder of a request. Runs in a worker thread, because it loads the libraries."""
     if isinstance(stream.coding, Video):
         from rwt_nodes.video.encoders.video import VideoEncoder
 

@@ -1,4 +1,4 @@
-"""What is counted of streams, for `/metrics`."""
+"""Metrics of streams, for `/metrics`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _OTHERS = ("", "")
 
 @dataclass(slots=True)
 class Counts:
-    """Since the start, of one topic and type.
+    """Totals of one topic and type since the start.
 
     Attributes:
         encoded: pictures.
@@ -40,20 +40,20 @@ class Counts:
 
 
 class StreamMetrics:
-    """The counts of every stream that there has been."""
+    """The totals of every stream since the start."""
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], Counts] = {}
 
     def of(self, topic: str, type: str) -> Counts:
-        """Where to count; beyond :data:`MOST_STREAMS` in one place for all."""
+        """The totals to count in; beyond :data:`MOST_STREAMS` different ones all share one."""
         key = (topic, type)
         if key not in self._counts and len(self._counts) >= MOST_STREAMS:
             key = _OTHERS
         return self._counts.setdefault(key, Counts())
 
     def families(self, broadcasts: Iterable[Broadcast]) -> Iterator[MetricFamily]:
-        """The metrics, with what runs now."""
+        """The metric families: present viewers and encoders, and the totals."""
         viewers: dict[tuple[str, str], int] = {}
         encoders: dict[tuple[str, str], int] = {}
         for broadcast in broadcasts:

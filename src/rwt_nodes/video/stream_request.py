@@ -108,14 +108,14 @@ class StreamRequest:
 
     @property
     def type(self) -> str:
-        """The word for it in a request."""
+        """The value of `type` in a query."""
         if isinstance(self.coding, Video):
             return self.coding.codec
         return "png" if isinstance(self.coding, Png) else "mjpeg"
 
     @property
     def qos(self) -> QoS:
-        """How to subscribe."""
+        """The subscription's quality of service."""
         return QOS_PROFILES[self.qos_profile] if self.qos_profile else BEST_AVAILABLE
 
     @property
@@ -131,7 +131,7 @@ class StreamRequest:
 
 
 def read_request(query: str) -> StreamRequest:
-    """What a query string asks for; keys that nobody knows are left alone (`token`, `_t` against caches).
+    """What a query string asks for; unknown keys are left alone (`token`, `_t` against caches).
 
     Raises:
         RequestRefused: 400, and the text says what is expected.

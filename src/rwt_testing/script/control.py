@@ -1,4 +1,4 @@
-"""A robot from a file, and the services with which a test asks what it received and starts it anew."""
+"""A robot from a file, and the services by which a test reads what it received and resets it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ScriptControl:
 
     Services, each of `std_srvs/Trigger` unless said otherwise:
 
-    - `reset`: the robot begins anew, and what was received is forgotten;
+    - `reset`: the robot starts again, and what was received is forgotten;
     - `received`: everything that clients have sent, as JSON in `message`;
     - `next/TOPIC`: publish the next of the topic's `messages`, where it has no `rate`;
     - `disconnect`: hang up on every client, the caller too;
@@ -119,7 +119,7 @@ class ScriptControl:
         except ScriptError as error:
             return False, str(error)
         self._begin()
-        return True, "the robot begins anew"
+        return True, "the robot starts again"
 
     def _disconnect(self) -> tuple[bool, str]:
         return True, f"{self._wire.faults.disconnect()} clients are disconnected"

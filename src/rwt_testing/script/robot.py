@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class SteppedTopic:
-    """A topic whose messages are published one by one, when somebody says so.
+    """A topic whose messages are published one by one, at each call of :meth:`step`.
 
     Attributes:
         name: absolute name.
@@ -92,7 +92,7 @@ class TomlRobot:
 
     @property
     def stepped(self) -> tuple[SteppedTopic, ...]:
-        """The topics that wait to be told."""
+        """The topics that are published step by step."""
         return tuple(self._stepped)
 
     def close(self) -> None:

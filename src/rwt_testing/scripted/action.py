@@ -1,4 +1,4 @@
-"""An action whose course is written down: feedback, then an end."""
+"""A scripted action: feedback, then an end."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class ScriptedAction:
         return self
 
     def succeeds(self, result: MessageLike | None = None, after: float = 0.0) -> ScriptedAction:
-        """End goals well, `after` seconds of the robot's clock. Raises :exc:`ScriptError` as `feedback`."""
+        """Let goals succeed `after` seconds of the robot's clock. Raises :exc:`ScriptError` as `feedback`."""
         self._check(self.type.result, (result,))
         return self._ends(self._succeeding(result, after))
 
@@ -94,7 +94,7 @@ class ScriptedAction:
         return self._ends(go_on)
 
     def ignores_cancel(self) -> ScriptedAction:
-        """Go on when somebody asks to cancel."""
+        """Ignore requests to cancel."""
         self._cancels = False
         return self
 

@@ -1,4 +1,4 @@
-"""A robot whose behaviour is written down in a test: a node, and what it answers, publishes and expects."""
+"""A scripted robot: a node, and what it answers, publishes and expects."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class ScriptedRobot(Node):
-    """A :class:`~rwt_graph.program.node.Node`, and more: what it does can be said in one line each.
+    """A :class:`~rwt_graph.program.node.Node` whose behaviour is scripted, one line for each thing.
 
     >>> robot.on_service("/add_two_ints", "example_interfaces/AddTwoInts").returns({"sum": 5})
     >>> robot.expect_published("/cmd_vel", matching={"linear": {"x": 0.5}})
@@ -65,7 +65,7 @@ class ScriptedRobot(Node):
             message: published at once, and again and again with a `rate`.
             messages: published one after the other, and again from the first; needs a `rate`.
             rate: messages each second of the robot's clock.
-            latch: keep the last message for whoever subscribes later.
+            latch: keep the last message for later subscribers.
 
         Raises:
             ScriptError: a message does not fit the type, or `messages` come without `rate`.
@@ -130,7 +130,7 @@ class ScriptedRobot(Node):
         within: float | None = None,
         count: int | None = None,
     ) -> list[Message]:
-        """Wait until somebody else has published on a topic, and give the messages that match.
+        """Wait until another node has published on a topic, and give the messages that match.
 
         What came before the call counts, from the start of the robot or the last :meth:`forget`.
 
@@ -211,7 +211,7 @@ class ScriptedRobot(Node):
         return await expect_soon(self.journal, self._expectation(Kind.GOAL, action, matching, within, count))
 
     def forget(self) -> None:
-        """Let what was received so far count no more."""
+        """Forget what was received so far."""
         self.journal.clear()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""A service whose answers are written down."""
+"""A scripted service: its responses, and what it received."""
 
 from __future__ import annotations
 

@@ -95,10 +95,10 @@ class ScriptedTopic:
         return self._publisher.subscriber_count
 
     def wait_for_subscriber(self, within: float = PATIENCE) -> None:
-        """Block until somebody listens.
+        """Block until the topic has a subscriber.
 
         Raises:
-            AssertionError: nobody did in time, in seconds of real time.
+            AssertionError: it had none after `within` seconds of real time.
             BlockingWait: called from a coroutine.
         """
         __tracebackhide__ = True

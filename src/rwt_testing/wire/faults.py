@@ -1,4 +1,4 @@
-"""What goes wrong between a server and its clients, on purpose."""
+"""Faults between a server and its clients, made on purpose."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class What(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FaultAction:
-    """What becomes of one message.
+    """What the faults do to one message.
 
     Attributes:
         copies: how often it goes on; 0 is never.
@@ -84,14 +84,14 @@ class Fault:
         self._seen = 0
 
     def matches(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> bool:
-        """Whether it touches a message now."""
+        """Whether the fault applies to a message now; each match counts."""
         if self._to not in ("both", to) or not any(map(self._is_about, subjects)):
             return False
         self._seen += 1
         return self._seen % self._every == 0 and self.hit()
 
     def hit(self) -> bool:
-        """Count one more touch, unless all are used up."""
+        """Count one more match, unless `count` is used up."""
         if self._left is not None:
             if self._left == 0:
                 return False
@@ -105,7 +105,7 @@ class Fault:
         return fnmatch.fnmatchcase(op, self._op) and fnmatch.fnmatchcase(absolute, self._name)
 
     def remove(self) -> None:
-        """Let it happen no more. Messages that are delayed already still come late."""
+        """End the fault. Messages that are delayed already still come late."""
         self._faults.remove(self)
 
     def __enter__(self) -> Self:
@@ -226,7 +226,7 @@ class Faults:
         return bool(self._faults)
 
     def action_for(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> FaultAction:
-        """What becomes of a message now."""
+        """The action for a message now; :data:`PASS` where no fault applies."""
         copies, delay, remarks = 1, 0.0, []
         for fault in self._faults:
             if fault.what in (What.REFUSE, What.SLOW_READER) or not fault.matches(to, subjects):

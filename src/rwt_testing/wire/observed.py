@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class ObservedWire:
-    """What :func:`rwt.server` is given as `middleware`.
+    """Records and disturbs every connection of a server, as its `middleware`.
 
     Args:
         graph: the robot; faults follow its clock, and act on its thread.
@@ -88,7 +88,7 @@ class ObservedWire:
         return Session(direction=direction, codec=self._codec)
 
     def left(self, number: int, code: int, reason: str) -> None:
-        """A client has gone."""
+        """Note that a client has disconnected."""
         self._open.pop(number, None)
         self.transcript.note(number, f"left: {code} {reason}".rstrip())
 
@@ -200,7 +200,7 @@ class _ObservedSink:
     def pass_on(
         self, frame: Frame, subjects: list[Subject], flow: _ObservedFlow | None, send: Callable[[], None]
     ) -> None:
-        """Write down one message and let the faults have their way."""
+        """Note one outgoing message in the transcript, and apply the faults to it."""
         if self.over:
             return
         action = self.wire.faults.action_for("client", subjects) if self.wire.faults else PASS

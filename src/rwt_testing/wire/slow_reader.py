@@ -1,4 +1,4 @@
-"""A client that reads slowly: messages wait, and what is too old gives way."""
+"""A slow reader: messages wait for their turn, and the oldest of a full queue are dropped."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class _Waiting:
 
 
 class SlowReader:
-    """Lets messages go on at the pace of a slow reader, in order.
+    """Sends messages at the rate of a slow reader, in order.
 
     Args:
         clock: whose seconds count.
@@ -51,12 +51,12 @@ class SlowReader:
         depth: int | None = None,
         on_drop: Callable[[DropReason], None] | None = None,
     ) -> None:
-        """Let a message wait for its turn; the first of all is taken at once.
+        """Queue a message; one that finds nothing waiting is sent at once.
 
         Args:
             flow: tells the messages of one topic; None for one that may not be dropped.
             depth: how many of the flow may wait.
-            on_drop: is told of one that gave way.
+            on_drop: called with the reason when a message of the flow is dropped.
         """
         if flow is not None and depth is not None:
             self._make_room(flow, depth)
@@ -89,7 +89,7 @@ class SlowReader:
             self._waiting.popleft().send()
 
     def flush(self) -> None:
-        """Let everything go on now."""
+        """Send everything that waits, now."""
         while self._waiting:
             self._waiting.popleft().send()
 

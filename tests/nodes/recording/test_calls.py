@@ -95,7 +95,7 @@ async def test_a_topic_that_somebody_else_has_stops_nothing(caplog: pytest.LogCa
             node.advertise_service("/later", "std_srvs/Trigger", lambda _: {})
             clock.advance(1.0)
             assert graph.topic("/later/_service_event") is not None
-    assert caplog.text.count(f"nothing is told on {EVENTS}") == 1
+    assert caplog.text.count(f"nothing is published on {EVENTS}") == 1
 
 
 def test_what_cannot_be_told_of_is_said() -> None:

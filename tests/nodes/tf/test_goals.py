@@ -8,7 +8,7 @@ import anyio.lowlevel
 import pytest
 
 from rwt_nodes.tf.republisher import MOST_STREAMS
-from rwt_nodes.tf.streams import UNHEARD
+from rwt_nodes.tf.streams import FEEDBACK_TIMEOUT
 from rwt_tf2 import Transform
 from tests.nodes.tf.conftest import START_NS, Asking, Lab, places, settle
 
@@ -232,7 +232,7 @@ async def test_a_goal_whose_page_was_closed_ends_after_a_while(lab: Lab, page: A
     page.send_goal(goal("base"))
     await settle()
     page.client.leave()
-    await lab.pass_time(UNHEARD - 1)
+    await lab.pass_time(FEEDBACK_TIMEOUT - 1)
     assert lab.ticking
     await lab.pass_time(2.0)
     assert not lab.ticking

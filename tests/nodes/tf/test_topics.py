@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rwt_nodes.tf.streams import UNHEARD
+from rwt_nodes.tf.streams import FEEDBACK_TIMEOUT
 from tests.nodes.tf.conftest import Asking, Lab, places, settle
 
 pytestmark = pytest.mark.anyio
@@ -161,5 +161,5 @@ async def test_goals_over_topics_that_nobody_hears_end(lab: Lab, page: Asking) -
     begin(page, "goal_1")
     await lab.pass_time(1.0)
     page.client.leave()
-    await lab.pass_time(UNHEARD + 1)
+    await lab.pass_time(FEEDBACK_TIMEOUT + 1)
     assert not lab.ticking

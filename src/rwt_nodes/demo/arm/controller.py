@@ -1,4 +1,4 @@
-"""What moves the arm: `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`."""
+"""The arm's controller: `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.arm.kinematics import ARM, Arm
 from rwt_nodes.demo.arm.trajectory import Angles, Trajectory, Waypoint
+from rwt_tf2 import stamp_ns
 
 ACTION: Final = "control_msgs/FollowJointTrajectory"
 #: How far the first waypoint may be from where the arm is if it is to be there at once, radians.
@@ -56,7 +57,7 @@ class _Run:
         self.trajectory = trajectory
         self.began = began
         self.goal = goal
-        self.told = -math.inf
+        self.last_feedback = -math.inf
         self.ended = anyio.Event()
         self.reason = ""
 
@@ -78,7 +79,7 @@ class ArmController:
         node.subscribe("arm_controller/joint_trajectory", self._take, type="trajectory_msgs/JointTrajectory")
 
     def step(self) -> None:
-        """Move the arm to where it is to be now."""
+        """Move the arm to its place on the trajectory now."""
         run = self._run
         if run is None:
             return
@@ -92,7 +93,7 @@ class ArmController:
             self._finish("")
 
     def abort(self, reason: str) -> None:
-        """Give up what is being followed, and stay."""
+        """Abort the trajectory under way; the arm stays where it is."""
         self._finish(reason)
 
     def _finish(self, reason: str) -> None:
@@ -105,7 +106,7 @@ class ArmController:
     def _begin(self, message: TrajectoryMessage, goal: ActionGoal | None) -> _Run:
         trajectory = self._read(message)
         self.abort("a newer trajectory took its place")
-        wait = max(0, self._nanoseconds(message.header.stamp) - self._node.clock.time_ns()) / 1e9
+        wait = max(0, stamp_ns(message.header.stamp) - self._node.clock.time_ns()) / 1e9
         self._run = _Run(trajectory, self._node.clock.monotonic() + wait, goal)
         return self._run
 
@@ -144,9 +145,10 @@ class ArmController:
 
     def _give_feedback(self, run: _Run, seconds: float) -> None:
         # A step may come a hair early by rounding; half a step of slack keeps the rate.
-        if run.goal is None or seconds - run.told < _FEEDBACK_EVERY - 0.025 or not run.goal.feedback_wanted:
+        is_due = seconds - run.last_feedback >= _FEEDBACK_EVERY - 0.025
+        if run.goal is None or not is_due or not run.goal.feedback_wanted:
             return
-        run.told = seconds
+        run.last_feedback = seconds
         point = {"positions": self._arm.positions, "velocities": self._arm.velocities}
         run.goal.publish_feedback(
             {
@@ -170,7 +172,7 @@ class ArmController:
         waypoints = [Waypoint(0.0, self._arm.positions, self._arm.velocities)]
         for point in message.points:
             here = waypoints[-1]
-            seconds = self._nanoseconds(point.time_from_start) / 1e9
+            seconds = stamp_ns(point.time_from_start) / 1e9
             waypoint = Waypoint(seconds, *_angles(point, columns, here.positions))
             if seconds > here.seconds:
                 _check_speeds(here, waypoint)
@@ -183,11 +185,6 @@ class ArmController:
                     "the first may be at 0 s where the arm is"
                 )
         return Trajectory(waypoints)
-
-    def _nanoseconds(self, time: object) -> int:
-        """A time or a duration of this distribution."""
-        seconds, rest = (getattr(time, name) for name in self._node.distro.time_fields)
-        return int(seconds) * 1_000_000_000 + int(rest)
 
 
 def _columns(names: Sequence[str]) -> Mapping[int, int]:

@@ -21,7 +21,7 @@ class ArmJoint:
         radius: of the link, metres.
         limit: how far it turns either way, radians.
         speed: how fast it turns at most, radians a second.
-        rest: where it stands when nobody has moved it, radians.
+        rest: its angle at the start and after a reset, radians.
     """
 
     name: str
@@ -60,16 +60,16 @@ class Arm:
         self.reset()
 
     def reset(self) -> None:
-        """Stand at rest."""
+        """Move every joint to its rest angle at once."""
         self.positions: tuple[float, ...] = REST
         self.stop()
 
     def stop(self) -> None:
-        """Stay here."""
+        """Set every joint's velocity to zero."""
         self.velocities: tuple[float, ...] = (0.0,) * len(ARM)
 
     def go(self, trajectory: Trajectory, seconds: float) -> None:
-        """Be where a trajectory of the arm's joints is after so many seconds, as far as they turn."""
+        """Take the angles of a trajectory after so many seconds, within the joints' limits."""
         positions, self.velocities = trajectory.at(seconds)
         # A spline may swing further than its waypoints.
         self.positions = tuple(

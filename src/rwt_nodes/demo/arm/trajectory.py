@@ -1,4 +1,4 @@
-"""Where joints are to be when, and between those times."""
+"""Joint trajectories: waypoints, and the angles between them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Waypoint:
     Attributes:
         seconds: since the trajectory began.
         positions: radians.
-        velocities: radians a second; None where nobody said.
+        velocities: radians a second; None where the message has none.
     """
 
     seconds: float
@@ -25,7 +25,7 @@ class Waypoint:
 
 
 class Trajectory:
-    """A way through waypoints: cubic splines between two that both have velocities, else straight.
+    """Joint angles over time: cubic splines between waypoints that both have velocities, else linear.
 
     Args:
         waypoints: one or more, in order of time; the first is where the joints are at its time and before.
@@ -42,7 +42,7 @@ class Trajectory:
 
     @property
     def goal(self) -> Angles:
-        """Where it ends."""
+        """The angles of the last waypoint."""
         return self._waypoints[-1].positions
 
     def at(self, seconds: float) -> tuple[Angles, Angles]:

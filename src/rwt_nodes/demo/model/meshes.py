@@ -48,7 +48,7 @@ _SOURCE: Final = """<source id="{name}">
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What a link looks like.
+    """Shape and colour of a link.
 
     Attributes:
         colour: red, green and blue, 0 … 1.
@@ -58,7 +58,7 @@ class Look:
     colour: tuple[float, float, float]
 
     def collada(self) -> str:
-        """The file."""
+        """The mesh as a COLLADA document."""
         surface = self.shape.surface()
         return _DAE.format(
             glow=_colour(self.colour, _GLOW),
@@ -71,7 +71,7 @@ class Look:
 
 
 class Meshes:
-    """Serves a file for each link.
+    """Serves one COLLADA file for each link over HTTP.
 
     Args:
         looks: by the name of the link.
@@ -86,7 +86,7 @@ class Meshes:
         self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Audience.ADMITTED),))
 
     def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """One file."""
+        """Answer with the mesh of one link."""
         name = request.path.removeprefix(PATH)
         look = self._looks.get(name.removesuffix(".dae"))
         if look is None or not name.endswith(".dae"):
@@ -96,7 +96,7 @@ class Meshes:
 
 
 def mesh_url(link: str) -> str:
-    """How a URDF names the mesh of a link."""
+    """The ``package://`` URL of a link's mesh, as a URDF has it."""
     return f"package://{PACKAGE}/meshes/{link}.dae"
 
 

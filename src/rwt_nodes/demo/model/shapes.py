@@ -45,7 +45,7 @@ class Cuboid:
         return ET.Element("box", size=" ".join(text(side - 2 * inset) for side in (self.x, self.y, self.z)))
 
     def surface(self) -> Surface:
-        """All six sides, flat."""
+        """The six flat sides."""
         points: list[Point] = []
         normals: list[Point] = []
         for axis in range(3):
@@ -75,7 +75,7 @@ class Cylinder:
         return ET.Element("cylinder", radius=radius, length=length)
 
     def surface(self) -> Surface:
-        """Round, with sharp edges."""
+        """A smooth side and two flat ends."""
         top, side = self.length / 2, self.radius
         return _revolved(
             (
@@ -97,7 +97,7 @@ class Sphere:
         return ET.Element("sphere", radius=text(self.radius - inset))
 
     def surface(self) -> Surface:
-        """Round all over."""
+        """A smooth surface."""
         return _revolved(tuple(pairwise(self._rims())))
 
     def _rims(self) -> Iterator[_Rim]:
@@ -121,7 +121,7 @@ class _Rim:
 
 
 def text(value: float) -> str:
-    """A number as XML has it."""
+    """A number in the URDF's notation."""
     return f"{value:.6g}"
 
 

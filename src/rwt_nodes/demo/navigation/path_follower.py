@@ -1,4 +1,4 @@
-"""How to drive along a way: at each moment, which velocity."""
+"""Follows a path: the velocity at each moment."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _BRAKING = 0.6
 
 
 class PathFollower:
-    """Steers along one way to a pose.
+    """Steers along one path to a pose.
 
     Attributes:
         goal: where to end, in the frame of the way.

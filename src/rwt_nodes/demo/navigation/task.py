@@ -1,7 +1,7 @@
-"""The action `/navigate_to_pose`: from a goal to a robot that stands there.
+"""The action `/navigate_to_pose`: plan a path, follow it, plan again.
 
-The driving is done in :meth:`Navigation.steer`, once a control step, so that it needs no task of its own; the
-action's coroutine only waits for the end of its task.
+The driving is done in :meth:`Navigation.steer`, once a control step, so that it needs no coroutine; that
+of the action only waits until its navigation task has ended.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ACTION = "nav2_msgs/NavigateToPose"
 _FEEDBACK_EVERY = 0.2
 #: Seconds of standing still on the way after which the task is given up.
 _PATIENCE = 5.0
-#: Metres from the way, after somebody else has driven, at which a new one is planned.
+#: Metres off the path, after driving by hand, at which a new one is planned.
 _REPLAN_AT = 0.4
 
 
@@ -47,7 +47,7 @@ class NavigateRequest(Protocol):
 
 @dataclass(slots=True)
 class _NavigationTask:
-    """One goal on its way."""
+    """One goal under way: its path and its progress."""
 
     goal: ActionGoal
     follower: PathFollower
@@ -82,7 +82,7 @@ class Navigation:
         return self._task is not None
 
     def steer(self, overridden: bool) -> Velocity:
-        """How to drive now; `overridden` while somebody drives by hand, which only pauses the task."""
+        """The velocity to drive with now; `overridden`, while driving by hand, only pauses the task."""
         task = self._task
         if task is None:
             return STANDSTILL
@@ -134,7 +134,7 @@ class Navigation:
         return False
 
     def _accept(self, request: NavigateRequest) -> bool | str:
-        """True, or why the goal cannot even be tried."""
+        """True, or the reason to reject the goal."""
         target = messages.read_pose(request.pose.pose)
         if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
             return "the goal's pose has a value that is not a finite number"
@@ -210,8 +210,8 @@ class Navigation:
     def _result(self, error: str) -> messages.Message:
         """The result with what this distribution's definition has of it."""
         fields = self._node.registry.action(ACTION).result.struct.__struct_fields__
-        told = {"error_code": 1 if error else 0, "error_msg": error}
-        return {name: value for name, value in told.items() if name in fields}
+        outcome = {"error_code": 1 if error else 0, "error_msg": error}
+        return {name: value for name, value in outcome.items() if name in fields}
 
 
 def _bare(frame: str) -> str:

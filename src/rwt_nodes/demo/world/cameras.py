@@ -28,9 +28,9 @@ _JPEG_QUALITY = 80
 
 class CameraPublisher:
     """Publishes `/camera/image_raw`, its compressed form, `/camera/depth/image_raw` and
-    `/camera/depth/points`, each only while somebody listens, and their camera infos.
+    `/camera/depth/points`, each only while it has subscribers, and their camera infos.
 
-    Pictures are drawn in a worker thread, from arrays: numpy is loaded with the first listener.
+    Pictures are drawn in a worker thread, from arrays: numpy is loaded with the first subscriber.
     """
 
     def __init__(self, node: Node, drive: DifferentialDrive, world: World, mount: Mount, lens: Lens) -> None:
@@ -61,7 +61,7 @@ class CameraPublisher:
             self._timer = self._node.create_timer(self._period, self._shoot)
 
     def look_for_listeners(self) -> None:
-        """Run while there are some, and sleep otherwise: an idle robot is not woken thirty times a second."""
+        """Start and stop the timer with the subscribers: an idle robot is not woken thirty times a second."""
         wanted = self._is_heard(*self._topics())
         if wanted and self._timer is None:
             self._timer = self._node.create_timer(self._period, self._shoot)

@@ -1,4 +1,4 @@
-"""What encoders make, and what one is."""
+"""The interface of encoders, and the encoded picture."""
 
 from __future__ import annotations
 

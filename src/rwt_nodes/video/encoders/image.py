@@ -1,4 +1,4 @@
-"""Pictures by themselves: JPEG and PNG. Imported where somebody watches."""
+"""JPEG and PNG pictures. Imported with the first viewer."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ImageEncoder:
             data = bytes(message.data)
             if data.startswith(_JPEG_MAGIC):
                 return Encoded(data, stamp, at_ms, "image/jpeg")
-            # Only who asks for whatever there is takes anything but what was asked for.
+            # A PNG is passed on only to those who asked for the compressed topic as it is.
             if data.startswith(_PNG_MAGIC) and self._request.prefers_compressed:
                 return Encoded(data, stamp, at_ms, "image/png")
         pixels = read_picture(payload, self._request)

@@ -1,4 +1,4 @@
-"""Video: VP8, VP9 and H.264 by PyAV (the extra `video`). Imported where somebody watches one."""
+"""Video: VP8, VP9 and H.264 by PyAV (the extra `video`). Imported with the first viewer."""
 
 from __future__ import annotations
 
