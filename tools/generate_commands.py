@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rwt_cli import COMMANDS, parser_for
+from rwt_transports.schemes import url_forms
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"
 
@@ -33,7 +34,7 @@ Names, options and output are those of the `ros2` tool where it has them. A name
 
 | option | meaning |
 |---|---|
-| `--url URL` | Where the robot is: `ws://`, `wss://`, `tcp://`, `tcps://`, `unix:///PATH` or `stdio:COMMAND`. Default: the variable `RWT_URL`, else `ws://127.0.0.1:9090`. |
+| `--url URL` | Where the robot is: URL_FORMS, with a host and a port, the path of a socket or a command. Default: the variable `RWT_URL`, else `ws://127.0.0.1:9090`. |
 | `--token TOKEN` | Bearer token to show, with `ws://` and `wss://`. Default: the variable `RWT_TOKEN`, which others on the machine cannot read. |
 | `--timeout SECONDS` | How long to wait for the connection and for each answer, default 10. For a message, a subscription and the end of a goal it is waited for ever unless this says otherwise. |
 | `--json` | Print JSON: one value, or of what goes on one value a line. Octets are base64 and NaN is null, as rosbridge sends them. |
@@ -62,7 +63,7 @@ def page() -> str:
 
 
 def _lines() -> Iterator[str]:
-    yield _HEAD
+    yield _HEAD.replace("URL_FORMS", ", ".join(f"`{form}`" for form in url_forms(connect=True).split(", ")))
     top = _subcommands(parser_for("*"))
     for command in COMMANDS:
         if command.name in _ELSEWHERE:

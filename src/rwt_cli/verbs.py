@@ -186,7 +186,10 @@ def request_headers(arguments: Arguments) -> dict[str, str]:
     token = token_of(arguments)
     if not token:
         return {}
-    if not url_of(arguments).lower().startswith(("ws:", "wss:")):
+    from rwt_transports.schemes import SCHEMES  # takes a while, and `--help` needs none of it
+
+    scheme = SCHEMES.get(url_of(arguments).partition(":")[0].lower())
+    if scheme is None or not scheme.http:
         raise CommandError("a token needs ws:// or wss://: other transports carry none", CALLED_WRONGLY)
     if not (token.isascii() and token.isprintable()) or " " in token:
         raise CommandError("the token has characters that no token has; was it copied whole?", CALLED_WRONGLY)

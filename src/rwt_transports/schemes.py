@@ -95,7 +95,7 @@ SCHEMES = {
 
 
 def url_forms(*, connect: bool = False) -> str:
-    """How URLs to listen on, or to connect to, begin: ``ws://, wss://, …``, for people."""
+    """How URLs to listen on, or to connect to, begin: ``ws://, wss://, …``, for help and errors."""
     rows = [(name, row) for name, row in SCHEMES.items() if not connect or row.client_wire is not None]
     return ", ".join(f"{name}:" if row.single else f"{name}://" for name, row in rows)
 

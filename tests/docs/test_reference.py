@@ -17,6 +17,7 @@ from rwt_cli.commands.record import add_record_command
 from rwt_cli.commands.serve import add_serve_command
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi
+from rwt_transports.schemes import url_forms
 from tests.docs.blocks import ROOT, blocks_of
 
 _REFERENCE = ROOT / "docs" / "reference"
@@ -44,6 +45,12 @@ def test_every_option_of_a_command_is_listed(
     assert known in options
     page = _page("command-line.md")
     assert [option for option in options if f"`{option}" not in page] == []
+
+
+@pytest.mark.parametrize("page", ["reference/command-line.md", "how-to/transports.md"])
+def test_every_scheme_is_listed(page: str) -> None:
+    text = (_REFERENCE.parent / page).read_text()
+    assert [form for form in url_forms().split(", ") if f"`{form}" not in text] == []
 
 
 def test_every_setting_is_listed_with_its_default() -> None:

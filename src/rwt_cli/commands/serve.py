@@ -19,6 +19,7 @@ from rwt_cli.errors import CommandError
 from rwt_interfaces.distro import DISTROS
 from rwt_program.errors import RobotError
 from rwt_transports.errors import TransportError
+from rwt_transports.schemes import url_forms
 
 if TYPE_CHECKING:
     from rwt.settings.models import Settings
@@ -28,7 +29,7 @@ examples:
   rwt serve --demo                         the demo robot on ws://127.0.0.1:9090
   rwt serve ws://0.0.0.0:9090 --distro noetic
   rwt serve ws://127.0.0.1:0               on any free port, which is printed
-  rwt serve ws://[::1] tcp://127.0.0.1:9091 on several at once; also wss:, tcps:, unix:, udp:
+  rwt serve ws://[::1] tcp://127.0.0.1:9091 on several at once
   rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
@@ -52,7 +53,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         "url",
         nargs="*",
         metavar="URL",
-        help="where to listen (default ws://127.0.0.1:9090; port 0 picks one)",
+        help=f"where to listen: {url_forms()} (default ws://127.0.0.1:9090; port 0 picks one)",
     )
     parser.add_argument(
         "--dial",
