@@ -1,4 +1,4 @@
-"""The contract that every graph backend signs.
+"""The contract of every graph backend.
 
 It is low-level on purpose: payloads instead of messages, callbacks instead of coroutines, so that a bridge
 can pass bytes through and a backend over a network is as easy to write as one in memory. Programs use
@@ -14,9 +14,9 @@ Rules that hold for every backend:
   process, and then it is a plain function call: `on_sample` from within `publish`, and from within
   `subscribe` for kept samples; `on_reply` from within `call_service`; goal events from within `send_goal`),
   or any time later.
-* A payload that a callback is given may be a view of a receive buffer that is used again: whoever keeps it
-  after the callback has returned keeps `detach()` of it, or its `value()`.
-* A callback that raises is logged and disturbs nobody else.
+* A payload that a callback is given may be a view of a receive buffer that is used again: to keep it
+  after the callback has returned, keep `detach()` of it, or its `value()`.
+* What a callback raises is logged, and affects no other callback.
 * Every `close` and `cancel` may be called twice.
 """
 
@@ -45,15 +45,15 @@ if TYPE_CHECKING:
 class Sample(Struct, frozen=True, eq=False, gc=False):
     """A payload in the graph. One is made per publish: a msgspec Struct, which costs a fifth of a dataclass.
 
-    The payload may have come from another process unread; who reads it may be told then that it does not fit
-    (:exc:`InvalidMessage`).
+    The payload may have come from another process undecoded; reading it raises :exc:`InvalidMessage` if it
+    does not fit its type.
 
     Attributes:
         topic: absolute name.
         payload: the message; shared by all receivers, never changed.
         stamp_ns: the graph clock's time of publishing, nanoseconds since the epoch.
         node: absolute name of the publishing node; empty when it is not known, in another process.
-        expires_ns: the clock's time after which it is not delivered any more (lifespan); 0 for never.
+        expires_ns: the clock's time until which it is delivered (lifespan); 0 for no limit.
     """
 
     topic: str
@@ -209,7 +209,7 @@ class ServerGoal(ABC):
 
 @dataclass(frozen=True, slots=True)
 class GoalEvents:
-    """What the client of a goal hears, in this order: accepted, feedback…, result; or only result.
+    """The callbacks of a goal's client, in this order: accepted, feedback…, result; or only result.
 
     `on_result` is called exactly once: with the terminal status and the result, or with why there is none
     (rejected, no such server, server gone).
@@ -246,23 +246,23 @@ class ClientGoal(ABC):
 
     @abstractmethod
     def abandon(self) -> None:
-        """Hear nothing more of the goal; it goes on running."""
+        """Drop the goal's callbacks; the goal goes on running."""
 
 
 class CallObserver(ABC):
-    """Hears of every service call and goal in a graph; for introspection. What it raises is logged."""
+    """Observes every service call and goal of a graph, for introspection. What it raises is logged."""
 
     @abstractmethod
     def on_call(self, service: ServiceInfo, request: Payload, on_reply: OnReply) -> OnReply:
-        """A service is called; what is returned is told the answer for `on_reply`, and passes it on."""
+        """Observe a call; returns what receives the answer in place of `on_reply`, and passes it on."""
 
     @abstractmethod
     def on_goal(self, action: ActionInfo, goal_id: str, goal: Payload, events: GoalEvents) -> GoalEvents:
-        """A goal is sent; what is returned hears of it instead of `events`, and passes everything on."""
+        """Observe a goal; returns what receives its events in place of `events`, and passes them on."""
 
 
 class Participant(ABC):
-    """One node's face of the contract: what it creates belongs to it and goes with it.
+    """One node as the graph sees it: what it creates belongs to it and is closed with it.
 
     Attributes:
         name: absolute name of the node.
@@ -367,7 +367,7 @@ class EndpointInfo:
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """One topic that somebody publishes or subscribes."""
+    """One topic with at least one endpoint."""
 
     name: str
     type: MessageType | None
@@ -377,7 +377,7 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True)
 class ServiceInfo:
-    """One service that somebody offers."""
+    """One service, with the node that offers it."""
 
     name: str
     type: ServiceType
@@ -386,7 +386,7 @@ class ServiceInfo:
 
 @dataclass(frozen=True, slots=True)
 class ActionInfo:
-    """One action that somebody offers."""
+    """One action, with the node that offers it."""
 
     name: str
     type: ActionType
@@ -452,7 +452,7 @@ class Graph(ABC):
         """Every node, sorted by name."""
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
-        """Let `observer` hear of every call and goal from now on, or nobody.
+        """Let `observer` observe every call and goal from now on; None ends that.
 
         Returns:
             Whether this backend can do that; one over a network does not see the calls of others.

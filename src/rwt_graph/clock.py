@@ -27,11 +27,11 @@ COMPACT_AT = 64
 
 
 class Timer(ABC):
-    """Something that will be called."""
+    """A callback that is due at some time."""
 
     @abstractmethod
     def cancel(self) -> None:
-        """Do not call it; may be called twice, and after the timer has run."""
+        """Drop the callback; may be called twice, and after the timer has run."""
 
 
 class HeapTimer(Timer):
@@ -74,7 +74,7 @@ class TimerHeap:
         return timer
 
     def count_cancelled(self) -> None:
-        """Note that an entry died, and rebuild the heap when too many have."""
+        """Count a cancelled entry, and rebuild the heap when there are too many."""
         self._cancelled += 1
         if self._cancelled >= COMPACT_AT and self._cancelled * 2 > len(self._heap):
             self._heap = [timer for timer in self._heap if timer.call is not None]
@@ -89,7 +89,7 @@ class TimerHeap:
         return self._heap[0].due if self._heap else math.inf
 
     def run_next(self) -> None:
-        """Run the timer that :meth:`next_due` spoke of. What it raises is logged."""
+        """Run the first timer. What its callback raises is logged."""
         timer = heappop(self._heap)
         call, timer.call = timer.call, None
         if call is None:
@@ -102,7 +102,7 @@ class TimerHeap:
 
 
 class Clock(ABC):
-    """Where a graph takes its time from."""
+    """The time of a graph: ROS time, steady time and timers."""
 
     @abstractmethod
     def time_ns(self) -> int:
@@ -181,9 +181,10 @@ class WallClock(SteadyClock):
 
 
 class SimulatedClock(Clock):
-    """Time that stands still until it is told to move.
+    """Time that moves only by :meth:`advance` and :meth:`set_time`.
 
-    `listeners` are called with the new ROS time after each move; the graph publishes `/clock` from one.
+    Attributes:
+        listeners: called with the new ROS time after each move; the graph publishes `/clock` from one.
     """
 
     def __init__(self, start_ns: int = 0) -> None:

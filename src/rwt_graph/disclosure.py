@@ -1,7 +1,7 @@
 """What a service reveals of the graph, declared where the service is, so that a policy can read it as data.
 
 A declaration is a tuple of these; the empty tuple reveals nothing of the robot (types, time, versions). A
-service without a declaration is one whose answers nobody has thought about.
+service without a declaration is one whose answers have not been considered.
 """
 
 from __future__ import annotations

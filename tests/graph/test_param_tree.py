@@ -60,16 +60,6 @@ def test_an_empty_branch_is_a_value() -> None:
     assert tree.names() == ("/a",)
 
 
-def test_search_goes_up() -> None:
-    tree = ParameterTree()
-    tree.set("/speed", 1)
-    tree.set("/robot/arm/gain", 2)
-    assert tree.search("speed", "/robot/arm") == "/speed"
-    assert tree.search("gain", "/robot/arm") == "/robot/arm/gain"
-    assert tree.search("arm/anything", "/robot/leg") == "/robot/arm/anything"
-    assert tree.search("nothing", "/robot") is None
-
-
 def test_watches_see_values_before_they_are_stored_and_may_refuse() -> None:
     tree = ParameterTree()
     seen: list[Value] = []

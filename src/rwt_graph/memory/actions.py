@@ -220,7 +220,7 @@ class MemoryGoal(ServerGoal):
         self._end(result, reason)
 
     def lose(self) -> None:
-        """The server went away: ABORTED, and both sides hear of it."""
+        """End the goal of a server that went away as ABORTED, and notify both sides."""
         self._step(GoalEvent.LOSE)
         gone = ProviderGone(f"Action {self.action} was unadvertised")
         on_end = self.on_end
@@ -239,7 +239,7 @@ class MemoryGoal(ServerGoal):
             self._tell(lambda: events.on_result(self._status, outcome))
 
     def request_cancel(self) -> None:
-        """A client asks to cancel; the server is told once, when the goal has been accepted (ACT-07)."""
+        """Ask the server to cancel, once, when the goal has been accepted (ACT-07)."""
         if self._status.is_terminal or self.id not in self._server.goals:
             return
         self._cancel_requested = True
@@ -251,7 +251,7 @@ class MemoryGoal(ServerGoal):
             self._tell(self.on_cancel)
 
     def client_closed(self) -> None:
-        """The client's node leaves: it hears so, and the goal goes on running (ACT-19)."""
+        """End the callbacks of a client whose node leaves; the goal goes on running (ACT-19)."""
         events = self._events
         self.abandon()
         if events is not None:
@@ -259,7 +259,7 @@ class MemoryGoal(ServerGoal):
             self._tell(lambda: events.on_result(self._status, why))
 
     def abandon(self) -> None:
-        """The client wants to hear nothing more."""
+        """Drop the client's callbacks; the goal goes on running."""
         self._events = None
         self._client.drop(self)
 
@@ -294,12 +294,12 @@ class MemoryClientGoal(ClientGoal):
             self._goal.request_cancel()
 
     def want_feedback(self, wanted: bool) -> None:
-        """Whether feedback is of use now."""
+        """Set whether the client takes feedback now."""
         if self._goal is not None:
             self._goal.listening = wanted
 
     def abandon(self) -> None:
-        """Hear nothing more of the goal; it goes on running."""
+        """Drop the client's callbacks; the goal goes on running."""
         if self._goal is not None:
             self._goal.abandon()
 
@@ -423,7 +423,7 @@ class Actions:
             return events
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Ask to cancel a goal by its id, whoever sent it."""
+        """Ask to cancel a goal of any client by its id."""
         server = self._servers.get(action)
         goal = None if server is None else server.goals.get(goal_id)
         if goal is not None:

@@ -1,4 +1,4 @@
-"""The graph in this process: topics, services, actions and nodes put together."""
+"""The graph in one process: tables of topics, services and actions, nodes, and an event loop."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 class MemoryParticipant(Participant):
-    """One node's face of the graph; keeps what the node created until it is closed."""
+    """One node of the graph; keeps what the node created until it is closed."""
 
     def __init__(self, graph: MemoryGraph, name: str, *, private: bool = False) -> None:
         self.name = name
@@ -244,7 +244,7 @@ class MemoryGraph(Graph):
         return NodeInfo(name, publishing, subscribing, services, actions)
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
-        """Let `observer` hear of every call and goal from now on, or nobody; gives True."""
+        """Let `observer` observe every call and goal from now on; None ends that. Returns True."""
         self.service_table.observer = observer
         self.action_table.observer = observer
         return True

@@ -1,4 +1,4 @@
-"""What a node has made and must take with it when it leaves."""
+"""The publishers, subscriptions, services and calls of a node, which end when it leaves."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 
 class NodeResources:
-    """One node's things, each with how to let go of it.
+    """The resources of one node, each with the function that releases it.
 
     Attributes:
         name: absolute name of the node.
@@ -21,16 +21,16 @@ class NodeResources:
     def __len__(self) -> int:
         return len(self._release)
 
-    def add(self, thing: object, release: Callable[[], None]) -> None:
-        """Remember a thing; `release` must end in a :meth:`drop`."""
-        self._release[thing] = release
+    def add(self, resource: object, release: Callable[[], None]) -> None:
+        """Add a resource; `release` must end in a :meth:`drop`."""
+        self._release[resource] = release
 
-    def drop(self, thing: object) -> None:
-        """Forget a thing that is gone."""
-        self._release.pop(thing, None)
+    def drop(self, resource: object) -> None:
+        """Forget a resource that was released."""
+        self._release.pop(resource, None)
 
     def release_all(self) -> None:
-        """Let go of everything, the newest first."""
+        """Release every resource, the newest first."""
         while self._release:
             _, release = self._release.popitem()
             release()

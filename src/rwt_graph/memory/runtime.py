@@ -1,7 +1,7 @@
-"""How a graph runs on an event loop: one task group, one clock task, and a door for other threads.
+"""A graph on an event loop: one task group, one clock task, and a queue of calls from other threads.
 
-Backends compose this; it knows nothing of topics or services. Three states: *idle* (not entered yet: calls
-run where they are made, which is what tests and set-up code want), *running*, and *over* (left).
+Three states: *idle* (not entered yet: calls run where they are made, as tests and set-up code need it),
+*running*, and *over* (left).
 """
 
 from __future__ import annotations
@@ -23,8 +23,12 @@ logger = logging.getLogger(__name__)
 Task = Callable[[], Awaitable[None]]
 
 
-def _loop_door() -> Callable[[Callable[[], None]], object]:
-    """The running event loop's thread-safe "call this soon"."""
+_CallSoon = Callable[[Callable[[], None]], object]
+"""Runs a call on the event loop's thread, soon."""
+
+
+def _call_soon_threadsafe() -> _CallSoon:
+    """The way of the running event loop, asyncio's or trio's, to be called from other threads."""
     try:
         return asyncio.get_running_loop().call_soon_threadsafe
     except RuntimeError:
@@ -34,13 +38,13 @@ def _loop_door() -> Callable[[Callable[[], None]], object]:
 
 
 class Runtime:
-    """The running half of a graph."""
+    """Runs the tasks and calls of one graph."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self._inbox: deque[Callable[[], None]] = deque()
         self._waking = False
-        self._door: Callable[[Callable[[], None]], object] | None = None
+        self._call_soon: _CallSoon | None = None
         self._thread: int | None = None
         self._group: anyio.abc.TaskGroup | None = None
         self._waiting: list[tuple[Task, str]] = []
@@ -58,33 +62,33 @@ class Runtime:
 
     def run_on_graph(self, call: Callable[[], None]) -> None:
         """Run `call` on the graph's thread, soon and in order; at once when the graph is not running."""
-        door = self._door
-        if door is None:
+        call_soon = self._call_soon
+        if call_soon is None:
             self._run(call)
             return
-        # No lock: a deque's append is atomic, and whoever appends before `_drain` looks is served by it.
+        # No lock: a deque's append is atomic, and `_drain` runs every call that was appended before it looks.
         self._inbox.append(call)
         if self._over:
             self._drain_all()
         elif not self._waking:
             self._waking = True
-            self._knock(door)
+            self._schedule(call_soon)
 
-    def _knock(self, door: Callable[[Callable[[], None]], object]) -> None:
+    def _schedule(self, call_soon: _CallSoon) -> None:
         try:
-            door(self._drain)
+            call_soon(self._drain)
         except RuntimeError:
-            # The event loop was closed under the graph: nobody else is left to run the calls.
+            # The event loop was closed under the graph: the calls can only run here.
             self._drain_all()
 
     def _drain(self) -> None:
         self._waking = False
-        # Only what is there now: threads that publish without pause must not keep the loop from the rest.
+        # Only what is queued now: threads that publish without pause must not block the loop's other work.
         for _ in range(len(self._inbox)):
             self._run(self._inbox.popleft())
-        if self._inbox and not self._waking and self._door is not None:
+        if self._inbox and not self._waking and self._call_soon is not None:
             self._waking = True
-            self._knock(self._door)
+            self._schedule(self._call_soon)
 
     def _drain_all(self) -> None:
         for _ in range(len(self._inbox)):
@@ -116,10 +120,10 @@ class Runtime:
             self._wake.set()
 
     async def _start_tasks(self, group: anyio.abc.TaskGroup) -> None:
-        """Start what was spawned.
+        """Start what was spawned, in a task of its own.
 
-        A task of its own does it, because most of what spawns is a callback of the event loop (a socket's, a
-        timer's), and there a task group cannot start anything.
+        Most of what spawns is a callback of the event loop (a socket's, a timer's), where a task group cannot
+        start anything.
         """
         while True:
             waiting, self._waiting = self._waiting, []
@@ -130,7 +134,7 @@ class Runtime:
                 await wake.wait()
 
     async def start(self) -> None:
-        """Take hold of the running event loop.
+        """Start the clock and the waiting tasks on the running event loop.
 
         Raises:
             NotRunning: the graph was entered before; a graph runs once.
@@ -140,7 +144,7 @@ class Runtime:
         group = anyio.create_task_group()
         await group.__aenter__()
         self._group = group
-        self._door = _loop_door()
+        self._call_soon = _call_soon_threadsafe()
         self._thread = threading.get_ident()
         group.start_soon(_guarded, self.clock.drive, "clock", name="clock")
         group.start_soon(self._start_tasks, group, name="task starter")

@@ -31,7 +31,6 @@ logger = logging.getLogger(__name__)
 
 OnCall = Callable[[ServiceCall], None]
 
-
 #: Ticks a second: a deadline is kept to within 1 / this, and never early.
 TICKS = 50
 
@@ -93,7 +92,7 @@ class MemoryCall(ServiceCall, PendingCall):
             self._tell(on_reply, failure)
 
     def expire(self) -> None:
-        """The timeout has passed."""
+        """End the call with :exc:`CallTimeout`."""
         self.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
 
     def caller_closed(self) -> None:

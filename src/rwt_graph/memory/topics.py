@@ -1,4 +1,4 @@
-"""Topics in memory: who publishes, who subscribes, what is kept for late joiners.
+"""Topics in memory: publishers, subscribers, and what is kept for late joiners.
 
 A topic exists while it has an endpoint. Its type is established by the first publisher or typed subscriber
 and is free again when the last of those has left; a subscriber without a type takes what there is and holds
@@ -10,7 +10,7 @@ Every reliability and deadline is met by a function call, so no combination of Q
 
 A topic may have endpoints in other processes too (:class:`RemoteEndpoint`). Remote publishers hold its type
 as local ones do. Remote subscribers do not: they may have taken it from this process, and two processes would
-hold it for each other for ever. They only keep a publisher of another type from being the first.
+hold it for each other without end. They only keep a publisher of another type from being the first.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ OnSample = Callable[[Sample], None]
 
 
 def _ignore(_sample: Sample) -> None:
-    """What a closed subscription does with a sample that was on its way."""
+    """The callback of a closed subscription, for a sample that was on its way."""
 
 
 class TransientLocalCache:
@@ -107,7 +107,7 @@ class Topic:
 
     @property
     def empty(self) -> bool:
-        """Whether nobody is left."""
+        """Whether it has no endpoint left."""
         return not (self.publishers or self.subscribers or self.remote_publishers or self.remote_subscribers)
 
     @property

@@ -31,7 +31,7 @@ OnStored: TypeAlias = Callable[[str, Value, Value], None]
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """What a node says of one of its parameters.
+    """The declaration of one parameter of a node.
 
     Attributes:
         type: NOT_SET when the value may be of any type.
@@ -89,7 +89,7 @@ class Store(ABC):
 
 
 class NodeStore(Store):
-    """ROS 2: in the node."""
+    """Parameters that live in the node (ROS 2)."""
 
     def __init__(self, on_stored: OnStored) -> None:
         self._values: dict[str, Value] = {}
@@ -119,12 +119,13 @@ class NodeStore(Store):
         self._on_stored(declaration.name, old, value)
 
     def close(self) -> None:
-        """Nobody is told: with the node its parameters are gone."""
+        """Forget the values, without events: the parameters end with their node."""
         self._values.clear()
 
 
 class TreeStore(Store):
-    """ROS 1: in the tree, below the node's name. A value set before the node came wins over its default."""
+    """Parameters in the tree, below the node's name (ROS 1). A value set before the node joined wins over its
+    default."""
 
     def __init__(self, tree: ParameterTree, node: str) -> None:
         self._tree = tree
@@ -149,7 +150,7 @@ class TreeStore(Store):
         self._unwatch.pop(name)()
 
     def get(self, name: str) -> Value:
-        """Its value. Raises :exc:`NotFound` when somebody deleted it."""
+        """Its value. Raises :exc:`NotFound` when it was deleted from the tree."""
         return self._tree.get(self._full(name))
 
     def set(self, declaration: Declaration, value: Value) -> None:
@@ -207,10 +208,10 @@ class NodeParameters:
             default: its value; the type is fixed by it. None lets it be of any type (ROS 2), of none yet.
             on_change: called with each new value before it is stored; raises :exc:`ParameterRejected` to
                 refuse. Not called with the default.
-            read_only: nobody can set it, the node included.
+            read_only: it cannot be set, not even by the node.
 
         Returns:
-            The value now: the default, or on ROS 1 what was set before the node came.
+            The value now: the default, or on ROS 1 what was set before the node joined.
 
         Raises:
             ParameterRejected: the default is of no type that ROS 2 has.
@@ -310,7 +311,7 @@ class NodeParameters:
         return tuple(sorted(self._declared))
 
     def close(self) -> None:
-        """The node leaves."""
+        """Forget the declarations; the node leaves."""
         self._declared.clear()
         self._store.close()
 

@@ -155,7 +155,7 @@ class ParameterEvents:
     def stored(self, name: str, old: Value, new: Value) -> None:
         """A value was stored: `old` None is a new parameter, `new` None a deleted one."""
         if new is None and old is None:
-            return  # Declared without a value: nothing to tell yet.
+            return  # Declared without a value.
         if new is None:
             group = "deleted_parameters"
         else:

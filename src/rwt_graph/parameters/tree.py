@@ -56,7 +56,7 @@ class ParameterTree:
         return value
 
     def has(self, name: str) -> bool:
-        """Whether a value or a branch is there."""
+        """Whether a value or a branch has that name."""
         try:
             self._find(name)
         except NotFound:
@@ -128,16 +128,6 @@ class ParameterTree:
     def names(self) -> tuple[str, ...]:
         """The full names of all values, sorted."""
         return tuple(sorted(_leaves("", self._root)))
-
-    def search(self, name: str, namespace: str) -> str | None:
-        """The full name of `name` in `namespace` or the nearest one above it that has it (ROS 1's search)."""
-        first = _parts(name)[0] if _parts(name) else name
-        parts = _parts(namespace)
-        for depth in range(len(parts), -1, -1):
-            prefix = "".join(f"/{part}" for part in parts[:depth])
-            if self.has(f"{prefix}/{first}"):
-                return f"{prefix}/{name.strip('/')}"
-        return None
 
     def watch(self, name: str, watch: Watch) -> Callable[[], None]:
         """Call `watch` before a value of that name is stored; what is returned ends it."""

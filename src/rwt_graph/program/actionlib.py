@@ -1,8 +1,8 @@
 """Actions of ROS 1: goals, cancels, status, feedback and results as messages on five topics (ALB-01).
 
-On noetic each action of a node is served so beside the graph's own way, which does the work: a goal that
-comes in as a message is sent on as a goal of the graph, and what is heard of it goes out as messages.
-Unlike ROS 1's simple server, it lets goals run side by side, as the graph does.
+On noetic each action of a node is served over topics beside the graph's own interface, which does the work:
+a goal that arrives as a message is sent as a goal of the graph, and its events are published as messages.
+Unlike with ROS 1's simple server, goals run side by side, as in the graph.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class ActionlibServer:
         return self._participant.subscribe(f"{self._action}/{topic}", on_sample, message)
 
     def close(self) -> None:
-        """Leave the topics; the clients of running goals were told by then."""
+        """Leave the topics; by then the results of running goals have been sent."""
         self._timer.cancel()
         for endpoint in (*self._subscriptions, self._feedback, self._result, self._status):
             endpoint.close()
@@ -196,7 +196,7 @@ class ActionlibServer:
         goal_id = {"stamp": self._distro.time(tracked.stamp_ns), "id": tracked.id}
         return {"goal_id": goal_id, "status": int(tracked.status), "text": tracked.text}
 
-    def _say_who_listens(self) -> None:
+    def _update_feedback_wanted(self) -> None:
         heard = self._feedback.subscriber_count > 0
         for tracked in self._goals.values():
             if tracked.goal is not None:
@@ -205,7 +205,7 @@ class ActionlibServer:
     def _publish_status(self) -> None:
         if not self._serving():
             return
-        self._say_who_listens()
+        self._update_feedback_wanted()
         now = self._clock.monotonic()
         over = [t.id for t in self._goals.values() if t.ended is not None and t.forget_at <= now]
         for goal_id in over:

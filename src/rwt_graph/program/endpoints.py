@@ -1,4 +1,4 @@
-"""What a :class:`~rwt_graph.program.node.Node` hands out for topics: typed messages instead of payloads."""
+"""The publishers and subscriptions of a :class:`~rwt_graph.program.node.Node`, which take typed messages."""
 
 from __future__ import annotations
 

@@ -216,7 +216,7 @@ class GoalHandle:
         await anyio.lowlevel.checkpoint()
 
     def abandon(self) -> None:
-        """Hear nothing more of the goal; it goes on running, and `result` waits for ever."""
+        """Drop the goal's callbacks; the goal goes on running, and `result` never returns."""
         if self._goal is not None:
             self._goal.abandon()
 

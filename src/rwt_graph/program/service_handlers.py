@@ -1,4 +1,4 @@
-"""From a function of the program to a service of the contract, and back."""
+"""Service handlers of a program as callbacks of the graph, and calls that are awaited."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ServiceHandler: TypeAlias = Callable[[Message], Answer]
 
 
 def failure_text(error: Exception) -> str:
-    """What a caller is told of an exception."""
+    """The reason that a caller receives for an exception."""
     return str(error) or type(error).__name__
 
 

@@ -1,4 +1,4 @@
-"""A call of a service in another process, from the asking to the answer."""
+"""Calls of services in other processes: the request, its answer, and its end without one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rwt_graph.zenoh.rmw.tokens import Endpoint
     from rwt_interfaces.structs import MessageType
 
-#: What is written beside the text of an error reply: the provider failed, or it is gone.
+#: The schema of an error reply's encoding: the provider failed, or it is gone.
 FAILED, GONE = "failed", "gone"
 
 #: Seconds after which Zenoh itself gives up on a query. Timeouts are kept by the graph's clock.
@@ -32,15 +32,15 @@ _NOTE = struct.Struct("<16sq")
 
 
 def abandoned_key(domain: int, session: str) -> str:
-    """Where a process is told that nobody waits for an answer of it any more.
+    """The key on which a process receives the requests that their clients have abandoned.
 
-    It is this project's own: rmw_zenoh's clients say nothing, and its providers answer in vain.
+    It is this project's own: rmw_zenoh's clients do not report that, and its providers answer in vain.
     """
     return f"@rwt/{domain}/abandoned/{session}"
 
 
 def read_abandoned(note: bytes) -> tuple[bytes, int]:
-    """The client's GID and the number of its request; of no client when the note is not one."""
+    """The client's GID and the number of its request; an empty GID when the note is not one."""
     if len(note) != _NOTE.size:
         return b"", 0
     gid, number = _NOTE.unpack(note)
@@ -66,7 +66,7 @@ class RemoteCall(MemoryCall):
         return super()._end()
 
     def answered(self, body: bytes) -> None:
-        """A response came."""
+        """End the call with a response."""
         self.abandon = None
         try:
             self.reply(Payload.from_cdr(self._response, body))
@@ -74,7 +74,7 @@ class RemoteCall(MemoryCall):
             self.fail(f"the answer of {self.service} is not a {self._response.name}")
 
     def refused(self, text: str, kind: str) -> None:
-        """A provider says that it failed, or that it goes away: then another may answer yet."""
+        """End the call because a provider failed; when it only goes away, another may still answer."""
         if kind == GONE:
             self._failure = ProviderGone(text)
         else:
@@ -82,7 +82,7 @@ class RemoteCall(MemoryCall):
             self.fail(text)
 
     def over(self) -> None:
-        """No answer can come any more."""
+        """End the call, to which every provider has replied or gone."""
         self.abandon = None
         text = f"Service {self.service} went away without an answer"
         self.end_with(self._failure or ProviderGone(text))
@@ -91,8 +91,8 @@ class RemoteCall(MemoryCall):
 class Client:
     """One node's client of one service.
 
-    Programs make a service known before they take requests, and the two may travel apart. A request that
-    comes between waits for the provider; sent at once, it would have no answer.
+    The token of a service may arrive before its queryable. A request that is made in between waits for the
+    queryable; sent at once, it would have no answer.
     """
 
     def __init__(self, link: Link, end: Endpoint, presence: Presence, time_ns: Callable[[], int]) -> None:
@@ -116,7 +116,7 @@ class Client:
         """Send a request.
 
         Args:
-            sessions: those that may answer, and are told when nobody waits any more.
+            sessions: those that may answer, which are notified when the call is abandoned.
         """
         call = RemoteCall(service, request, on_reply, response)
         if self._somebody_answers():
@@ -135,7 +135,7 @@ class Client:
         if self._listener is None:
             handler = zenoh.handlers.Callback(self._matched, indirect=False)
             self._listener = self._querier.declare_matching_listener(handler)
-        # It may have come between the look and the listening.
+        # It may have appeared between the check and the declaration.
         self._send_waiting()
 
     def _matched(self, _status: zenoh.MatchingStatus) -> None:
@@ -182,7 +182,7 @@ class Client:
             self._link.session.put(abandoned_key(self._link.domain, session), note)
 
     def close(self) -> None:
-        """Ask nothing more."""
+        """Undeclare the client."""
         self._presence.end()
         if self._listener is not None:
             self._listener.undeclare()

@@ -35,24 +35,24 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """What is declared for a service of this process."""
+    """The token and the queryable of a service of this process."""
 
     presence: Presence
     queryable: zenoh.Queryable[None]
 
     def end(self) -> None:
-        """Be known no more, and take no more requests."""
+        """Undeclare both: no more requests arrive."""
         self.presence.end()
         self.queryable.undeclare()
 
 
 @dataclass(eq=False, slots=True)
 class RemoteService:
-    """A service of other processes, which may be more than one that offer it.
+    """A service that one or more other processes offer.
 
     Attributes:
         open: the calls that wait for an answer.
-        offers: who offers it, by the keys of their tokens; the first is who is asked.
+        offers: its providers by the keys of their tokens, the oldest first.
     """
 
     open: set[MemoryCall] = field(default_factory=set)
@@ -60,7 +60,7 @@ class RemoteService:
 
     @property
     def first(self) -> tuple[Token, Endpoint, ServiceInfo]:
-        """Who came first of those that are there."""
+        """The oldest provider, whose type and node stand for the service."""
         return next(iter(self.offers.values()))
 
 
@@ -77,10 +77,10 @@ class ZenohServices:
         # Requests of other processes that are not answered yet, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}
         self._clients: dict[tuple[NodeResources, str, str], Client] = {}
-        self._callers = NodeResources("/_elsewhere", private=True)
+        self._callers = NodeResources("/_remote", private=True)
 
     def open(self, link: Link) -> None:
-        """Declare what there is."""
+        """Declare every service of this process."""
         self._link = link
         handler = zenoh.handlers.Callback(partial(self._on_abandoned, link), indirect=False)
         key = abandoned_key(link.domain, link.id)
@@ -99,7 +99,7 @@ class ZenohServices:
     # Services of this process
 
     def offered(self, provider: MemoryProvider) -> None:
-        """A service is offered here."""
+        """Declare a service of this process."""
         link = self._link
         if link is None or provider.owner.private:
             return
@@ -113,7 +113,7 @@ class ZenohServices:
         self._offers[provider] = Offer(presence, queryable)
 
     def withdrawn(self, provider: MemoryProvider) -> None:
-        """It is not any more."""
+        """Withdraw the service's queryable and token."""
         offer = self._offers.pop(provider, None)
         link = self._link
         if offer is not None and link is not None:
@@ -138,7 +138,7 @@ class ZenohServices:
         if provider.closed:
             answer(provider.gone())
             return
-        # A provider that is not closed is the one that has the name here.
+        # A provider that is not closed is the one that has the name in this process.
         call = self._services.call(provider.name, request, answer, None, self._callers)
         if isinstance(call, MemoryCall) and not call.done:
             self._asked.setdefault(sent.gid, {})[sent.sequence] = call
@@ -170,14 +170,14 @@ class ZenohServices:
             call.cancel()
 
     def client_left(self, gid: bytes) -> None:
-        """A client of another process is gone: nobody waits for its answers."""
+        """Cancel the open calls of a client of another process that left."""
         for call in self._asked.pop(gid, {}).values():
             call.cancel()
 
     # Services of other processes
 
     def found(self, token: Token, end: Endpoint, key: str) -> Callable[[], None]:
-        """Another process offers a service; returns how to forget that."""
+        """Add a provider of another process; returns what removes it."""
         try:
             type = self._registry.service(type_name(end.dds_type))
         except (WireError, InterfaceError):
@@ -208,11 +208,11 @@ class ZenohServices:
         return None if service is None else service.first[2]
 
     def names(self) -> set[str]:
-        """The names of all of them."""
+        """The names of all services of other processes."""
         return set(self._remote)
 
     def of_node(self, node: str) -> set[str]:
-        """The names of those that a node offers."""
+        """The names of the services that a node of another process offers."""
         return {
             name
             for name, service in self._remote.items()
@@ -222,13 +222,13 @@ class ZenohServices:
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
-        """Call one; None when no other process offers it."""
+        """Call a service of another process; None when no other process offers it."""
         service, link = self._remote.get(name), self._link
         if service is None or link is None:
             return None
         _, end, info = service.first
         if end.type_hash != info.type.rihs01:
-            text = f"Service {name} has another definition of {type_name(end.dds_type)} there than here"
+            text = f"Service {name} defines {type_name(end.dds_type)} otherwise than this process"
             refused = RemoteCall(name, request, on_reply, info.type.response)
             refused.end_with(CallFailed(text))
             return refused

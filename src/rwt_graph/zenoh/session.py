@@ -1,4 +1,4 @@
-"""Opening and closing the Zenoh session, and what it is told to do."""
+"""The Zenoh session of a graph: its configuration, opening and closing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Mode = Literal["peer", "client", "router"]
 #: samples whenever the receiving process is not scheduled for a moment; a link that stays full drops at once.
 _WAIT_BEFORE_DROP = 50_000
 
-#: What this project wants where neither the caller nor the file says anything: by key, its value and Zenoh's.
+#: This project's defaults where neither the caller nor the file gives a value: by key, its value and Zenoh's.
 _DEFAULTS: dict[str, tuple[object, object]] = {
     "listen/endpoints": ([], {"router": ["tcp/[::]:7447"], "peer": ["tcp/[::]:0"]}),
     "scouting/multicast/enabled": (False, None),
@@ -113,7 +113,7 @@ def _insert(config: zenoh.Config, key: str, value: object) -> None:
 
 
 class ZenohSession:
-    """One session, which is closed in every case: a process that leaves one open never ends."""
+    """One session, which is closed in every case: a process with an open session never ends."""
 
     def __init__(self) -> None:
         self._session: zenoh.Session | None = None
@@ -138,8 +138,8 @@ class ZenohSession:
     def close(self) -> None:
         """Close it, from any thread; what was declared goes with it.
 
-        Blocks for a moment; for three seconds when somebody it is connected to cannot be reached. Zenoh
-        would wait for ten, for the link to take the goodbye.
+        Blocks for a moment; for three seconds when a connected process cannot be reached. Zenoh would wait
+        for ten, for the link to take the goodbye.
         """
         with self._lock:
             session, self._session = self._session, None

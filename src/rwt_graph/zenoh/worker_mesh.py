@@ -1,4 +1,4 @@
-"""How several processes of one server are joined with each other, and each with those outside."""
+"""The mesh of Zenoh sessions by which the workers of one server share a graph."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _PORT = re.compile(r":\d+(?=$|[?#])")
 
 
 def mesh_options(options: ZenohOptions, folder: Path, number: int, count: int) -> ZenohOptions:
-    """The options of one of several processes that were given the same ones.
+    """The options of one worker, from those of the server.
 
-    Peers are a mesh over Unix sockets in `folder`, each connected to those that are there before it. To
-    the outside each is a peer of its own, because peers pass nothing on: the first is found where `options`
-    say, the others at ports of their own, of which Zenoh's gossip tells. With a router in them, the first is
-    that and the others its clients; clients of a router elsewhere need nothing of each other.
+    In mode `peer` the workers are a full mesh over Unix sockets in `folder`. To the outside each is a peer of
+    its own, because peers do not forward: the first listens where `options` say, the others at ports of their
+    own, which Zenoh's gossip makes known. In mode `router` the first worker is the router and the others are
+    its clients. In mode `client` the workers meet at the router that they all connect to.
 
     Args:
-        options: what the server was given.
-        folder: which nobody else may enter.
-        number: from 1, in the order of starting.
-        count: how many there are.
+        options: those of the server.
+        folder: for the sockets; only the server may have access to it.
+        number: of the worker, from 1, in the order of starting.
+        count: of workers.
 
     Raises:
         ZenohError: the configuration file cannot be used.
@@ -40,7 +40,7 @@ def mesh_options(options: ZenohOptions, folder: Path, number: int, count: int) -
         return options
     if mode == "router" and number > 1:
         return replace(options, mode="client", listen=(), connect=(_endpoint(folder, 1),))
-    # One that is started again finds the others there, and need not wait until they try again.
+    # A worker that is started again connects to the others, and need not wait until they retry.
     there = [each for each in range(1, count + 1) if each < number or _socket(folder, each).exists()]
     siblings = [_endpoint(folder, each) for each in there if each != number and mode == "peer"]
     listen = _endpoints(config.get_json("listen/endpoints"), mode)

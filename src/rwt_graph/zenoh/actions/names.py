@@ -20,8 +20,8 @@ SEND_GOAL = f"{_PART}send_goal"
 class ActionNames:
     """The names that belong to one action.
 
-    `reasons` is this project's own: why a goal was rejected or ended as it did, which ROS 2's messages have
-    no field for. Each is a `std_msgs/String`: the goal's id, a space, the reason.
+    `reasons` is a topic of this project's own: why a goal was rejected or ended as it did, for which ROS 2's
+    messages have no field. Each message is a `std_msgs/String`: the goal's id, a space, the reason.
     """
 
     action: str
@@ -58,7 +58,7 @@ class ActionNames:
 
 
 def belongs_to_action(topic: str) -> bool:
-    """Whether a topic or service is one of an action's."""
+    """Whether a topic or service carries an action."""
     return _PART in topic
 
 

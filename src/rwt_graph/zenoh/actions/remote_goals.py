@@ -30,7 +30,7 @@ _STATES = {status.value: status for status in GoalStatus}
 
 
 class ZenohActions:
-    """The actions of other processes: whoever offers `<action>/_action/send_goal` offers the action."""
+    """The actions of other processes: a node that offers `<action>/_action/send_goal` offers the action."""
 
     def __init__(
         self, topics: Topics, services: Services, remote: RemoteServices, registry: Registry
@@ -52,11 +52,11 @@ class ZenohActions:
         return ActionInfo(name, type, service.node)
 
     def names(self) -> set[str]:
-        """The names of all of them."""
+        """The names of all actions of other processes."""
         return {name.removesuffix(SEND_GOAL) for name in self._remote.names() if name.endswith(SEND_GOAL)}
 
     def of_node(self, node: str) -> set[str]:
-        """The names of those that a node offers."""
+        """The names of the actions that a node of another process offers."""
         return {
             name.removesuffix(SEND_GOAL) for name in self._remote.of_node(node) if name.endswith(SEND_GOAL)
         }
@@ -73,9 +73,9 @@ class ZenohActions:
         return goal
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Ask to cancel a goal by its id; nobody waits for the answer."""
+        """Ask to cancel a goal by its id, without waiting for the answer."""
         if goal_id == _EVERY_GOAL:
-            return  # It would cancel them all, and is no goal's own.
+            return  # No goal's id: it would cancel every goal.
         self.ask_to_cancel(action, goal_id, client, lambda _: None)
 
     def ask_to_cancel(
@@ -118,11 +118,11 @@ class RemoteGoal(ClientGoal):
 
     @property
     def reason(self) -> str:
-        """Why the server ended the goal as it did; a server that is not this project's never says."""
+        """Why the server ended the goal as it did; only servers of this project send reasons."""
         return self._reason
 
     def send(self, payload: Payload) -> None:
-        """Listen for what belongs to the goal, then send it."""
+        """Subscribe to the goal's feedback and reason, then send it."""
         self._client.add(self, self.client_closed)
         self.want_feedback(True)
         self._reasons = self._listen(self._names.reasons, "std_msgs/String", self._on_reason)
@@ -131,7 +131,7 @@ class RemoteGoal(ClientGoal):
         self._call(self._names.send_goal, goal, self._on_answer)
 
     def want_feedback(self, wanted: bool) -> None:
-        """Subscribe to the feedback, or leave it: a server that has no subscribers sends none."""
+        """Subscribe to the feedback, or end that: a server without subscribers sends none."""
         feedback = self._feedback
         if not wanted and feedback is not None:
             self._feedback = None
@@ -151,7 +151,7 @@ class RemoteGoal(ClientGoal):
     def _call(self, service: str, request: Payload, on_reply: Callable[[Payload | CallFailed], None]) -> None:
         self._pending = self._actions.services.call(service, request, on_reply, None, self._client)
 
-    # What the server says
+    # Answers of the server
 
     def _on_answer(self, answer: Payload | CallFailed) -> None:
         if isinstance(answer, CallFailed):
@@ -184,7 +184,7 @@ class RemoteGoal(ClientGoal):
         response: Any = answer.value()
         status = _STATES.get(response.status, GoalStatus.UNKNOWN)
         if not status.is_terminal:
-            self._failed(ProviderGone(f"Action {self.action} does not know goal {self.id} any more"))
+            self._failed(ProviderGone(f"Action {self.action} no longer knows goal {self.id}"))
             return
         self._end(status, Payload.from_value(self._type.result, response.result))
 
@@ -218,7 +218,7 @@ class RemoteGoal(ClientGoal):
         if events is not None:
             self._tell(lambda: events.on_result(status, outcome))
 
-    # What the client wants
+    # Requests of the client
 
     def cancel(self) -> None:
         """Ask the server to cancel."""
@@ -233,7 +233,7 @@ class RemoteGoal(ClientGoal):
             self._status = GoalStatus.CANCELING
 
     def abandon(self) -> None:
-        """Hear nothing more of the goal; it goes on running."""
+        """Drop the goal's callbacks; the goal goes on running."""
         pending = self._pending
         self._let_go()
         if pending is not None and self._status is not GoalStatus.UNKNOWN:
@@ -241,7 +241,7 @@ class RemoteGoal(ClientGoal):
             pending.cancel()
 
     def client_closed(self) -> None:
-        """The client's node leaves: it hears so, and the goal goes on running (ACT-19)."""
+        """End the callbacks of a client whose node leaves; the goal goes on running (ACT-19)."""
         self._end(self._status, CallFailed(f"node {self._client.name} was closed"))
 
     def _let_go(self) -> None:

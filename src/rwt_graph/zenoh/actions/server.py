@@ -1,7 +1,7 @@
 """An action server of this process, as the services and topics of ROS 2.
 
-What other processes see of an action: three services to send, cancel and ask after goals, a topic of feedback
-and a latched one of states. Goals that come from there are goals like any other, and every goal is told of.
+Other processes see three services (send a goal, cancel goals, get a result), a topic of feedback and a
+latched one of states. Their goals are goals like any other, and the topics carry those of every client.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RESULTS_KEPT = 100
 
 
 class Ros2ActionServer:
-    """Carries one action; lives as long as its server."""
+    """The services and topics of one action; they exist as long as its server."""
 
     def __init__(
         self, participant: Participant, server: MemoryActionServer, actions: Actions, clock: Clock
@@ -56,7 +56,7 @@ class Ros2ActionServer:
         self._result_type = service(part_type(self._server.type, "_GetResult")).response
         send = service(part_type(self._server.type, "_SendGoal"))
         self._answer_type = send.response
-        # The goal service comes last: who sees it may count on the others.
+        # The goal service comes last: a client that sees it may count on the others.
         self._services = (
             participant.advertise_service(names.cancel_goal, cancel, cancel_service(self._server, cancel)),
             participant.advertise_service(
@@ -66,14 +66,14 @@ class Ros2ActionServer:
         )
 
     def close(self) -> None:
-        """Withdraw the services and topics; who waits for a result hears that the provider is gone."""
+        """Withdraw the services and topics; open calls for a result end with :exc:`ProviderGone`."""
         self._server.watcher = None
         for service in reversed(self._services):
             service.close()
         for publisher in (self._feedback, self._status, self._reasons):
             publisher.close()
 
-    # What clients ask
+    # Requests
 
     def _on_send_goal(self, call: ServiceCall) -> None:
         request: Any = call.request.value()
@@ -106,10 +106,10 @@ class Ros2ActionServer:
     def _give_result(self, call: ServiceCall, status: GoalStatus, result: Payload) -> None:
         call.reply(struct_payload(self._result_type, status=int(status), result=result.value()))
 
-    # What clients are told
+    # Topics
 
     def changed(self, goal_id: str) -> None:
-        """Publish the states of all goals that are not over, and of the one that changed."""
+        """Publish the states of all goals that have not ended, and of the one that changed."""
         self._stamps.setdefault(goal_id, self._now())
         states = [
             {
@@ -123,18 +123,18 @@ class Ros2ActionServer:
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether anybody subscribes to the feedback, here or elsewhere."""
+        """Whether the feedback has subscribers, in any process."""
         return bool(self._feedback.subscriber_count)
 
     def fed_back(self, goal_id: str, feedback: Payload) -> None:
-        """Publish feedback, if anybody listens."""
+        """Publish feedback to its subscribers."""
         if self.feedback_wanted:
             type = self._feedback.type
             uuid = uuid_struct(type, goal_id)
             self._feedback.publish(struct_payload(type, goal_id=uuid, feedback=feedback.value()))
 
     def ended(self, goal_id: str, status: GoalStatus, result: Payload | None, reason: str) -> None:
-        """Answer who waits for the result, and keep it for who asks later."""
+        """Answer the open calls for the result, and keep it for later ones."""
         self._stamps.pop(goal_id, None)
         waiting = self._waiting.pop(goal_id, [])
         if result is None:

@@ -1,4 +1,4 @@
-"""What goes along with every sample, request and reply: 33 bytes.
+"""The attachment of every sample, request and reply: 33 bytes.
 
 ====== ====== =========================================================================
 offset length field

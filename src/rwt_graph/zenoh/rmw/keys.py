@@ -1,4 +1,4 @@
-"""Where a topic or a service is found: `<domain>/<name>/<dds type>/<type hash>` (design, "Publishers")."""
+"""The keys of topics and services: `<domain>/<name>/<dds type>/<type hash>` (design, "Publishers")."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ from rwt_graph.errors import WireError
 
 #: What stands for `/` where a name must be one part of a key.
 SLASH = "%"
-
-#: What Humble, which has no type hashes, writes in place of one.
-NO_HASH = "TypeHashNotSupported"
 
 _KINDS = ("msg", "srv", "action")
 
@@ -67,4 +64,4 @@ def demangle(part: str) -> str:
     return part.replace(SLASH, "/")
 
 
-__all__ = ["NO_HASH", "data_key", "dds_type", "demangle", "mangle", "type_name"]
+__all__ = ["data_key", "dds_type", "demangle", "mangle", "type_name"]

@@ -1,4 +1,4 @@
-"""Liveliness tokens: how nodes, publishers, subscriptions, services and clients make themselves known.
+"""Liveliness tokens, by which nodes, publishers, subscriptions, services and clients are discovered.
 
 `@ros2_lv/<domain>/<session>/<node id>/<entity id>/<kind>/<enclave>/<namespace>/<node>`, and for everything
 but a node `/<name>/<dds type>/<type hash>/<qos>` (design, "Graph Cache"). In names `/` is written `%`.
@@ -35,7 +35,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """What a node takes part in.
+    """An endpoint of a node: the topic or service, its type and its QoS.
 
     Attributes:
         name: absolute name of the topic or service.
