@@ -21,7 +21,8 @@ from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.structs import MessageType, time_struct
+from rwt_interfaces.struct_fields import time_struct
+from rwt_interfaces.structs import MessageType
 
 REGISTRIES = {1: Registry(NOETIC), 2: Registry(JAZZY)}
 STORES = {1: get_typestore(Stores.ROS1_NOETIC), 2: get_typestore(Stores.ROS2_JAZZY)}

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from rwt_cli.codegen.type_selection import ClassNames, TypeSelection, time_name
 from rwt_interfaces import field_types
-from rwt_interfaces.structs import slot_default
+from rwt_interfaces.struct_fields import slot_default
 
 if TYPE_CHECKING:
     from rwt_interfaces.definitions.model import Constant

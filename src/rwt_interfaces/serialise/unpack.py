@@ -11,7 +11,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
-from rwt_interfaces.structs import time_struct
+from rwt_interfaces.struct_fields import time_struct
 from rwt_interfaces.validation.mismatch import check_length, under
 
 if TYPE_CHECKING:

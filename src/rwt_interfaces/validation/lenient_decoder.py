@@ -18,7 +18,7 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType, Slot
-from rwt_interfaces.structs import slot_default, time_struct
+from rwt_interfaces.struct_fields import slot_default, time_struct
 from rwt_interfaces.validation.mismatch import (
     check_length,
     describe,

@@ -1,0 +1,112 @@
+"""How a field is held in its message's Struct: the type in Python, and the value when nobody has set it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import msgspec
+
+from rwt_interfaces import field_types
+from rwt_interfaces.field_types import FieldType, Slot
+from rwt_interfaces.validation.numbers import float32
+
+StructField = tuple[str, object, object]
+"""Name, annotation and default."""
+
+#: Subscripted at run time, which a checker cannot follow.
+_LIST: Any = list
+
+
+@lru_cache(maxsize=8)
+def time_struct(field_type: field_types.Time) -> type[msgspec.Struct]:
+    """The Struct of a time; one for all messages that hold it."""
+    name = "Duration" if field_type.is_duration else "Time"
+    return msgspec.defstruct(name, [(key, int, 0) for key in field_type.keys], module="builtin_interfaces")
+
+
+def annotation(field_type: FieldType) -> object:
+    """The Python type of a field in its message's Struct."""
+    match field_type:
+        case field_types.Bool():
+            return bool
+        case field_types.Int():
+            return int
+        case field_types.Float():
+            return float
+        case field_types.String():
+            return str
+        case field_types.Time():
+            return time_struct(field_type)
+        case field_types.Octets():
+            return bytes
+        case field_types.Message():
+            return field_type.type.struct
+        case field_types.Array():
+            return _LIST[annotation(field_type.element)]
+
+
+def default_maker(field_type: FieldType) -> Callable[[], object]:
+    """A function that makes the value a field has when nobody set it: zero, false, empty (PUB-04)."""
+    match field_type:
+        case field_types.Octets():
+            octets = bytes(field_type.length or 0)
+            return lambda: octets
+        case field_types.Array():
+            return _array_default(default_maker(field_type.element), field_type.length or 0)
+        case field_types.Time():
+            return time_struct(field_type)
+        case field_types.Message():
+            return field_type.type.struct
+        case field_types.Bool():
+            return bool
+        case field_types.Int():
+            return int
+        case field_types.Float():
+            return float
+        case field_types.String():
+            return str
+
+
+def _array_default(element: Callable[[], object], length: int) -> Callable[[], object]:
+    if length == 0:
+        return list
+    return lambda: [element() for _ in range(length)]
+
+
+def slot_default(slot: Slot) -> Callable[[], object]:
+    """A function that makes the field's value when it is absent: the definition's default, or zero
+    (JSN-26)."""
+    default = slot.default
+    if default is None:
+        return default_maker(slot.type)
+    if isinstance(slot.type, field_types.Octets) and isinstance(default, (list, tuple)):
+        octets = bytes(default)
+        return lambda: octets
+    if isinstance(default, (list, tuple)):
+        held = [_held(each, slot.type) for each in default]
+        return lambda: list(held)
+    one = _held(default, slot.type)
+    return lambda: one
+
+
+def _held(default: object, field_type: FieldType) -> object:
+    """A default as the field holds it: a float32 is the nearest one, and infinity beyond its range."""
+    number = field_type.element if isinstance(field_type, field_types.Array) else field_type
+    if number != field_types.FLOAT32 or not isinstance(default, float):
+        return default
+    if abs(default) > field_types.FLOAT32_LIMIT:
+        return math.copysign(math.inf, default)
+    return float32(default)
+
+
+def struct_field(slot: Slot) -> StructField:
+    """One field for :func:`msgspec.defstruct`."""
+    make = slot_default(slot)
+    value = make()
+    # msgspec shares a plain default between instances, which only immutable ones allow.
+    immutable = isinstance(value, (bool, int, float, str, bytes))
+    default = value if immutable else msgspec.field(default_factory=make)
+    return slot.attribute, annotation(slot.type), default
