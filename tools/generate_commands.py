@@ -36,7 +36,7 @@ Names, options and output are those of the `ros2` tool where it has them. A name
 |---|---|
 | `--url URL` | Where the robot is: URL_FORMS, with a host and a port, the path of a socket or a command. Default: the variable `RWT_URL`, else `ws://127.0.0.1:9090`. |
 | `--token TOKEN` | Bearer token to show, with `ws://` and `wss://`. Default: the variable `RWT_TOKEN`, which others on the machine cannot read. |
-| `--timeout SECONDS` | How long to wait for the connection and for each answer, default 10. For a message, a subscription and the end of a goal it is waited for ever unless this says otherwise. |
+| `--timeout SECONDS` | How long to wait for the connection and for each answer, default 10. There is no limit for a message, a subscription and the end of a goal unless this sets one. |
 | `--json` | Print JSON: one value, or of what goes on one value a line. Octets are base64 and NaN is null, as rosbridge sends them. |
 | `--help`, `-h` | Say all this in short. |
 
@@ -69,7 +69,7 @@ def _lines() -> Iterator[str]:
         if command.name in _ELSEWHERE:
             continue
         parser = top[command.name]
-        verbs = {name: verb for name, verb in _subcommands(parser).items() if name != "words"}
+        verbs = _subcommands(parser)
         yield f"## rwt {command.name}\n"
         yield f"{_prose(parser.description)}\n"
         if not verbs:

@@ -1,7 +1,6 @@
-"""The command `rwt`.
+"""The command `rwt`: a table of commands, each with a module that is imported only when it is the one typed.
 
-Nothing of a command is imported before it is the one that was typed: `rwt --help` and completion are typed
-all day.
+`rwt --help` and completion so import no client, server or message type.
 """
 
 from __future__ import annotations
@@ -24,7 +23,8 @@ __all__ = ["COMMANDS", "Command", "main", "parser_for"]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command: the function ``add_NAME_command`` of the module ``rwt_cli.commands.NAME`` adds it.
+    """One row of :data:`COMMANDS`. The module ``rwt_cli.commands.NAME`` has a function ``add_NAME_command``,
+    which adds the parser.
 
     Attributes:
         name: as it is typed.
@@ -58,14 +58,14 @@ COMMANDS: Final = (
     Command("recording", "recordings: info, recover"),
     Command("doctor", "find out what is wrong with a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
-    Command("config", "look at the settings"),
+    Command("config", "print the settings in effect"),
     Command("completion", "make a shell complete what you type"),
 )
 
 _EXAMPLES: Final = """\
 examples:
   rwt serve --demo                                  a simulated robot on ws://127.0.0.1:9090
-  rwt topic list                                    what it has to say
+  rwt topic list                                    its topics
   RWT_URL=ws://robot:9090 rwt topic echo /odom      another robot
 
 exit codes: 0 done, 1 it failed, 2 it was called wrongly, 3 there is no connection, 4 nothing came in time,
@@ -73,7 +73,7 @@ exit codes: 0 done, 1 it failed, 2 it was called wrongly, 3 there is no connecti
 
 
 def parser_for(wanted: str | None) -> Parser:
-    """The parser of the command line, with all of the command `wanted` and the names of the others.
+    """The parser of the command line: the command `wanted` in full, of the others only the names.
 
     Args:
         wanted: the name of a command; None for none of them, ``*`` for all.
@@ -132,5 +132,5 @@ def _log_of_the_command() -> Iterator[None]:
 
 
 def _forget_output() -> None:
-    """What is still buffered cannot be written either, and must not complain at exit."""
+    """Point stdout at the null device: what is still buffered cannot be written, and would raise at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

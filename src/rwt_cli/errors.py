@@ -8,7 +8,7 @@ from typing import Final
 from rwt_protocol.spelling import nearest
 
 FAILED: Final = 1
-"""It was asked for rightly and did not work, or the robot said no."""
+"""The command line was right, but the command did not succeed, or the robot refused."""
 CALLED_WRONGLY: Final = 2
 """An unknown option, a name or a message that cannot be read or does not fit its type."""
 CANNOT_CONNECT: Final = 3
@@ -16,9 +16,9 @@ CANNOT_CONNECT: Final = 3
 TIMED_OUT: Final = 4
 """Nothing came in time."""
 INTERRUPTED: Final = 130
-"""Ctrl-C ended what had not ended by itself, as shells count it: 128 + SIGINT."""
+"""Ctrl-C ended a command that ends by itself; as in shells, 128 + SIGINT."""
 PIPE_CLOSED: Final = 141
-"""Who read the output has gone, as shells count it: 128 + SIGPIPE."""
+"""The reader of the output has closed the pipe; as in shells, 128 + SIGPIPE."""
 
 
 class CommandError(Exception):

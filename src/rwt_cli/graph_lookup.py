@@ -1,4 +1,4 @@
-"""Names of the robot's live graph: found, or refused with the nearest one."""
+"""Looks up names in the robot's live graph; an unknown one raises an error with the nearest known one."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ async def topic_type(robot: Robot, name: str) -> str:
     if name not in known:
         raise unknown("topic", name, known)
     if not known[name]:
-        raise CommandError(f"nobody has told the type of {name} yet; name it", FAILED)
+        raise CommandError(f"the type of {name} is not known to the robot yet; give it", FAILED)
     return known[name]
 
 

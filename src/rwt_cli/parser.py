@@ -17,7 +17,7 @@ _INVALID_CHOICE: Final = re.compile(r"(?:argument (.*?): )?invalid choice: '(.*)
 
 
 class Parser(argparse.ArgumentParser):
-    """An :class:`argparse.ArgumentParser` that keeps the line ends of texts, and says what is wrong in one
+    """An :class:`argparse.ArgumentParser` that keeps the line ends of texts, and whose errors are one
     line."""
 
     def __init__(
@@ -46,8 +46,8 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]  # the stubs' overloads come to this
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """As argparse does it, but the command whose the words are says what is wrong with them: argparse
-        leaves that to the outermost one, which knows nothing of its options."""
+        """Parse the words of one command. Unknown ones are an error of that command, which knows its options;
+        argparse leaves them to the outermost parser."""
         found, left = super().parse_known_args(args, namespace)
         if left:
             self.error(self._unknown(left[0]))

@@ -26,7 +26,7 @@ DEFAULT_URL: Final = "ws://127.0.0.1:9090"
 URL_VARIABLE: Final = "RWT_URL"
 TOKEN_VARIABLE: Final = "RWT_TOKEN"
 USUAL_TIMEOUT: Final = 10.0
-"""Seconds that connecting, and each answer, may take where ``--timeout`` does not say."""
+"""Default of ``--timeout``: seconds that connecting, and each answer, may take."""
 
 _MOST_AT_ONCE: Final = 16
 _ROBOT_OPTIONS: Final = "the robot"
@@ -38,7 +38,7 @@ AddArguments = Callable[[argparse.ArgumentParser], None]
 
 
 def _no_arguments(parser: argparse.ArgumentParser) -> None:
-    """For verbs that have none of their own."""
+    """Add nothing: for verbs without arguments of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def epilog(example: str, json: str) -> str:
 
 
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
-    """The options that every verb has which talks to a robot."""
+    """Add the options of every verb that talks to a robot."""
     group = parser.add_argument_group(_ROBOT_OPTIONS)
     group.add_argument(
         "--url", metavar="URL", help=f"where it is (default ${URL_VARIABLE}, or {DEFAULT_URL})"
@@ -109,14 +109,14 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--token",
         metavar="TOKEN",
-        help=f"bearer token to show (default ${TOKEN_VARIABLE}, which others on this machine cannot read)",
+        help=f"bearer token to present (default ${TOKEN_VARIABLE}, which others on this machine cannot read)",
     )
     group.add_argument(
         "--timeout",
         type=seconds,
         metavar="SECONDS",
-        help=f"how long to wait for the connection and each answer (default {USUAL_TIMEOUT:g}); for a message"
-        " it is waited for ever unless this says otherwise",
+        help=f"how long to wait for the connection and each answer (default {USUAL_TIMEOUT:g}; for a"
+        " message no limit)",
     )
     group.add_argument("--json", action="store_true", help="print JSON, for programs")
 
@@ -173,7 +173,7 @@ def url_of(arguments: Arguments) -> str:
 
 
 def token_of(arguments: Arguments) -> str:
-    """The token to show; empty for none."""
+    """The token to present; empty for none."""
     return arguments.token or os.environ.get(TOKEN_VARIABLE, "")
 
 
@@ -240,7 +240,7 @@ def _run(verb: Verb, arguments: Arguments) -> int:
     async def program() -> None:
         async with connecting(arguments, definitions=verb.definitions, lasting=verb.lasting) as robot:
             if verb.lasting:
-                robot.on_event(_tell_of_gaps)
+                robot.on_event(_log_connection)
             await verb.run(robot, arguments, output)
 
     try:
@@ -251,7 +251,7 @@ def _run(verb: Verb, arguments: Arguments) -> int:
     return 0
 
 
-def _tell_of_gaps(event: ConnectionEvent) -> None:
+def _log_connection(event: ConnectionEvent) -> None:
     if event.kind == "lost":
         logging.getLogger("rwt").warning("%s; connecting again", event.text or "the connection was lost")
     elif event.kind == "restored":
@@ -272,10 +272,10 @@ def command_error(error: RobotError) -> CommandError:
 
 
 async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
-    """The answers to questions that are asked side by side, in order.
+    """The results of coroutine functions that run concurrently, at most 16 at a time, in order.
 
     Raises:
-        RobotError: one was not answered; the first of them.
+        RobotError: one of them failed; the first error.
     """
     import anyio
 

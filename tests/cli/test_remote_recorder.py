@@ -69,7 +69,7 @@ async def test_what_was_kept_is_logged_first_and_not_again_after_a_gap(
         here.node.advertise("/map_name", "std_msgs/String", latch=True).publish({"data": "hall"})
         count = here.node.advertise("/count", "std_msgs/Int32")
         here.clock.advance(EARLIER_NS / 1e9 + 1)
-        await here.recorder.look()
+        await here.recorder.poll()
         writer = here.recorder.writer
         await until(lambda: writer.messages == 1)
         here.sinks[-1].close(1001, "going")
@@ -89,11 +89,11 @@ async def test_what_was_kept_is_logged_first_and_not_again_after_a_gap(
 async def test_topics_are_found_later_and_may_be_said_to_be_kept(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     async with recorded(path) as here:
-        await here.recorder.look()
+        await here.recorder.poll()
         assert here.recorder.topics == 0
         named = here.node.advertise("/named", "std_msgs/String")
-        await here.recorder.look()
-        await here.recorder.look()
+        await here.recorder.poll()
+        await here.recorder.poll()
         assert here.recorder.topics == 1
         await until(lambda: named.subscriber_count == 1)
         named.publish({"data": "here"})
@@ -108,4 +108,4 @@ async def test_a_look_without_a_connection_does_nothing(tmp_path: Path) -> None:
     async with recorded(tmp_path / "run.mcap") as here:
         here.sinks[-1].close(1001, "going")
         with anyio.fail_after(10):
-            await here.recorder.look()
+            await here.recorder.poll()

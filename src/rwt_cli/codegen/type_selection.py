@@ -78,7 +78,7 @@ def find_type(registry: Registry, name: str) -> InterfaceType:
 
 
 def _kinds(name: str) -> tuple[Kind, ...]:
-    """The kinds that a name may be of: its middle part says it, but parts of services are messages."""
+    """The kinds that a name may be of: the one in its middle part, and message, as of parts of services."""
     try:
         _, kind, _ = parse_type_name(name)
     except InterfaceError:

@@ -107,7 +107,7 @@ class _Stubs:
 
 
 def _remark(field_type: FieldType) -> str:
-    """What TypeScript cannot say of a field."""
+    """The comment for what TypeScript cannot express about a field."""
     match field_type:
         case (
             field_types.Bool()

@@ -67,7 +67,8 @@ async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def servers_of(robot: Robot, action: str) -> list[str]:
-    """The nodes that offer an action. rosapi does not tell; they offer its services (2) or its topics (1)."""
+    """The nodes that offer an action. rosapi does not list them: they offer its services (ROS 2) or its
+    topics (ROS 1)."""
     nodes = await ask_rosapi(robot.api.nodes)
     details = await gather([partial(robot.api.node, node) for node in nodes])
     return sorted(node.name for node in details if offers(action, node.services, node.publishing))
@@ -98,27 +99,27 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
         raise CommandError("expected TYPE and GOAL; the goal goes in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.goal)
     action_type = await robot.types.action(kind or await known_action(robot, name))
-    wish = to_payload(action_type.goal, with_stamps(action_type.goal, given))
-    told = _Telling(action_type, output)
-    told.goal(wish)
-    feedback = told.feedback if arguments.feedback else _nothing
-    goal = await robot.send_goal(name, wish, action_type.name, on_feedback=feedback)
+    request = to_payload(action_type.goal, with_stamps(action_type.goal, given))
+    printer = _GoalPrinter(action_type, output)
+    printer.goal(request)
+    feedback = printer.feedback if arguments.feedback else _nothing
+    goal = await robot.send_goal(name, request, action_type.name, on_feedback=feedback)
     try:
         ended = await goal.result(arguments.timeout)
     except BaseException as error:
         await _cancel(goal, robot, error)
         raise
-    told.result(ended.status.name, ended.result)
+    printer.result(ended.status.name, ended.result)
     if not ended.succeeded:
         raise CommandError(f"the goal of {name} ended as {ended.status.name}", FAILED)
 
 
 def _nothing(message: Any) -> None:
-    """Feedback that nobody wants to see."""
+    """Drop feedback that was not asked for."""
 
 
 async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
-    """Nobody waits for this goal any more, so the robot need not go on."""
+    """Cancel a goal whose result is no longer awaited."""
     import anyio
 
     if goal.done or not robot.connected:
@@ -130,32 +131,32 @@ async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
         await robot.drain()
 
 
-class _Telling:
-    """Prints what becomes of a goal."""
+class _GoalPrinter:
+    """Prints a goal, its feedback and its result."""
 
     def __init__(self, action_type: ActionType, output: Output) -> None:
         self._type = action_type
         self._output = output
 
-    def goal(self, wish: Payload) -> None:
+    def goal(self, request: Payload) -> None:
         if not self._output.json:
-            self._tell("Sending goal:", self._type.goal, wish.value())
+            self._print("Sending goal:", self._type.goal, request.value())
 
     def feedback(self, message: Any) -> None:
         if self._output.json:
             self._output.record({"feedback": plain(self._type.feedback, message, Formatting(json=True))})
         else:
-            self._tell("Feedback:", self._type.feedback, message)
+            self._print("Feedback:", self._type.feedback, message)
 
     def result(self, status: str, message: Any) -> None:
         if self._output.json:
             result = plain(self._type.result, message, Formatting(json=True))
             self._output.record({"status": status, "result": result})
             return
-        self._tell("Result:", self._type.result, message)
+        self._print("Result:", self._type.result, message)
         self._output.line(f"Goal finished with status: {self._output.styled(status, _style(status))}")
 
-    def _tell(self, heading: str, message_type: MessageType, message: Any) -> None:
+    def _print(self, heading: str, message_type: MessageType, message: Any) -> None:
         from rwt_cli.console.yaml_text import block
 
         shown = textwrap.indent(block(plain(message_type, message)), "    ")
@@ -177,7 +178,7 @@ VERBS = (
     ),
     Verb(
         "info",
-        "tell an action's type and who offers it",
+        "print an action's type and servers",
         _info,
         "rwt action info /fibonacci",
         '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "servers": ["/demo_robot"]}',
@@ -185,7 +186,7 @@ VERBS = (
     ),
     Verb(
         "type",
-        "tell an action's type",
+        "print an action's type",
         _type,
         "rwt action type /fibonacci",
         '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}',

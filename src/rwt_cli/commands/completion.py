@@ -1,6 +1,6 @@
 """`rwt completion`: makes a shell complete commands, options, and the names in the robot's live graph.
 
-argcomplete reads the line and talks with the shells; what a value may be is said here.
+argcomplete reads the line and talks with the shells; the values of arguments come from here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 SHELLS: Final = ("bash", "zsh", "fish")
 LIVE_SECONDS: Final = 1.5
-"""How long a robot may take to say what it has, while somebody waits for a completion."""
+"""How long a completion waits for the robot."""
 
 _EXAMPLES: Final = """\
 examples:
@@ -49,7 +49,7 @@ async def _nodes(robot: Robot) -> Iterable[str]:
 
 
 LIVE: Final[dict[str, Names]] = {"TOPIC": _topics, "SERVICE": _services, "ACTION": _actions, "NODE": _nodes}
-"""What the robot is asked for, by the word that stands for the argument in the help."""
+"""What to ask the robot for, by the metavar of an argument."""
 
 
 def add_completion_command(commands: Commands) -> None:
@@ -84,7 +84,7 @@ def complete() -> NoReturn:
 
 
 def _values(action: argparse.Action, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
-    """What the value of an argument may be, by the word that stands for it in the help."""
+    """What the value of an argument may be, by its metavar."""
     metavar = action.metavar if isinstance(action.metavar, str) else ""
     if metavar in LIVE:
         return _live(LIVE[metavar], parsed_args)

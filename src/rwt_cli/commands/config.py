@@ -1,4 +1,5 @@
-"""`rwt config show`: the settings in effect, and where each came from; and how commands read them."""
+"""`rwt config show`: the settings in effect with the source of each; and the options by which commands take
+settings."""
 
 from __future__ import annotations
 
@@ -91,7 +92,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def show(loaded: LoadedSettings) -> Iterator[str]:
-    """The lines of a TOML file that says the same, each with where its value came from."""
+    """The lines of a TOML file with the same settings, each with the source of its value."""
     yield from _table(loaded, (), loaded.settings)
 
 

@@ -101,7 +101,7 @@ def _tokens(arguments: argparse.Namespace) -> tuple[str, ...]:
             raise CommandError(f"--token-file {arguments.token_file}: cannot be read: {error}", 2) from error
     for token in tokens:
         if _TOKEN.fullmatch(token) is None:
-            # Without the token: it would stay in somebody's terminal or log.
+            # Without the token: it would stay in a terminal or log.
             raise CommandError("a token is 16 to 256 of the characters A-Z a-z 0-9 - . _ ~", exit_code=2)
     return tuple(tokens)
 

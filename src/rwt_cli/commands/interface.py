@@ -172,8 +172,8 @@ def _show(arguments: Arguments, output: Output) -> None:
     registry, (found,) = _types(arguments, [arguments.type])
     parts = _parts(found)
     if output.json:
-        told = {name: [_field(field) for field in part.fields] for name, part in parts.items()}
-        output.record({"name": registry.type_name(found), "parts": told})
+        fields = {name: [_field(field) for field in part.fields] for name, part in parts.items()}
+        output.record({"name": registry.type_name(found), "parts": fields})
         return
     sections = []
     for part in parts.values():
@@ -198,8 +198,8 @@ def _field(field: object) -> dict[str, object]:
     from rwt_interfaces.definitions.parser import format_type
 
     assert isinstance(field, Field)  # What a definition has.
-    told: dict[str, object] = {"name": field.name, "type": format_type(field.type)}
-    return told if field.default is None else {**told, "default": field.default}
+    record: dict[str, object] = {"name": field.name, "type": format_type(field.type)}
+    return record if field.default is None else {**record, "default": field.default}
 
 
 def _lines(

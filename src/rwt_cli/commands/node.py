@@ -62,10 +62,10 @@ async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
         "Action Servers": list(zip(actions, action_types, strict=True)),
     }
     if output.json:
-        told = {
+        record = {
             _key(heading): [{"name": n, "type": t} for n, t in each] for heading, each in sections.items()
         }
-        output.record({"name": name, **told})
+        output.record({"name": name, **record})
         return
     output.line(output.styled(name, "name"))
     for heading, named in sections.items():
@@ -90,11 +90,11 @@ VERBS = (
     ),
     Verb(
         "info",
-        "tell what a node takes part in",
+        "print a node's topics, services and actions",
         _info,
         "rwt node info /demo_robot",
         '{"name": "/demo_robot", "subscribers": [{"name": "/cmd_vel", "type": …}, …], "publishers": […],\n'
-        '"service_servers": […], "action_servers": […]}; who calls what is not told by rosapi',
+        '"service_servers": […], "action_servers": […]}; rosapi does not know service clients',
         _info_arguments,
     ),
 )

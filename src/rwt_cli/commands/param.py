@@ -335,7 +335,7 @@ VERBS = (
     ),
     Verb(
         "get",
-        "tell a parameter's value",
+        "print a parameter's value",
         _get,
         "rwt param get /demo_robot max_speed",
         '{"name": "/demo_robot:max_speed", "value": 0.8}',

@@ -1,4 +1,4 @@
-"""`rwt recording`: look at recordings, and repair those whose end is missing."""
+"""`rwt recording`: print what recordings hold, and repair those whose end is missing."""
 
 from __future__ import annotations
 
@@ -120,8 +120,8 @@ def text_of(recording: Recording) -> str:
 
 
 def _latched(offered: tuple[QoS, ...]) -> str:
-    kept = any(qos.durability.value == "transient_local" for qos in offered)
-    return " (kept for late joiners)" if kept else ""
+    latched = any(qos.durability.value == "transient_local" for qos in offered)
+    return " (kept for late joiners)" if latched else ""
 
 
 def _date(time_ns: int) -> str:

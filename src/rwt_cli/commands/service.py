@@ -131,7 +131,7 @@ VERBS = (
     ),
     Verb(
         "type",
-        "tell a service's type",
+        "print a service's type",
         _type,
         "rwt service type /add_two_ints",
         '{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts"}',

@@ -1,4 +1,4 @@
-"""`rwt tf`: where the robot's frames are, as its transforms tell."""
+"""`rwt tf`: where the robot's frames are, by its transforms."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _USUAL_RATE: Final = 1.0
 _USUAL_WAIT: Final = 2.0
-"""Seconds that the tree is listened to: frames that are published once a second are heard of."""
+"""Seconds of listening before the tree is drawn: enough for frames that are published once a second."""
 
 
 def add_tf_command(commands: Commands) -> None:
@@ -31,7 +31,9 @@ def add_tf_command(commands: Commands) -> None:
 
 def _echo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="SOURCE", help="the frame it is seen from, for example map")
-    parser.add_argument("target", metavar="TARGET", help="the frame that is told of, for example base_link")
+    parser.add_argument(
+        "target", metavar="TARGET", help="the frame that is looked for, for example base_link"
+    )
     parser.add_argument("--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="how often (default 1)")
     how_many = parser.add_mutually_exclusive_group()
     how_many.add_argument("--once", action="store_const", const=1, dest="times", help="end after one")
@@ -41,15 +43,15 @@ def _echo_arguments(parser: argparse.ArgumentParser) -> None:
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
     import anyio
 
-    told = 0
+    printed = 0
     while True:
         found = await robot.tf.lookup(arguments.source, arguments.target)
         if output.json:
             output.record(_record(found))
         else:
             output.text("".join(f"{line}\n" for line in _lines(found, output)))
-        told += 1
-        if told == arguments.times:
+        printed += 1
+        if printed == arguments.times:
             return
         await anyio.sleep(1 / arguments.rate)
 
@@ -128,7 +130,7 @@ def _frame(frames: Buffer, frame: str) -> dict[str, object]:
 VERBS = (
     Verb(
         "echo",
-        "tell where a frame is, as seen from another",
+        "print where a frame is, as seen from another",
         _echo,
         "rwt tf echo map base_link",
         'one line each time: {"stamp": {"sec": …, "nanosec": …}, "source": "map", "target": "base_link",\n'

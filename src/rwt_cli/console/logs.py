@@ -94,7 +94,7 @@ def log_to_stderr(style: Format, *, verbose: bool) -> None:
 
 
 def name_worker(number: int) -> None:
-    """Let every line of this process, which is one of several, tell which it is."""
+    """Prefix every line of this process, one of several workers, with its number."""
     for handler in logging.getLogger().handlers:
         if isinstance(handler, SteadyHandler):
             inner = handler.formatter or logging.Formatter(_TEXT)

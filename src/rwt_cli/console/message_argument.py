@@ -55,7 +55,7 @@ def read_message(text: str) -> dict[str, YamlValue]:
 
 
 def type_and_message(words: Sequence[str]) -> tuple[str | None, dict[str, YamlValue]]:
-    """`TYPE MESSAGE`, either of which may be missing: of one word it is seen which it is.
+    """`TYPE MESSAGE`, either of which may be missing: a single word is recognised as one or the other.
 
     Raises:
         CommandError: the message cannot be read.
@@ -77,7 +77,7 @@ def is_type_name(text: str) -> bool:
 
 
 def with_stamps(message_type: MessageType, message: YamlValue) -> object:
-    """`message` with each header that says ``auto`` left out: what sends it stamps it (PUB-05)."""
+    """`message` with each header that says ``auto`` left out: the sender stamps it (PUB-05)."""
     if not isinstance(message, dict):
         return message
     nested = {field.name: field.type for field in message_type.definition.fields}

@@ -25,11 +25,11 @@ _STEP: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)((?:\[[0-9]{1,9}\])*)", re.AS
 
 @dataclass(frozen=True, slots=True)
 class Formatting:
-    """How much of a message is told, and for whom.
+    """How much of a message is shown, and for whom.
 
     Attributes:
-        arrays: whether arrays are told; else only how long they are.
-        strings: whether strings are told; else only how long they are.
+        arrays: whether arrays are shown; else only their length.
+        strings: whether strings are shown; else only their length.
         longest: items and characters after which an array or a string is cut; None for no cut.
         json: octets as base64 and NaN as null, as rosbridge sends them.
     """
@@ -83,20 +83,20 @@ def _items(
     if not formatting.arrays:
         return _only_length(field_type.length is not None, str(element), len(items))
     cut = formatting.longest is not None and len(items) > formatting.longest
-    told: list[YamlValue] = [
+    shown: list[YamlValue] = [
         plain_value(element, item, formatting) for item in (items[: formatting.longest] if cut else items)
     ]
-    return [*told, "..."] if cut else told
+    return [*shown, "..."] if cut else shown
 
 
 def _octets(field_type: field_types.Octets, octets: Any, formatting: Formatting) -> YamlValue:
     if not formatting.arrays:
         return _only_length(field_type.length is not None, "uint8", len(octets))
     cut = formatting.longest is not None and len(octets) > formatting.longest
-    told = bytes(octets[: formatting.longest] if cut else octets)
+    shown = bytes(octets[: formatting.longest] if cut else octets)
     if formatting.json:
-        return pybase64.b64encode(told).decode() + ("..." if cut else "")
-    return [*told, "..."] if cut else [*told]
+        return pybase64.b64encode(shown).decode() + ("..." if cut else "")
+    return [*shown, "..."] if cut else [*shown]
 
 
 def _only_length(fixed: bool, element: str, length: int) -> str:

@@ -20,7 +20,7 @@ _UP_AND_CLEAR: Final = "\x1b[{}F\x1b[J"
 
 
 class OutputClosed(Exception):
-    """Who read the output has gone: there is nobody to tell anything."""
+    """The reader of the output has closed the pipe."""
 
 
 class OutputFailed(CommandError):
@@ -46,7 +46,7 @@ class Output:
         """Print one line; it is there for the reader at once.
 
         Raises:
-            OutputClosed: nobody reads any more.
+            OutputClosed: the reader has closed the pipe.
             OutputFailed: it cannot be written.
         """
         self.text(f"{text}\n")
@@ -55,7 +55,7 @@ class Output:
         """Print some lines.
 
         Raises:
-            OutputClosed: nobody reads any more.
+            OutputClosed: the reader has closed the pipe.
             OutputFailed: it cannot be written.
         """
         self._live_lines = 0
@@ -72,12 +72,12 @@ class Output:
         self.line(json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(", ", ": ")))
 
     def styled(self, text: str, style: Style) -> str:
-        """`text` in a colour where there are colours. What a terminal would obey is taken out of it."""
+        """`text` in a colour where there are colours; control characters are replaced on a terminal."""
         plain = self.escape_terminal(text)
         return f"\x1b[{_CODES[style]}m{plain}\x1b[0m" if self._colour and plain else plain
 
     def escape_terminal(self, text: str) -> str:
-        """What a robot has said, as it is for programs, and for people without what a terminal would obey."""
+        """A text of the robot: unchanged for programs; on a terminal, control characters are replaced."""
         return printable(text) if self.people else text
 
     def columns(self, rows: Iterable[Sequence[str]], styles: Sequence[Style | None]) -> None:
@@ -106,7 +106,7 @@ def standard_output(*, json: bool) -> Output:
     """The program's own output, as it is: see https://no-color.org for ``NO_COLOR``."""
     stream = sys.stdout
     if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
-        # A name that the terminal has no letters for is no reason to fail.
+        # A name that the terminal cannot show must not raise.
         stream.reconfigure(errors="backslashreplace")
     people = stream.isatty() and not json
     colour = people and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
@@ -114,7 +114,7 @@ def standard_output(*, json: bool) -> Output:
 
 
 def printable(text: str) -> str:
-    """`text` without what a terminal would take as a command: what a robot is called is not to be trusted."""
+    """`text` with each unprintable character replaced: names of a robot may hold terminal commands."""
     return (
         text
         if text.isprintable()
@@ -135,10 +135,10 @@ def reported(act: Callable[[], object]) -> int:
 
 
 def failure_line(error: CommandError) -> str:
-    """What is said of a failure: one line, whatever a robot's answer has in it."""
+    """The line on stderr for an error: one line, whatever a robot's answer has in it."""
     return f"rwt: {printable(' '.join(str(error).splitlines()))}"
 
 
 def note(text: str) -> None:
-    """Tell people something that is not the answer, on standard error."""
+    """Print a line on standard error: something for people that is not the answer."""
     print(text, file=sys.stderr, flush=True)

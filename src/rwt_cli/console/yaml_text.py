@@ -75,11 +75,11 @@ _MEANINGS: Final = (
     ("document start", "expected the end of the text"),
     ("directive", "a directive (%) is not read"),
 )
-"""What to say for what the parser finds wrong: its C and its Python form use different words."""
+"""Our words for what the parser reports: its C and its Python form use different ones."""
 
 
 class YamlError(ValueError):
-    """A text that cannot be read; says on which line and column, and what was expected."""
+    """A text that cannot be read; the message has the line, the column and what was expected."""
 
 
 # -- reading -----------------------------------------------------------------------------------------------
@@ -195,7 +195,7 @@ class _Document:
     def _explained(self, error: yaml.MarkedYAMLError) -> YamlError:
         """An error of the parser: where, and what instead."""
         problem, mark = error.problem or "", error.problem_mark
-        assert mark is not None  # The parser says where of everything.
+        assert mark is not None  # The parser marks everything.
         begin = error.context_mark or mark
         if self._open and self._open[-1].flow_style and not self._text[mark.index :].strip():
             closing = "}" if isinstance(self._open[-1], MappingStartEvent) else "]"
@@ -221,7 +221,7 @@ def _refuse_references(event: Event) -> None:
 
 
 def _error(mark: Mark, text: str) -> YamlError:
-    assert mark is not None  # The parser says where of everything.
+    assert mark is not None  # The parser marks everything.
     return YamlError(f"line {mark.line + 1}, column {mark.column + 1}: {text}")
 
 

@@ -1,4 +1,4 @@
-"""`rwt doctor`: connect to a rosbridge server, look at everything a client needs, and say what is wrong."""
+"""`rwt doctor`: connect to a rosbridge server, check everything a client needs, and report what is wrong."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ _ROSAPI_MISSING: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one look has found.
+    """The result of one check.
 
     Attributes:
-        name: what was looked at.
+        name: what was checked.
         verdict: ``problem`` if something a client needs does not work.
         text: what was seen.
         advice: what to do about it; empty if nothing.
@@ -66,8 +66,8 @@ def add_doctor_command(commands: Commands) -> None:
     """Add `doctor` to the command line."""
     parser = commands.add_parser(
         "doctor",
-        description="Connect to a rosbridge server, this one or any other, and say what is wrong and what to"
-        " do:\nversion, clock, latency, encodings, rosapi, permissions.",
+        description="Connect to a rosbridge server, this one or any other, and report what is wrong and what"
+        " to do:\nversion, clock, latency, encodings, rosapi, permissions.",
         epilog=epilog(
             "rwt doctor ws://robot:9090",
             '{"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",\n'
@@ -87,18 +87,22 @@ def _run(arguments: Arguments) -> int:
     findings: list[Finding] = []
 
     async def program() -> None:
-        def tell(finding: Finding) -> None:
+        def report(finding: Finding) -> None:
             findings.append(finding)
             if not output.json:
                 _print(finding, output)
 
-        await _examine(arguments, tell)
+        await _examine(arguments, report)
 
     run_async(program)
     problems = [finding for finding in findings if finding.verdict == "problem"]
     if output.json:
-        told = {"url": url_of(arguments), "ok": not problems, "findings": [asdict(each) for each in findings]}
-        output.record(told)
+        record = {
+            "url": url_of(arguments),
+            "ok": not problems,
+            "findings": [asdict(each) for each in findings],
+        }
+        output.record(record)
     if not problems:
         return 0
     return CANNOT_CONNECT if any(each.name == "connection" for each in problems) else FAILED
@@ -114,7 +118,7 @@ def _print(finding: Finding, output: Output) -> None:
 # -- the examination ---------------------------------------------------------------------------------------
 
 
-async def _examine(arguments: Arguments, tell: Callable[[Finding], None]) -> None:
+async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> None:
     from rwt_cli.commands.doctor.wire_probe import WireProbe
     from rwt_transports.connect import connect
     from rwt_transports.errors import BadUrl, TransportError
@@ -123,17 +127,17 @@ async def _examine(arguments: Arguments, tell: Callable[[Finding], None]) -> Non
     url, limit = url_of(arguments), arguments.timeout or USUAL_TIMEOUT
     try:
         for finding in await _over_http(url, min(limit, _PATIENCE)):
-            tell(finding)
+            report(finding)
         probe = WireProbe()
         async with connect(url, probe.accept, headers=request_headers(arguments), timeout=limit):
-            tell(_connected(url, bool(token_of(arguments))))
+            report(_connected(url, bool(token_of(arguments))))
             examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
             async for finding in examination.findings():
-                tell(finding)
+                report(finding)
     except BadUrl as error:
         raise CommandError(str(error), CALLED_WRONGLY) from error
     except TransportError as error:
-        tell(
+        report(
             Finding(
                 "connection", "problem", str(error), _how_to_connect(str(error), bool(token_of(arguments)))
             )
@@ -147,12 +151,12 @@ def _connected(url: str, token: bool) -> Finding:
 
 def _how_to_connect(error: str, token: bool) -> str:
     if "401" in error or "403" in error:
-        who = (
+        advice = (
             "this token is not good: ask who runs the server"
             if token
             else "it wants a token: --token or RWT_TOKEN"
         )
-        return f"{who}; or it does not let in this address or origin"
+        return f"{advice}; or it does not let in this address or origin"
     if "nobody listens" in error or "refused" in error:
         return "start the server (`rwt serve`, or rosbridge's launch file), and compare port and address"
     if "name" in error or "resolve" in error:
@@ -163,7 +167,7 @@ def _how_to_connect(error: str, token: bool) -> str:
 
 
 async def _over_http(url: str, patience: float) -> list[Finding]:
-    """What the server says of itself at ``/healthz``, which only this project's servers have."""
+    """What the server reports at ``/healthz``, which only this project's servers have."""
     import anyio.to_thread
 
     scheme, _, rest = url.partition("://")
@@ -178,7 +182,7 @@ async def _over_http(url: str, patience: float) -> list[Finding]:
         health = json.loads(body)
         version, clients = health["version"], health["clients"]
     except (ValueError, KeyError, TypeError):
-        return [Finding("server", "note", "a server that does not tell its version (only `rwt serve` does)")]
+        return [Finding("server", "note", "the server does not report its version (only `rwt serve` does)")]
     state = f"rwt {version}, {clients} client{'' if clients == 1 else 's'}"
     if status == 200:
         return [Finding("server", "ok", state)]
@@ -220,7 +224,7 @@ class _Examination:
         self._rosapi = False
 
     async def findings(self) -> AsyncIterator[Finding]:
-        """One look after the other."""
+        """One check after the other."""
         self._probe.send("set_level", level="error")
         yield await self._look_for_rosapi()
         if self._rosapi:
@@ -232,7 +236,7 @@ class _Examination:
             if self._probe.closed_with is not None:
                 code, reason = self._probe.closed_with
                 text = f"the server closed the connection with {code} {reason}".rstrip()
-                yield Finding("connection", "problem", text, "the server's log says why")
+                yield Finding("connection", "problem", text, "see the server's log")
                 return
 
     # -- rosapi --------------------------------------------------------------------------------------------
@@ -254,7 +258,7 @@ class _Examination:
         values = {} if answer is None else answer.op.get("values")
         if answer is None or answer.op.get("result") is False or not isinstance(values, dict):
             self._type = "std_msgs/String"
-            return Finding("ROS", "note", "the server does not tell its version, as most of ROS 1 do not")
+            return Finding("ROS", "note", "the server does not report its version, as most of ROS 1 do not")
         version = 1 if values.get("version", 2) == 1 else 2
         if version == 1:
             self._type = "std_msgs/String"
@@ -272,7 +276,7 @@ class _Examination:
             if answer is not None and (there := _seconds_in(answer)) is not None:
                 trips.append((took, there - began - took / 2))
         if not trips:
-            return [Finding("clock", "warning", "the robot does not tell its time")]
+            return [Finding("clock", "warning", "the robot does not report its time")]
         quickest, ahead = min(trips)
         return [_latency([took for took, _ in trips]), _clock(ahead, quickest)]
 
@@ -290,23 +294,23 @@ class _Examination:
         probe.send("advertise", topic=topic, type=kind, id=topic)
         probe.send("subscribe", topic=topic, type=kind, id=topic, **options)
         probe.send("publish", topic=topic, msg={"data": _TEXT})
-        frame = await probe.expect(lambda heard: not heard.is_op("service_response"), self._patience)
+        frame = await probe.expect(lambda frame: not frame.is_op("service_response"), self._patience)
         probe.send("unsubscribe", topic=topic, id=topic)
         probe.send("unadvertise", topic=topic, id=topic)
         await self._settle()
-        said = "; ".join(probe.complaints[complaints:])
-        found = Finding(name, *_judge(encoding, frame, said))
-        # What cannot be had at all is one problem, and the others are what JSON can do as well.
+        status = "; ".join(probe.complaints[complaints:])
+        found = Finding(name, *_judge(encoding, frame, status))
+        # No client works without JSON; the other encodings only save bandwidth.
         return found if encoding == "json" or found.verdict != "problem" else replace(found, verdict="note")
 
     async def _settle(self) -> None:
-        """Wait until the server is done with what was said, so that nothing of it is taken for the next."""
+        """Wait until the server has handled all ops so far, so that no late answer is mistaken."""
         if self._rosapi:
             await self._probe.call("/rosapi/get_time", self._patience)
 
 
 def encodings() -> tuple[str, ...]:
-    """What is looked at: every encoding that can be asked for, and JSON in pieces."""
+    """What is checked: every encoding that can be asked for, and JSON in pieces."""
     from rwt_protocol.codecs import SELECTABLE
 
     return ("json", *(each.name for each in SELECTABLE if each.name != "none"), "fragments")
@@ -318,14 +322,14 @@ def _is_binary(encoding: str) -> bool:
     return encoding in CODECS and CODECS[encoding].binary
 
 
-def _judge(encoding: str, frame: ReceivedFrame | None, said: str) -> tuple[Verdict, str, str]:
+def _judge(encoding: str, frame: ReceivedFrame | None, status: str) -> tuple[Verdict, str, str]:
     """Verdict, text and advice on what came for a message that was published by ourselves."""
     if frame is None or frame.is_op("status"):
-        refused = f"refused: {said}" if said else "nothing came back"
+        refused = f"refused: {status}" if status else "nothing came back"
         return (
             "problem",
             refused,
-            "a token or role may be needed to publish and subscribe; the server's log says why",
+            "a token or role may be needed to publish and subscribe; see the server's log",
         )
     came = _encoding_of(frame)
     if came == encoding:

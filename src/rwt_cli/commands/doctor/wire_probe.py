@@ -1,6 +1,6 @@
-"""A rosbridge client that understands nothing: it says what it is told to and keeps every frame as it came.
+"""A rosbridge client that interprets nothing: it sends single ops and keeps every frame as it arrived.
 
-`rwt doctor` looks at the encodings themselves, which a client that decodes all of them would hide.
+`rwt doctor` examines the encodings themselves, which a client that decodes all of them would hide.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class WireProbe:
         self.complaints: list[str] = []
         self.closed_with: tuple[int, str] | None = None
         self._sink: Sink | None = None
-        self._heard: deque[ReceivedFrame] = deque(maxlen=10_000)
+        self._received: deque[ReceivedFrame] = deque(maxlen=10_000)
         self._awake = anyio.Event()
 
     def accept(self, sink: Sink, peer: PeerInfo) -> WireProbe:
@@ -60,10 +60,10 @@ class WireProbe:
 
     def receive(self, data: bytes, binary: bool) -> None:
         """A message has come; satisfies :class:`rwt_protocol.transport.Endpoint`."""
-        frame = ReceivedFrame(binary, len(data), _opened(data, binary), anyio.current_time())
+        frame = ReceivedFrame(binary, len(data), _decoded(data, binary), anyio.current_time())
         if frame.is_op("status"):
             self.complaints.append(str(frame.op.get("msg", "")))
-        self._heard.append(frame)
+        self._received.append(frame)
         self._awake.set()
 
     def closed(self, code: int, reason: str) -> None:
@@ -73,7 +73,7 @@ class WireProbe:
 
     def send(self, op: str, **members: object) -> None:
         """Send an op."""
-        assert self._sink is not None  # Nothing is said before it has opened.
+        assert self._sink is not None  # Nothing is sent before it has opened.
         self._sink.send(Frame(json.dumps({"op": op, **members}).encode()))
 
     async def expect(self, wanted: Callable[[ReceivedFrame], bool], patience: float) -> ReceivedFrame | None:
@@ -83,8 +83,8 @@ class WireProbe:
         """
         with anyio.move_on_after(patience):
             while True:
-                while self._heard:
-                    frame = self._heard.popleft()
+                while self._received:
+                    frame = self._received.popleft()
                     if wanted(frame):
                         return frame
                 if self.closed_with is not None:
@@ -102,7 +102,7 @@ class WireProbe:
         )
 
 
-def _opened(data: bytes, binary: bool) -> Mapping[str, Any]:
+def _decoded(data: bytes, binary: bool) -> Mapping[str, Any]:
     try:
         found = read_cbor(data) if binary else json.loads(data)
     except (Unreadable, ValueError, RecursionError):

@@ -104,7 +104,7 @@ def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
     parser.add_argument(
         "--no-reconnect", action="store_true", help="end when the connection is lost; else it is retried"
     )
-    parser.add_argument("--verbose", "-v", action="store_true", help="tell of every topic")
+    parser.add_argument("--verbose", "-v", action="store_true", help="log every topic")
     parser.set_defaults(run=_run)
 
 
@@ -168,7 +168,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from rwt_client import RobotError  # the client is loaded where it is used
 
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.WARNING, stream=sys.stderr)
-    # What ends the command is said once, by the command.
+    # An error that ends the command is printed once, by the command.
     logging.getLogger("rwt_nodes.recording.writer").setLevel(logging.CRITICAL)
     if arguments.verbose:
         logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
@@ -237,7 +237,7 @@ async def _record_robot(
     )
     recorder = RemoteRecorder(robot, writer, order.selection, order.encoding, _named(order.latched))
     try:
-        await recorder.look()
+        await recorder.poll()
         print(f"recording {order.url} to {writer.paths[0]}", file=sys.stderr, flush=True)
         over = anyio.Event()
         robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
@@ -265,7 +265,7 @@ def _named(latched: TopicSelection) -> Callable[[str], bool]:
 
 
 async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
-    """Look for new topics and tell of the progress, until `over` is set or nothing can be written."""
+    """Poll for new topics and print the progress, until `over` is set or nothing can be written."""
     from rwt_client import RobotError
 
     progress = Progress(recorder.writer)
@@ -273,24 +273,22 @@ async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
         with anyio.move_on_after(_LOOK_SECONDS):
             await over.wait()
             return
-        progress.tell(recorder.topics)
+        progress.print(recorder.topics)
         try:
-            await recorder.look()
+            await recorder.poll()
         except RobotError as error:
-            logger.warning("the robot does not tell its topics: %s", error)
+            logger.warning("the robot does not list its topics: %s", error)
 
 
 def _finish(writer: RecordingWriter, verbose: bool) -> None:
-    """End the file, and say what is in it."""
+    """Finish the file, and print what is in it."""
     writer.close()
     files = ", ".join(map(str, writer.paths))
     size = writer.bytes_on_disk / 1e6
     begin = "\r" if sys.stderr.isatty() else ""
     print(f"{begin}{writer.messages} messages in {files}, {size:.1f} MB", file=sys.stderr)
     if not writer.channels:
-        print(
-            "nothing was heard on the topics that were asked for: `rwt topic list` has all", file=sys.stderr
-        )
+        print("no message came on the topics that were asked for: `rwt topic list` has all", file=sys.stderr)
     if writer.dropped:
         print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
     for channel in writer.channels if verbose else ():
@@ -304,7 +302,7 @@ class Progress:
         self._writer = writer
         self._told_at = time.monotonic()
 
-    def tell(self, topics: int) -> None:
+    def print(self, topics: int) -> None:
         """Say how far it is, if it is time to."""
         is_terminal = sys.stderr.isatty()
         now = time.monotonic()

@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 EARLIER_NS: Final = 1_500_000_000
-"""A message that was published this long before it was asked for was kept for late joiners. Servers also keep
-the first second of every publisher, which says nothing."""
+"""Nanoseconds: a topic is latched if its first message is older than the subscription by more than this.
+Servers also keep the first second of every publisher, so a younger one proves nothing."""
 
 _KNOWN_KEPT: Final = ("/tf_static", "/robot_description")
 _ACTION_TOPICS: Final = (
     "feedback", "status", f"send_goal{SERVICE_EVENTS}", f"get_result{SERVICE_EVENTS}",
 )  # fmt: skip
 
-HIDDEN_LOOKS: Final = 5
-"""Topics that lists leave out are asked for with every so many looks."""
+HIDDEN_POLLS: Final = 5
+"""Hidden topics are asked for with every so many polls."""
 
 _REMEMBERED: Final = 100
 
@@ -44,12 +44,12 @@ class RemoteRecorder:
     """Writes the topics of a connected robot.
 
     A message's publish time is the server's stamp; its log time is the same, but not before the recording
-    began. From a server that tells no stamps both are the time of arrival by this machine's clock.
+    began. From a server that sends no stamps both are the time of arrival by this machine's clock.
 
     Args:
         robot: connected, and with rosapi.
         writer: of the file; it is not closed here.
-        latched: whether a topic is known to be kept for late joiners, by its name.
+        latched: whether the topic of that name is known to be latched.
     """
 
     def __init__(
@@ -68,14 +68,14 @@ class RemoteRecorder:
         self._latched = latched
         self._topics: dict[str, _RemoteTopic] = {}
         self._refused: dict[str, str] = {}
-        self._looks = 0
+        self._polls = 0
 
     @property
     def topics(self) -> int:
         """How many topics are subscribed to."""
         return len(self._topics)
 
-    async def look(self) -> None:
+    async def poll(self) -> None:
         """Record the topics that are new. Does nothing while there is no connection.
 
         Raises:
@@ -87,12 +87,12 @@ class RemoteRecorder:
             for topic in await self.robot.api.topics():
                 if topic.type and self._selection.takes(topic.name):
                     await self._take(topic.name, topic.type, asked_ns)
-            if self._looks % HIDDEN_LOOKS == 0:
-                await self._look_for_hidden(asked_ns)
-            self._looks += 1
+            if self._polls % HIDDEN_POLLS == 0:
+                await self._poll_hidden(asked_ns)
+            self._polls += 1
 
-    async def _look_for_hidden(self, asked_ns: int) -> None:
-        """Ask for topics that tell of calls and goals, each by its name: lists leave them out (API-02)."""
+    async def _poll_hidden(self, asked_ns: int) -> None:
+        """Ask for the topics of service introspection and actions by name: lists leave them out (API-02)."""
         for name in await self._hidden_names():
             if name not in self._topics and self._selection.takes(name):
                 with suppress(*UNANSWERED):
@@ -101,7 +101,7 @@ class RemoteRecorder:
                         await self._take(name, type_name, asked_ns)
 
     async def _hidden_names(self) -> list[str]:
-        """How those topics would be called."""
+        """The names that hidden topics would have."""
         names: list[str] = []
         if self._selection.services:
             services = await self.robot.api.services()
@@ -130,21 +130,21 @@ class RemoteRecorder:
         logger.debug("recording %s (%s)", name, type_name)
 
     async def _learn(self, type_name: str) -> None:
-        """Take the robot's definition of a type with its comments and constants, where it tells them."""
+        """Take the robot's definition of a type with its comments and constants, if it sends any."""
         try:
             self.robot.types.registry.message(type_name)
         except InterfaceError:
             with suppress(RobotError):
                 await self.robot.types.refresh()
 
-    def kept(self, name: str, earlier: bool) -> tuple[QoS, ...]:
-        """What is noted of a topic that is kept for late joiners; nothing of any other."""
+    def offered_qos(self, name: str, earlier: bool) -> tuple[QoS, ...]:
+        """The QoS to record: transient local for a latched topic, none for any other."""
         if name == _KNOWN_KEPT[0]:
             return (KEPT_TRANSFORMS,)
         return (KEPT,) if earlier or name in _KNOWN_KEPT or self._latched(name) else ()
 
     def close(self) -> None:
-        """Subscribe to nothing more."""
+        """End all subscriptions."""
         for topic in self._topics.values():
             topic.close()
 
@@ -160,7 +160,7 @@ class _RemoteTopic:
         self._asked_ns = asked_ns
         self._channel: RecordedChannel | None = None
         # Stamps of messages that a server sends again when a lost connection is restored.
-        self._kept_stamps: dict[int, None] | None = None
+        self._latched_stamps: dict[int, None] | None = None
 
     def receive(self, message: RawMessage) -> None:
         """Record one message."""
@@ -168,7 +168,7 @@ class _RemoteTopic:
         channel = self._channel or self._begin(stamp)
         if stamp is None:
             published = logged = time.time_ns()
-        elif self._kept_stamps is not None and self._is_repeated(stamp):
+        elif self._latched_stamps is not None and self._is_repeated(stamp):
             return
         else:
             published, logged = stamp, max(stamp, recorder.began_ns)
@@ -182,15 +182,15 @@ class _RemoteTopic:
 
     def _begin(self, stamp: int | None) -> RecordedChannel:
         earlier = stamp is not None and stamp + EARLIER_NS < self._asked_ns
-        offered = self._recorder.kept(self._name, earlier)
+        offered = self._recorder.offered_qos(self._name, earlier)
         form = channel_form(self._name, self._type, self._recorder.encoding, offered)
         channel = self._channel = self._recorder.writer.add_channel(form)
-        self._kept_stamps = {} if offered else None
+        self._latched_stamps = {} if offered else None
         return channel
 
     def _is_repeated(self, stamp: int) -> bool:
-        stamps = self._kept_stamps
-        assert stamps is not None  # Asked of kept topics only.
+        stamps = self._latched_stamps
+        assert stamps is not None  # Asked of latched topics only.
         if stamp in stamps:
             return True
         stamps[stamp] = None
@@ -207,7 +207,7 @@ class _RemoteTopic:
         return bytes(payload.json())
 
     def close(self) -> None:
-        """Hear nothing more."""
+        """End the subscription."""
         if self.subscription is not None:
             self.subscription.close()
 

@@ -58,14 +58,14 @@ async def _list_verbosely(robot: Robot, topics: list[TopicInfo], output: Output)
             ]
         )
         return
-    for heading, who, sides in (
+    for heading, role, sides in (
         ("Published", "publisher", publishers),
         ("Subscribed", "subscriber", subscribers),
     ):
         output.line(output.styled(f"{heading} topics:", "heading"))
         for topic, nodes in zip(topics, sides, strict=True):
             if nodes:
-                number = f"{len(nodes)} {who}{'' if len(nodes) == 1 else 's'}"
+                number = f"{len(nodes)} {role}{'' if len(nodes) == 1 else 's'}"
                 shown = output.styled(topic.name, "name")
                 output.line(f" * {shown} [{output.styled(topic.type, 'type')}] {number}")
         output.line()
@@ -138,7 +138,7 @@ VERBS = (
     ),
     Verb(
         "info",
-        "tell a topic's type and who takes part",
+        "print a topic's type, publishers and subscribers",
         _info,
         "rwt topic info /odom -v",
         '{"name": "/odom", "type": "nav_msgs/msg/Odometry", "publishers": ["/demo_robot"],\n'
@@ -147,7 +147,7 @@ VERBS = (
     ),
     Verb(
         "type",
-        "tell a topic's type",
+        "print a topic's type",
         _type,
         "rwt topic type /odom",
         '{"name": "/odom", "type": "nav_msgs/msg/Odometry"}',

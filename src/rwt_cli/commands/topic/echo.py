@@ -56,14 +56,14 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
     if arguments.max_rate:
         options["throttle"] = 1 / arguments.max_rate
     message_type = await robot.types.message(kind)
-    tell = _teller(message_type, arguments, output)
+    show = _printer(message_type, arguments, output)
     async with robot.topic(name, kind, **options) as messages:
         for _ in repeat(None) if arguments.times is None else repeat(None, arguments.times):
-            tell(await messages.get(arguments.timeout))
+            show(await messages.get(arguments.timeout))
 
 
-def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
-    """What prints one message."""
+def _printer(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
+    """A function that prints one message."""
     from rwt_cli.console.yaml_text import block, flow
 
     formatting = _formatting(arguments, output)
@@ -74,7 +74,7 @@ def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> 
             return plain(message_type, message, formatting)
         return plain_value(path.field_type, path.of(message), formatting)
 
-    def tell(message: Any) -> None:
+    def show(message: Any) -> None:
         value = value_of(message)
         if output.json:
             output.record(value)
@@ -85,7 +85,7 @@ def _teller(message_type: MessageType, arguments: Arguments, output: Output) -> 
         else:
             output.text(f"{block(value)}{output.styled('---', 'faint')}\n")
 
-    return tell
+    return show
 
 
 def _formatting(arguments: Arguments, output: Output) -> Formatting:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rwt_client import Publisher, Robot
 
 _USUAL_RATE: Final = 1.0
-_LOOK_SECONDS: Final = 0.1
-"""Between two looks for subscriptions."""
+_POLL_SECONDS: Final = 0.1
+"""Seconds between two polls for subscriptions."""
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +40,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         "-r", "--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="messages a second (default 1)"
     )
     parser.add_argument(
-        "-p", "--print", type=count, default=1, metavar="N", help="tell of every N-th message only"
+        "-p", "--print", type=count, default=1, metavar="N", help="print every N-th message only"
     )
     parser.add_argument(
         "-w",
@@ -74,7 +74,7 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
         name, kind or await topic_type(robot, name), latch=arguments.latch, qos=qos_from(arguments)
     ) as publisher:
         given = with_stamps(publisher.type, message)
-        to_payload(publisher.type, given)  # Whether it fits is told before anything is waited for.
+        to_payload(publisher.type, given)  # What does not fit is refused before the wait.
         await _wait_for_subscribers(robot, name, arguments)
         if not output.json:
             output.line("publisher: beginning loop")
@@ -87,20 +87,20 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
 def _publish(publisher: Publisher, given: object, number: int, arguments: Arguments, output: Output) -> None:
     from rwt_program.messages import to_payload
 
-    # Made anew each time: a header is stamped when its message is sent.
+    # Made for each message: a header is stamped when its message is sent.
     message = to_payload(publisher.type, given).value()
     publisher.publish(message)
     if number % arguments.print:
         return
     if output.json:
-        told = plain(publisher.type, message, Formatting(json=True))
-        output.record({"topic": publisher.name, "number": number, "message": told})
+        record = plain(publisher.type, message, Formatting(json=True))
+        output.record({"topic": publisher.name, "number": number, "message": record})
     else:
         output.line(f"publishing #{number}: {constructor(publisher.type, message)}\n")
 
 
 async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
-    """1, 2, 3, … at a rate; who was late does not hurry."""
+    """1, 2, 3, … at a rate; after a delay, the next ones are not closer together."""
     import anyio
 
     due = anyio.current_time()
@@ -123,13 +123,13 @@ async def _wait_for_subscribers(robot: Robot, name: str, arguments: Arguments) -
     import anyio
 
     wanted = arguments.wait if arguments.wait is not None else int(arguments.times is not None)
-    told = False
+    noted = False
     with anyio.move_on_after(arguments.timeout):
         while wanted and len(await ask_rosapi(lambda: robot.api.subscribers(name))) < wanted:
-            if not told:
+            if not noted:
                 note(f"Waiting for at least {wanted} matching subscription(s)... (-w 0 does not wait)")
-                told = True
-            await anyio.sleep(_LOOK_SECONDS)
+                noted = True
+            await anyio.sleep(_POLL_SECONDS)
         return
     raise CommandError(
         f"nobody has subscribed to {name} within {arguments.timeout:g} s; -w 0 publishes without", TIMED_OUT

@@ -33,7 +33,7 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What is told of one topic at one time.
+    """The figures of one topic at one time.
 
     Attributes:
         text: for people, after the name of the topic where there are several.
@@ -45,7 +45,7 @@ class Report:
 
 
 Look = Callable[[Heard, float], Report | None]
-"""Tells what there is to tell of a topic at a time; None if nothing."""
+"""The figures of a topic at a time (seconds on the event loop's clock); None if there are none yet."""
 
 
 def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
@@ -156,7 +156,7 @@ def _report(heard: list[Heard], now: float, look: Look, output: Output) -> None:
         output.text("".join(f"{line}\n" for line in shown))
 
 
-# -- what is told ------------------------------------------------------------------------------------------
+# -- the figures ------------------------------------------------------------------------------------------
 
 
 def _frequency(heard: Heard, now: float) -> Report | None:
@@ -212,12 +212,12 @@ def _fields(times: Spread, unit: str) -> dict[str, object]:
 
 
 class _RobotClock:
-    """The robot's time; where it does not tell, this computer's."""
+    """The robot's time; this computer's if the robot does not report its own."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._ahead = 0.0
-        self._told = False
+        self._noted = False
 
     def now(self) -> float:
         """Seconds since 1970, or since the simulation began."""
@@ -235,9 +235,9 @@ class _RobotClock:
         try:
             there = await self._robot.time_ns() / _NANOSECONDS
         except (ServiceFailed, ProviderNotFound):
-            if not self._told:
-                note("rwt: the robot does not tell its time; delays are measured with this computer's clock")
-                self._told = True
+            if not self._noted:
+                note("rwt: the robot does not report its time; delays are by this computer's clock")
+                self._noted = True
         else:
             self._ahead = there - (before + time.time()) / 2
 
@@ -257,7 +257,7 @@ async def _check_header(robot: Robot, name: str) -> None:
             and slot.type.type.name == "std_msgs/Header"
         ):
             return
-    raise CommandError(f"{name}: {kind} has no header, so nobody knows when its messages were made")
+    raise CommandError(f"{name}: {kind} has no header, so when its messages were made is not known")
 
 
 VERBS = (
@@ -268,7 +268,7 @@ VERBS = (
         "rwt topic hz /odom\nrwt topic hz /odom /scan -n 3",
         'one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,\n'
         '"max_s": 0.051, "std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is\n'
-        "nothing to tell",
+        "nothing to print",
         partial(_arguments, window=_MANY),
         definitions=True,
         lasting=True,

@@ -31,7 +31,7 @@ class Window:
     """The newest values of something, with the times at which they came.
 
     Args:
-        longest: how many are kept.
+        longest: how many it holds.
     """
 
     def __init__(self, longest: int) -> None:
