@@ -197,9 +197,6 @@ class _IndexedReader(SeekingReader):
         return super().get_summary() if self._index is None else self._index
 
 
-def _by_version(is_ros1: bool) -> Distro:
-    return NOETIC if is_ros1 else JAZZY
-
 
 def _topic(channel: records.Channel, schema: records.Schema | None, count: int) -> RecordedTopic:
     encoding = _ENCODINGS.get(channel.message_encoding, "")
