@@ -1,6 +1,6 @@
 """What a scripted robot raises.
 
-- :exc:`ScriptError`: a script that cannot be played: an unknown key, field or file, or a misfit message.
+- :exc:`ScriptError`: a script that cannot be played: an unknown key, field or file, or a wrong message.
 - :exc:`BlockingWait`: a waiting method was called from a coroutine, whose event loop it would hold up.
 
 An expectation that is not met raises :exc:`AssertionError`, as tests expect.

@@ -13,7 +13,7 @@ import anyio
 from rwt_program.messages import Message
 from rwt_testing.errors import BlockingWait
 from rwt_testing.journal import OF_THE_SERVER, Journal, Kind, Received
-from rwt_testing.matching import Matching, misfit
+from rwt_testing.matching import Matching, mismatch
 
 #: Seconds that an expectation waits when its caller says nothing: long, since a test that passes never waits.
 PATIENCE = 5.0
@@ -60,7 +60,7 @@ class Expectation:
 
     def found(self, journal: Journal) -> list[Received]:
         """What came and matches."""
-        return [e for e in journal.of(self.kind, self.name) if not misfit(e.message, self.matching)]
+        return [e for e in journal.of(self.kind, self.name) if not mismatch(e.message, self.matching)]
 
     def enough(self, found: list[Received]) -> bool:
         """Whether the outcome can no longer change by waiting."""
@@ -148,7 +148,7 @@ def _entries(came: Sequence[Received], matching: Matching) -> list[str]:
         text = entry.json
         shown = text if len(text) <= _SHOWN_CHARACTERS else text[:_SHOWN_CHARACTERS] + "…"
         lines.append(f"  {entry.node + ': ' if entry.node else ''}{shown}")
-        why = misfit(entry.message, matching)
+        why = mismatch(entry.message, matching)
         if why:
             lines.append(f"    {why}")
     return lines

@@ -22,7 +22,7 @@ RELATIVE = 1e-6
 ABSOLUTE = 1e-9
 
 
-def misfit(message: Message, wanted: Matching) -> str:
+def mismatch(message: Message, wanted: Matching) -> str:
     """Why a message does not match, in words; empty when it does.
 
     Floats are compared to within a millionth. Lists must have the same length.
@@ -93,4 +93,4 @@ def _shown(value: object) -> str:
     return text if len(text) <= 80 else text[:80] + "…"
 
 
-__all__ = ["Matching", "misfit"]
+__all__ = ["Matching", "mismatch"]

@@ -23,7 +23,7 @@ BETWEEN_OURSELVES = {
     ScriptedTopic: {"check"},
     ScriptedService: {"set", "answering", "failing", "handle"},
     ScriptedAction: {"accept", "execute"},
-    Faults: {"remove", "action_for", "refusal", "pace"},
+    Faults: {"remove", "action_for", "refusal", "read_rate"},
 }
 
 

@@ -151,4 +151,4 @@ def test_faults_of_a_script(script: FaultScript, action: FaultAction) -> None:
 def test_refusals_and_slow_readers_of_a_script() -> None:
     faults = Faults(lambda code, reason: 0)
     inject(faults, (FaultScript(refuse=429, count=1), FaultScript(slow_reader=5.0)))
-    assert (faults.refusal(), faults.refusal(), faults.pace) == (429, None, 5.0)
+    assert (faults.refusal(), faults.refusal(), faults.read_rate) == (429, None, 5.0)

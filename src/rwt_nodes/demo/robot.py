@@ -14,7 +14,7 @@ from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits,
 from rwt_nodes.demo.fibonacci import Fibonacci
 from rwt_nodes.demo.frames import MAP, frame
 from rwt_nodes.demo.model.meshes import Meshes
-from rwt_nodes.demo.model.urdf import camera_mount, looks, urdf
+from rwt_nodes.demo.model.urdf import camera_mount, urdf, visuals
 from rwt_nodes.demo.navigation.goal_marker import GoalMarker
 from rwt_nodes.demo.navigation.planner import Planner
 from rwt_nodes.demo.navigation.task import Navigation
@@ -101,7 +101,7 @@ class DemoRobot:
         self._declare_parameters()
         self._publish_map()
         self._describe(urdf(chassis))
-        self.http = Meshes(looks(chassis)).http
+        self.http = Meshes(visuals(chassis)).http
         self._chatter = self._node.advertise("chatter", "std_msgs/String")
         self._said = 0
         self._stepped = self._node.clock.monotonic()
@@ -149,7 +149,7 @@ class DemoRobot:
             self._node.log.warning("the battery was empty and has been swapped for a full one")
         self._arm_controller.step()
         self._state.publish()
-        self._cameras.look_for_listeners()
+        self._cameras.follow_subscribers()
 
     def _wanted(self) -> Velocity:
         """The velocity to drive with: teleoperation goes before navigation, unless its command is zero."""

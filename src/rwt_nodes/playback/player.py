@@ -11,7 +11,7 @@ import anyio
 
 from rwt_graph.clock import NANOSECONDS
 from rwt_nodes.playback.clock import ClockTopic, PlaybackClock
-from rwt_nodes.playback.publications import Publications, learn
+from rwt_nodes.playback.publications import Publications, add_recorded_types
 from rwt_nodes.playback.read_ahead import ReadAhead
 from rwt_nodes.playback.recorded_services import RecordedServices
 from rwt_nodes.playback.services import PlayerServices
@@ -89,7 +89,7 @@ class Player:
         self._begin, self._end = _bounds(recording, options)
         self.played = 0
         self.finished = anyio.Event()
-        learn(graph.registry, recording)
+        add_recorded_types(graph.registry, recording)
         self._participant = graph.participant(NODE)
         self.publications = Publications(
             self._participant, graph.registry, recording, options.selection, options.remap

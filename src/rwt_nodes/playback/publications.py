@@ -49,7 +49,7 @@ class Publications:
 
     Attributes:
         skipped: why topics are not played, by name.
-        misfits: messages that could not be read.
+        unreadable: messages that could not be read.
 
     Raises:
         TypeConflict: a topic is established with another type in this graph.
@@ -64,7 +64,7 @@ class Publications:
         remap: Mapping[str, str],
     ) -> None:
         self.skipped: dict[str, str] = {}
-        self.misfits = 0
+        self.unreadable = 0
         self._participant = participant
         self._registry = registry
         self._remap = {resolve(old): resolve(new) for old, new in remap.items()}
@@ -113,7 +113,7 @@ class Publications:
         try:
             payload = publication.read(publication.type, message.data)
         except InvalidMessage as error:
-            self.misfits += 1
+            self.unreadable += 1
             logger.warning("a message on %s is left out: %s", message.topic, error)
             return False
         publication.publisher.publish(payload)
@@ -131,7 +131,7 @@ _SEPARATOR: Final = "=" * 80
 _EVENT: Final = "_Event"
 
 
-def learn(registry: Registry, recording: Recording) -> None:
+def add_recorded_types(registry: Registry, recording: Recording) -> None:
     """Add the types of a recording to a registry; those of the recording win.
 
     Types handed out before do not change. A definition that cannot be read is logged and left out.
@@ -139,25 +139,25 @@ def learn(registry: Registry, recording: Recording) -> None:
     for topic in recording.topics:
         if topic.definition:
             try:
-                _learn(registry, topic.type, topic.definition)
+                _add_types(registry, topic.type, topic.definition)
             except InterfaceError as error:
                 logger.warning("the definition of %s in the recording is not used: %s", topic.type, error)
 
 
-def _learn(registry: Registry, name: str, text: str) -> None:
+def _add_types(registry: Registry, name: str, text: str) -> None:
     root, *nested = text.replace("\r\n", "\n").split(f"{_SEPARATOR}\n")
     texts = {two_part(name): root.rstrip("\n")}
     for section in nested:
         head, _, body = section.partition("\n")
         texts[two_part(head.removeprefix("MSG:").strip())] = body.rstrip("\n")
     if name.endswith(_EVENT) and "/srv/" in name:
-        _learn_service(registry, two_part(name).removesuffix(_EVENT), texts)
+        _add_service(registry, two_part(name).removesuffix(_EVENT), texts)
     for each, definition in texts.items():
         if not _known(registry, each, definition):
             registry.add_text(definition, each)
 
 
-def _learn_service(registry: Registry, name: str, texts: dict[str, str]) -> None:
+def _add_service(registry: Registry, name: str, texts: dict[str, str]) -> None:
     """Put a service together from the event message that service introspection publishes."""
     request, response = texts.get(f"{name}_Request"), texts.get(f"{name}_Response")
     if request is None or response is None:

@@ -58,13 +58,13 @@ class RecoveryReport:
         summary: the index that the file should have had.
         damaged: chunks that could not be read.
         lost_bytes: bytes at the end that belong to no whole record.
-        is_loose: whether messages stand in the file itself rather than in chunks.
+        is_unchunked: whether messages stand in the file itself rather than in chunks.
     """
 
     summary: Summary
     damaged: int
     lost_bytes: int
-    is_loose: bool
+    is_unchunked: bool
 
 
 class McapRecording(Recording):
@@ -100,7 +100,7 @@ class McapRecording(Recording):
             summary = None
         counted = None if summary is None else summary.statistics
         if summary is None or counted is None or (counted.message_count and not summary.chunk_indexes):
-            self.recovery = recovery(self._file, self._path)
+            self.recovery = rebuild_index(self._file, self._path)
             return self.recovery.summary
         return summary
 
@@ -142,14 +142,14 @@ class McapRecording(Recording):
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> Iterator[_Found]:
         """The messages as the file has them, with their channels."""
-        if self.recovery is not None and self.recovery.is_loose:
-            return iter(self._loose(file, topics, start_ns, end_ns))
+        if self.recovery is not None and self.recovery.is_unchunked:
+            return iter(self._unchunked(file, topics, start_ns, end_ns))
         if not self.index.chunk_indexes:
             return iter(())
         chosen = None if topics is None else list(topics)
         return _reader(file, self.index).iter_messages(chosen, starting_at=start_ns, ending_before=end_ns)
 
-    def _loose(
+    def _unchunked(
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> list[_Found]:
         """The messages of a file without chunks, which nothing but memory can sort."""
@@ -195,7 +195,6 @@ class _IndexedReader(SeekingReader):
 
     def get_summary(self) -> Summary | None:
         return super().get_summary() if self._index is None else self._index
-
 
 
 def _topic(channel: records.Channel, schema: records.Schema | None, count: int) -> RecordedTopic:
@@ -245,19 +244,19 @@ def _record(opcode: int, content: bytes, complaint: str) -> records.McapRecord:
         raise RecordingUnreadable(complaint) from error
 
 
-def recovery(file: IO[bytes], path: Path) -> RecoveryReport:
+def rebuild_index(file: IO[bytes], path: Path) -> RecoveryReport:
     """Rebuild the index of a file by reading all of it.
 
     Raises:
         RecordingUnreadable: it is damaged before its first chunk ends.
     """
-    summary, counts, loose = Summary(), dict[int, int](), list[int]()
+    summary, counts, unchunked = Summary(), dict[int, int](), list[int]()
     damaged, whole = 0, len(MAGIC)
     for whole, record in walk(file, path):
         if record is None:
             continue
         if isinstance(record, records.Message):
-            loose.append(record.log_time)
+            unchunked.append(record.log_time)
         if not isinstance(record, records.Chunk):
             _note(summary, [record], counts)
             continue
@@ -269,10 +268,10 @@ def recovery(file: IO[bytes], path: Path) -> RecoveryReport:
             continue
         _note(summary, inner, counts)
         summary.chunk_indexes.append(_chunk_index(record, whole))
-    times = [chunk.message_start_time for chunk in summary.chunk_indexes] + loose
+    times = [chunk.message_start_time for chunk in summary.chunk_indexes] + unchunked
     times += [chunk.message_end_time for chunk in summary.chunk_indexes]
     summary.statistics = _statistics(summary, counts, times)
-    return RecoveryReport(summary, damaged, file.seek(0, SEEK_END) - whole, bool(loose))
+    return RecoveryReport(summary, damaged, file.seek(0, SEEK_END) - whole, bool(unchunked))
 
 
 def _note(summary: Summary, found: list[records.McapRecord], counts: dict[int, int]) -> None:
@@ -345,4 +344,4 @@ def _copy(recording: McapRecording, file: IO[bytes], writer: RecordingWriter) ->
         writer.write(recorded, message.log_time, message.publish_time, message.data)
 
 
-__all__ = ["MAGIC", "McapRecording", "RecoveryReport", "recover", "recovery", "walk"]
+__all__ = ["MAGIC", "McapRecording", "RecoveryReport", "rebuild_index", "recover", "walk"]

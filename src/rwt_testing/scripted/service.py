@@ -13,7 +13,7 @@ from rwt_program.errors import ServiceFailed
 from rwt_program.messages import Message, MessageLike, to_payload
 from rwt_testing.errors import ScriptError
 from rwt_testing.journal import Kind, Received
-from rwt_testing.matching import Matching, misfit
+from rwt_testing.matching import Matching, mismatch
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
@@ -106,7 +106,7 @@ class ScriptedService:
         payload = to_payload(self.type.request, request, self._clock.time_ns)
         self._journal.add(Received(Kind.CALL, self.name, payload, "", self._clock.time_ns()))
         for wanted, handler in self._rules:
-            if not misfit(request, wanted):
+            if not mismatch(request, wanted):
                 return handler(request)
         return self._otherwise(request)
 
@@ -130,7 +130,7 @@ class Case:
 
     def __init__(self, service: ScriptedService, request: Matching) -> None:
         if request is not None and not callable(request):
-            misfit(service.type.request.struct(), request)  # raises for a field that does not exist
+            mismatch(service.type.request.struct(), request)  # raises for a field that does not exist
         self._say: Callable[[ServiceHandler], ScriptedService] = partial(service.set, request)
         self._service = service
 

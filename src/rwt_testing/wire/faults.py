@@ -18,7 +18,7 @@ To: TypeAlias = Literal["client", "server", "both"]
 Subject: TypeAlias = tuple[str, str]
 
 
-class What(StrEnum):
+class FaultKind(StrEnum):
     """The kinds of faults."""
 
     DROP = "drop"
@@ -59,7 +59,7 @@ class Fault:
     def __init__(
         self,
         faults: Faults,
-        what: What,
+        what: FaultKind,
         amount: float = 0.0,
         *,
         name: str = "*",
@@ -145,7 +145,7 @@ class Faults:
         Raises:
             ScriptError: an argument cannot be used.
         """
-        return self._add(Fault(self, What.DROP, name=name, op=op, to=to, count=count, every=every))
+        return self._add(Fault(self, FaultKind.DROP, name=name, op=op, to=to, count=count, every=every))
 
     def delay(
         self,
@@ -160,7 +160,9 @@ class Faults:
         """Let messages come late, by seconds of the robot's clock; other arguments as of :meth:`drop`."""
         if seconds < 0:
             raise ScriptError(f"a delay must not be negative, as {seconds} s is")
-        return self._add(Fault(self, What.DELAY, seconds, name=name, op=op, to=to, count=count, every=every))
+        return self._add(
+            Fault(self, FaultKind.DELAY, seconds, name=name, op=op, to=to, count=count, every=every)
+        )
 
     def duplicate(
         self,
@@ -175,7 +177,7 @@ class Faults:
         """Let messages come `copies` times; other arguments as of :meth:`drop`."""
         if copies < 2:
             raise ScriptError(f"a duplicate has at least 2 copies, not {copies}")
-        fault = Fault(self, What.DUPLICATE, copies, name=name, op=op, to=to, count=count, every=every)
+        fault = Fault(self, FaultKind.DUPLICATE, copies, name=name, op=op, to=to, count=count, every=every)
         return self._add(fault)
 
     def refuse(self, status: int = 503, *, count: int | None = None) -> Fault:
@@ -189,7 +191,7 @@ class Faults:
         """
         if not 400 <= status <= 599:
             raise ScriptError(f"a refusal needs an HTTP status from 400 to 599, not {status}")
-        return self._add(Fault(self, What.REFUSE, status, count=count))
+        return self._add(Fault(self, FaultKind.REFUSE, status, count=count))
 
     def slow_reader(self, messages_per_second: float) -> Fault:
         """Let each client read no faster than this, by the robot's clock.
@@ -199,7 +201,7 @@ class Faults:
         """
         if messages_per_second <= 0:
             raise ScriptError(f"a slow reader reads more than 0 messages a second, not {messages_per_second}")
-        return self._add(Fault(self, What.SLOW_READER, messages_per_second))
+        return self._add(Fault(self, FaultKind.SLOW_READER, messages_per_second))
 
     def disconnect(self, code: int = 1011, reason: str = "a fault of the test") -> int:
         """Hang up on every client with a code of RFC 6455 section 7.4; gives how many there were."""
@@ -229,11 +231,11 @@ class Faults:
         """The action for a message now; :data:`PASS` where no fault applies."""
         copies, delay, remarks = 1, 0.0, []
         for fault in self._faults:
-            if fault.what in (What.REFUSE, What.SLOW_READER) or not fault.matches(to, subjects):
+            if fault.what in (FaultKind.REFUSE, FaultKind.SLOW_READER) or not fault.matches(to, subjects):
                 continue
-            if fault.what is What.DROP:
+            if fault.what is FaultKind.DROP:
                 return FaultAction(0, 0.0, "(dropped by a fault)")
-            if fault.what is What.DELAY:
+            if fault.what is FaultKind.DELAY:
                 delay += fault.amount
                 remarks.append(f"delayed by {fault.amount:g} s")
             else:
@@ -244,15 +246,15 @@ class Faults:
     def refusal(self) -> int | None:
         """The HTTP status with which a connection is refused now; None lets it in."""
         for fault in self._faults:
-            if fault.what is What.REFUSE and fault.hit():
+            if fault.what is FaultKind.REFUSE and fault.hit():
                 return int(fault.amount)
         return None
 
     @property
-    def pace(self) -> float | None:
+    def read_rate(self) -> float | None:
         """Messages a second that a client reads now; None as fast as it can."""
-        rates = [fault.amount for fault in self._faults if fault.what is What.SLOW_READER]
+        rates = [fault.amount for fault in self._faults if fault.what is FaultKind.SLOW_READER]
         return min(rates, default=None)
 
 
-__all__ = ["Fault", "Faults", "Subject", "To", "FaultAction", "What"]
+__all__ = ["Fault", "Faults", "Subject", "To", "FaultAction", "FaultKind"]

@@ -174,7 +174,7 @@ class _ObservedSink:
         self.number = number
         self.over = False
         self.endpoint: _ObservedEndpoint | None = None
-        self.slow_reader = SlowReader(wire.clock, lambda: wire.faults.pace)
+        self.slow_reader = SlowReader(wire.clock, lambda: wire.faults.read_rate)
         self._session = wire.session(Direction.TO_CLIENT)
 
     def send(self, frame: Frame) -> None:
@@ -220,7 +220,7 @@ class _ObservedSink:
     def _now(self, flow: _ObservedFlow | None, send: Callable[[], None]) -> None:
         if self.over:
             return
-        if self.slow_reader.idle and self.wire.faults.pace is None:
+        if self.slow_reader.idle and self.wire.faults.read_rate is None:
             send()
         elif flow is None:
             self.slow_reader.put(send)

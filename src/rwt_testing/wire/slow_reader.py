@@ -30,12 +30,12 @@ class SlowReader:
 
     Args:
         clock: whose seconds count.
-        pace: messages a second now; None for no limit, and then everything that waits goes on.
+        read_rate: messages a second now; None for no limit, and then everything that waits goes on.
     """
 
-    def __init__(self, clock: Clock, pace: Callable[[], float | None]) -> None:
+    def __init__(self, clock: Clock, read_rate: Callable[[], float | None]) -> None:
         self._clock = clock
-        self._pace = pace
+        self._read_rate = read_rate
         self._waiting: deque[_Waiting] = deque()
         self._ticking = False
 
@@ -80,12 +80,12 @@ class SlowReader:
 
     def _tick(self) -> None:
         self._ticking = False
-        pace = self._pace()
-        if pace is None:
+        read_rate = self._read_rate()
+        if read_rate is None:
             self.flush()
         elif self._waiting:
             self._ticking = True
-            self._clock.call_later(1.0 / pace, self._tick)
+            self._clock.call_later(1.0 / read_rate, self._tick)
             self._waiting.popleft().send()
 
     def flush(self) -> None:

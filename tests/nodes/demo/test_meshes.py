@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.model.meshes import Look, Meshes
+from rwt_nodes.demo.model.meshes import Meshes, Visual
 from rwt_nodes.demo.model.shapes import Cuboid, Cylinder, Shape, Sphere
-from rwt_nodes.demo.model.urdf import looks
+from rwt_nodes.demo.model.urdf import visuals
 from rwt_transports.http import HttpRequest, HttpResponse
 from tests.nodes.readers import SeesNothing
 
@@ -61,14 +61,14 @@ def test_a_surface_is_closed_and_faces_outwards(shape: Shape) -> None:
 
 
 def get(name: str) -> HttpResponse:
-    [route] = Meshes(looks(Chassis())).http.routes
+    [route] = Meshes(visuals(Chassis())).http.routes
     assert route.path == "/packages/rwt_demo/meshes/*"
     response = route.page(HttpRequest("GET", f"/packages/rwt_demo/meshes/{name}"), SeesNothing())
     assert isinstance(response, HttpResponse)
     return response
 
 
-@pytest.mark.parametrize("link", looks(Chassis()))
+@pytest.mark.parametrize("link", visuals(Chassis()))
 def test_each_link_has_a_file_in_its_colour(link: str) -> None:
     response = get(f"{link}.dae")
     assert (response.status, response.content_type) == (200, "model/vnd.collada+xml")
@@ -78,12 +78,12 @@ def test_each_link_has_a_file_in_its_colour(link: str) -> None:
         [float(value) for value in (file.findtext(f".//c:{kind}/c:color", "", NAMESPACE)).split()]
         for kind in ("emission", "diffuse")
     )
-    look = looks(Chassis())[link]
-    assert [a + b for a, b in zip(shone[:3], lit[:3], strict=True)] == pytest.approx(look.colour)
+    visual = visuals(Chassis())[link]
+    assert [a + b for a, b in zip(shone[:3], lit[:3], strict=True)] == pytest.approx(visual.colour)
     triangles = file.find(".//c:triangles", NAMESPACE)
     assert triangles is not None
     indexes = [int(index) for index in triangles.findtext("c:p", "", NAMESPACE).split()]
-    assert len(indexes) == 3 * int(triangles.get("count", "0")) == 3 * len(look.shape.surface().triangles)
+    assert len(indexes) == 3 * int(triangles.get("count", "0")) == 3 * len(visual.shape.surface().triangles)
     for source in file.iterfind(".//c:source", NAMESPACE):
         array, accessor = source.find("c:float_array", NAMESPACE), source.find(".//c:accessor", NAMESPACE)
         assert array is not None and accessor is not None
@@ -108,4 +108,4 @@ def test_a_box_as_a_whole() -> None:
     assert surface.triangles[:2] == [(0, 1, 2), (0, 2, 3)]
     assert surface.points[:4] == [(-1.0, 2.0, -3.0), (-1.0, -2.0, -3.0), (-1.0, -2.0, 3.0), (-1.0, 2.0, 3.0)]
     assert surface.normals[:4] == [(-1.0, 0.0, 0.0)] * 4
-    assert Look(Cuboid(2.0, 4.0, 6.0), (1.0, 0.0, 0.5)).collada().count("<color>0.5 0 0.25 1</color>") == 2
+    assert Visual(Cuboid(2.0, 4.0, 6.0), (1.0, 0.0, 0.5)).collada().count("<color>0.5 0 0.25 1</color>") == 2

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rwt_nodes.demo.drive import Chassis, DifferentialDrive, Limits
 from rwt_nodes.demo.navigation.path_follower import PathFollower
-from rwt_nodes.demo.navigation.planner import NoWay, Planner
+from rwt_nodes.demo.navigation.planner import NoPath, Planner
 from rwt_nodes.demo.world.map import Box, World, house, walled
 from rwt_nodes.demo.world.pose import Pose, wrap_angle
 
@@ -62,14 +62,14 @@ def test_a_way_to_the_next_room_goes_through_its_door() -> None:
 
 @pytest.mark.parametrize("goal", [(-3.9, 2.0), (-4.85, 0.5), (9.0, 9.0)], ids=["table", "at wall", "outside"])
 def test_a_goal_without_room_is_refused(goal: tuple[float, float]) -> None:
-    with pytest.raises(NoWay, match=r"within 0\.25 m of something solid"):
+    with pytest.raises(NoPath, match=r"within 0\.25 m of something solid"):
         PLANNER.plan(START, goal)
 
 
 def test_a_walled_off_goal_is_refused() -> None:
     floor = Box(0, 0, 6, 4)
     world = World(floor, (*walled(floor), Box(2.9, 0, 3.0, 4)))
-    with pytest.raises(NoWay, match="no way leads from"):
+    with pytest.raises(NoPath, match="no way leads from"):
         Planner(world, 0.2).plan((1, 1), (5, 1))
 
 

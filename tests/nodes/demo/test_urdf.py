@@ -8,7 +8,7 @@ import pytest
 
 from rwt_nodes.demo.arm.kinematics import ARM
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.model.urdf import BASE, arm_mounts, fixed_mounts, looks, urdf, wheel_mounts
+from rwt_nodes.demo.model.urdf import BASE, arm_mounts, fixed_mounts, urdf, visuals, wheel_mounts
 
 ROBOT = ET.fromstring(urdf(Chassis()))
 
@@ -72,7 +72,7 @@ def test_every_link_can_be_drawn_and_bumped_into() -> None:
 
 def test_a_mesh_hides_the_same_shape_within_it() -> None:
     drawn = {str(link.get("name")): link for link in ROBOT.findall("link") if len(link)}
-    assert drawn.keys() == looks(Chassis()).keys()
+    assert drawn.keys() == visuals(Chassis()).keys()
     for name, link in drawn.items():
         mesh, within, bumper = (_shape(part) for part in (*link.findall("visual"), link.find("collision")))
         assert mesh.attrib == {"filename": f"package://rwt_demo/meshes/{name}.dae"}

@@ -302,4 +302,4 @@ def test_what_cannot_be_played_is_named_and_left_out(tmp_path: Path) -> None:
         clock = SimulatedClock(recording.start_ns)
         with Player(MemoryGraph(clock=clock), recording) as player:
             clock.advance(1.0)
-            assert (player.played, player.publications.misfits) == (1, 1)
+            assert (player.played, player.publications.unreadable) == (1, 1)

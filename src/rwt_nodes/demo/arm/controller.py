@@ -50,7 +50,7 @@ class TrajectoryRefused(ValueError):
     """A trajectory that the arm cannot follow; the text says why."""
 
 
-class _Run:
+class _ActiveTrajectory:
     """One trajectory being followed."""
 
     def __init__(self, trajectory: Trajectory, began: float, goal: ActionGoal | None) -> None:
@@ -72,7 +72,7 @@ class ArmController:
     def __init__(self, node: Node, arm: Arm) -> None:
         self._node = node
         self._arm = arm
-        self._run: _Run | None = None
+        self._run: _ActiveTrajectory | None = None
         node.advertise_action(
             "arm_controller/follow_joint_trajectory", ACTION, self._execute, accept=self._accept
         )
@@ -103,11 +103,11 @@ class ArmController:
             run.reason = reason
             run.ended.set()
 
-    def _begin(self, message: TrajectoryMessage, goal: ActionGoal | None) -> _Run:
+    def _begin(self, message: TrajectoryMessage, goal: ActionGoal | None) -> _ActiveTrajectory:
         trajectory = self._read(message)
         self.abort("a newer trajectory took its place")
         wait = max(0, stamp_ns(message.header.stamp) - self._node.clock.time_ns()) / 1e9
-        self._run = _Run(trajectory, self._node.clock.monotonic() + wait, goal)
+        self._run = _ActiveTrajectory(trajectory, self._node.clock.monotonic() + wait, goal)
         return self._run
 
     def _take(self, message: TrajectoryMessage) -> None:
@@ -143,7 +143,7 @@ class ArmController:
             raise GoalAborted(_result(_INVALID_GOAL, run.reason), run.reason)
         return _result(0, "")
 
-    def _give_feedback(self, run: _Run, seconds: float) -> None:
+    def _give_feedback(self, run: _ActiveTrajectory, seconds: float) -> None:
         # A step may come a hair early by rounding; half a step of slack keeps the rate.
         is_due = seconds - run.last_feedback >= _FEEDBACK_EVERY - 0.025
         if run.goal is None or not is_due or not run.goal.feedback_wanted:

@@ -1,4 +1,4 @@
-"""The robot's looks as COLLADA files over HTTP, made when they are asked for.
+"""The robot's visuals as COLLADA files over HTTP, made when they are asked for.
 
 `ros3d` draws boxes, cylinders and spheres of a URDF in black, whatever their material; only meshes have
 colours.
@@ -47,7 +47,7 @@ _SOURCE: Final = """<source id="{name}">
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Visual:
     """Shape and colour of a link.
 
     Attributes:
@@ -74,25 +74,25 @@ class Meshes:
     """Serves one COLLADA file for each link over HTTP.
 
     Args:
-        looks: by the name of the link.
+        visuals: by the name of the link.
 
     Attributes:
         http: what :func:`rwt.serve` takes.
     """
 
-    def __init__(self, looks: Mapping[str, Look]) -> None:
-        self._looks = looks
+    def __init__(self, visuals: Mapping[str, Visual]) -> None:
+        self._visuals = visuals
         # As with the files of rwt_nodes.mesh_files: a robot's looks are no secret of one topic.
         self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Audience.ADMITTED),))
 
     def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
         """Answer with the mesh of one link."""
         name = request.path.removeprefix(PATH)
-        look = self._looks.get(name.removesuffix(".dae"))
-        if look is None or not name.endswith(".dae"):
-            known = " ".join(f"{link}.dae" for link in self._looks)
+        visual = self._visuals.get(name.removesuffix(".dae"))
+        if visual is None or not name.endswith(".dae"):
+            known = " ".join(f"{link}.dae" for link in self._visuals)
             return HttpResponse(f"package {PACKAGE} has no mesh {name!r}; it has {known}\n".encode(), 404)
-        return HttpResponse(look.collada().encode(), content_type="model/vnd.collada+xml")
+        return HttpResponse(visual.collada().encode(), content_type="model/vnd.collada+xml")
 
 
 def mesh_url(link: str) -> str:

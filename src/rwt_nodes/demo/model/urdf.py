@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 from rwt_nodes.demo.arm.kinematics import ARM, ArmJoint
 from rwt_nodes.demo.drive import Chassis
-from rwt_nodes.demo.model.meshes import Look, mesh_url
+from rwt_nodes.demo.model.meshes import Visual, mesh_url
 from rwt_nodes.demo.model.shapes import Cuboid, Cylinder, Sphere, text
 
 BASE = "base_link"
@@ -92,19 +92,19 @@ def arm_mounts() -> tuple[Mount, ...]:
     )
 
 
-def looks(chassis: Chassis) -> Mapping[str, Look]:
-    """What each link that can be seen looks like, around its visual origin."""
-    wheel = Look(Cylinder(chassis.wheel_radius, _WHEEL_WIDTH), _BLACK)
+def visuals(chassis: Chassis) -> Mapping[str, Visual]:
+    """The visual of each link that has one, around its visual origin."""
+    wheel = Visual(Cylinder(chassis.wheel_radius, _WHEEL_WIDTH), _BLACK)
     return {
-        BASE: Look(Cylinder(chassis.radius, _BODY_HEIGHT), (0.2, 0.4, 0.8)),
-        LASER: Look(Cylinder(*_LASER_SIZE), _BLACK),
-        CASTER: Look(Sphere(_CASTER_RADIUS), (0.6, 0.6, 0.6)),
-        CAMERA: Look(Cuboid(*_CAMERA_SIZE), _BLACK),
+        BASE: Visual(Cylinder(chassis.radius, _BODY_HEIGHT), (0.2, 0.4, 0.8)),
+        LASER: Visual(Cylinder(*_LASER_SIZE), _BLACK),
+        CASTER: Visual(Sphere(_CASTER_RADIUS), (0.6, 0.6, 0.6)),
+        CAMERA: Visual(Cuboid(*_CAMERA_SIZE), _BLACK),
         LEFT_WHEEL: wheel,
         RIGHT_WHEEL: wheel,
-        ARM_BASE: Look(Cylinder(*_ARM_BASE_SIZE), (0.2, 0.2, 0.2)),
+        ARM_BASE: Visual(Cylinder(*_ARM_BASE_SIZE), (0.2, 0.2, 0.2)),
         **{
-            joint.link: Look(Cylinder(joint.radius, joint.length), _ARM_COLOURS[number % 2])
+            joint.link: Visual(Cylinder(joint.radius, joint.length), _ARM_COLOURS[number % 2])
             for number, joint in enumerate(ARM)
         },
     }
@@ -113,7 +113,7 @@ def looks(chassis: Chassis) -> Mapping[str, Look]:
 def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
     """The description as XML text."""
     robot = ET.Element("robot", name=name)
-    seen = looks(chassis)
+    seen = visuals(chassis)
     _link(robot, BASE, seen, "0 0 0.09")
     laser, caster, camera, optical, arm_base, tool = fixed_mounts(chassis)
     for joint, mount in (("laser", laser), ("caster", caster), ("camera", camera)):
@@ -135,23 +135,23 @@ def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
 
 
 def _link(
-    robot: ET.Element, name: str, looks: Mapping[str, Look], xyz: str = "0 0 0", rpy: str = "0 0 0"
+    robot: ET.Element, name: str, visuals: Mapping[str, Visual], xyz: str = "0 0 0", rpy: str = "0 0 0"
 ) -> None:
     """A link with a mesh, and the same shape within it, for viewers that cannot load the mesh."""
-    look = looks[name]
+    visual = visuals[name]
     link = ET.SubElement(robot, "link", name=name)
     mesh = ET.Element("mesh", filename=mesh_url(name))
     for part, geometry in (
         ("visual", mesh),
-        ("visual", look.shape.element(_INSET)),
-        ("collision", look.shape.element()),
+        ("visual", visual.shape.element(_INSET)),
+        ("collision", visual.shape.element()),
     ):
         element = ET.SubElement(link, part)
         ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
         ET.SubElement(element, "geometry").append(geometry)
         if part == "visual":
             material = ET.SubElement(element, "material", name=f"{name}_colour")
-            ET.SubElement(material, "color", rgba=f"{_texts(look.colour)} 1")
+            ET.SubElement(material, "color", rgba=f"{_texts(visual.colour)} 1")
 
 
 def _frame(robot: ET.Element, joint: str, mount: Mount) -> None:

@@ -20,7 +20,7 @@ _SNAP = 0.3
 _STEPS = tuple((dx, dy, math.hypot(dx, dy)) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy)
 
 
-class NoWay(Exception):
+class NoPath(Exception):
     """There is no way to the goal; the text says why."""
 
 
@@ -40,18 +40,18 @@ class Planner:
         """The corners of a way, from `start` to exactly `goal`, in metres in the map frame.
 
         Raises:
-            NoWay: the goal is in or too close to something solid, or walled off.
+            NoPath: the goal is in or too close to something solid, or walled off.
         """
         if self._world.clearance(*goal) < self._needed:
             msg = f"the goal ({goal[0]:.4g}, {goal[1]:.4g}) is within {self._needed:.2f} m of something solid"
-            raise NoWay(msg)
+            raise NoPath(msg)
         if not self._clearance:
             self._measure()
         first, last = self._nearest_free(start), self._nearest_free(goal)
         cells = self._search(first, last) if first is not None and last is not None else None
         if cells is None:
             msg = f"no way leads from ({start[0]:.4g}, {start[1]:.4g}) to ({goal[0]:.4g}, {goal[1]:.4g})"
-            raise NoWay(msg)
+            raise NoPath(msg)
         return self._straightened([start, *(self._centre(cell) for cell in cells), goal])
 
     def _measure(self) -> None:

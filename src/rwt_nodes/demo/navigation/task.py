@@ -18,7 +18,7 @@ from rwt_nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
 from rwt_nodes.demo.frames import MAP, ODOM, frame
 from rwt_nodes.demo.model.urdf import BASE
 from rwt_nodes.demo.navigation.path_follower import PathFollower
-from rwt_nodes.demo.navigation.planner import NoWay, Planner
+from rwt_nodes.demo.navigation.planner import NoPath, Planner
 from rwt_nodes.demo.world.pose import ORIGIN, Pose
 
 ACTION = "nav2_msgs/NavigateToPose"
@@ -114,7 +114,7 @@ class Navigation:
         if task.follower.off_track(pose) > _REPLAN_AT:
             try:
                 task.follower = self._plan(task.follower.goal)
-            except NoWay as error:
+            except NoPath as error:
                 self._finish(GoalStatus.ABORTED, str(error))
                 return STANDSTILL
         return task.follower.steer(pose)
@@ -159,7 +159,7 @@ class Navigation:
         origin = self._frames()[_bare(request.pose.header.frame_id)]
         try:
             follower = self._plan(origin.after(messages.read_pose(request.pose.pose)))
-        except NoWay as error:
+        except NoPath as error:
             raise GoalAborted(self._result(str(error)), str(error)) from error
         task = self._task = _NavigationTask(goal, follower, self._node.clock.monotonic())
         try:

@@ -60,7 +60,7 @@ class CameraPublisher:
             self._timer.cancel()
             self._timer = self._node.create_timer(self._period, self._shoot)
 
-    def look_for_listeners(self) -> None:
+    def follow_subscribers(self) -> None:
         """Start and stop the timer with the subscribers: an idle robot is not woken thirty times a second."""
         wanted = self._is_heard(*self._topics())
         if wanted and self._timer is None:
