@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_graph.clock import NANOSECONDS
 from rwt_interfaces.payload import Payload
 from rwt_program.qos import LATCHED
 
@@ -27,7 +26,7 @@ class ConnectedClients:
         self._list = participant.advertise(
             "/connected_clients", registry.message("rosbridge_msgs/ConnectedClients"), LATCHED
         )
-        self._time_fields = registry.distro.time_fields
+        self._distro = registry.distro
         self._clients: dict[int, dict[str, object]] = {}
         self._due = False
         self._tell_count()
@@ -35,8 +34,7 @@ class ConnectedClients:
 
     def joined(self, number: int, address: str) -> None:
         """A client has connected."""
-        seconds, nanoseconds = divmod(self._clock.time_ns(), NANOSECONDS)
-        moment = dict(zip(self._time_fields, (seconds, nanoseconds), strict=True))
+        moment = self._distro.time(self._clock.time_ns())
         self._clients[number] = {"ip_address": address, "connection_time": moment}
         self._changed()
 

@@ -8,9 +8,8 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
+from rwt_interfaces.times import NANOSECONDS
 from rwt_program.errors import CallTimeout, ProviderNotFound, ServiceFailed
-
-NANOSECONDS: Final = 1_000_000_000
 
 T = TypeVar("T")
 

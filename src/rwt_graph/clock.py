@@ -18,9 +18,9 @@ from heapq import heapify, heappop, heappush
 
 import anyio
 
-logger = logging.getLogger(__name__)
+from rwt_interfaces.times import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
+logger = logging.getLogger(__name__)
 
 #: A heap is rebuilt without its cancelled timers when they are this many and more than half of it.
 COMPACT_AT = 64

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, OnReply, ServiceInfo
-from rwt_graph.clock import NANOSECONDS
 from rwt_interfaces import Payload
 from rwt_program.errors import RobotError
 from rwt_program.goals import GoalStatus
@@ -168,17 +167,12 @@ class Introspection(CallObserver):
             return
         info = {
             "event_type": event,
-            "stamp": self._stamp(self._graph.clock.time_ns()),
+            "stamp": self._graph.distro.time(self._graph.clock.time_ns()),
             "client_gid": _NOBODY,
             "sequence_number": call.number,
         }
         part = "request" if event == REQUEST_RECEIVED else "response"
         publisher.publish(Payload.from_value(publisher.type, {"info": info, part: [content]}))
-
-    @staticmethod
-    def _stamp(time_ns: int) -> dict[str, int]:
-        seconds, nanoseconds = divmod(time_ns, NANOSECONDS)
-        return {"sec": seconds, "nanosec": nanoseconds}
 
     # -- actions -------------------------------------------------------------------------------------------
 
@@ -198,7 +192,7 @@ class Introspection(CallObserver):
         accepted_at = goals.get(goal_id, (status, self._graph.clock.time_ns()))[1]
         goals[goal_id] = (status, accepted_at)
         listed = [
-            {"goal_info": {"goal_id": uuid(each), "stamp": self._stamp(at)}, "status": int(state)}
+            {"goal_info": {"goal_id": uuid(each), "stamp": self._graph.distro.time(at)}, "status": int(state)}
             for each, (state, at) in goals.items()
         ]
         if status.is_terminal:
@@ -230,7 +224,7 @@ class Introspection(CallObserver):
 
     def now(self) -> dict[str, int]:
         """The graph's time, as messages have it."""
-        return self._stamp(self._graph.clock.time_ns())
+        return self._graph.distro.time(self._graph.clock.time_ns())
 
     def close(self) -> None:
         """Publish nothing more. May be called twice."""

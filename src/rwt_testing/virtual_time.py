@@ -6,7 +6,8 @@ import anyio
 import anyio.lowlevel
 from anyio.from_thread import BlockingPortal
 
-from rwt_graph.clock import NANOSECONDS, SimulatedClock
+from rwt_graph.clock import SimulatedClock
+from rwt_interfaces.times import NANOSECONDS
 
 #: Turns of the event loop in which most chains of wake-ups come to their end.
 _TURNS = 8

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rwt_graph.clock import NANOSECONDS
+from rwt_interfaces.times import NANOSECONDS
 from rwt_program.qos import LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 from rwt_protocol.transport import AS_MANY_AS_FIT, FlowRules
 

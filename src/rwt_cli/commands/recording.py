@@ -126,7 +126,9 @@ def _latched(offered: tuple[QoS, ...]) -> str:
 
 def _date(time_ns: int) -> str:
     """A time in UTC, to the nanosecond."""
-    seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+    from rwt_interfaces.times import NANOSECONDS
+
+    seconds, nanoseconds = divmod(time_ns, NANOSECONDS)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{nanoseconds:09} UTC ({time_ns})"
 
 

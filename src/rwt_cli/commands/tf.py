@@ -57,7 +57,9 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _record(found: StampedTransform) -> dict[str, object]:
-    sec, nanosec = divmod(found.stamp_ns, 1_000_000_000)
+    from rwt_interfaces.times import NANOSECONDS
+
+    sec, nanosec = divmod(found.stamp_ns, NANOSECONDS)
     return {
         "stamp": {"sec": sec, "nanosec": nanosec},
         "source": found.parent,

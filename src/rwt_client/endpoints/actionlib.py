@@ -6,6 +6,7 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from rwt_client.endpoints.goals import Goal
+from rwt_interfaces import NOETIC
 from rwt_program.errors import GoalRejected
 from rwt_program.goals import GoalResult, GoalStatus
 from rwt_program.messages import Message
@@ -90,5 +91,4 @@ class _ActionlibGoal:
 
 
 def _now() -> dict[str, int]:
-    seconds, nanoseconds = divmod(time.time_ns(), 1_000_000_000)
-    return {"secs": seconds, "nsecs": nanoseconds}
+    return NOETIC.time(time.time_ns())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from msgspec import Struct
 
 from rwt_client.errors import ClientError, ConnectionLost, ServerRefused
+from rwt_interfaces.times import NANOSECONDS
 from rwt_program.errors import InvalidMessage
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 logger = logging.getLogger("rwt_client")
-
-NANOSECONDS = 1_000_000_000
 
 _EVERYTHING = Qos(history="keep_all", reliability="best_available")
 """Who keeps or passes on messages wants them all; without this a slow reader gets the newest alone."""

@@ -22,9 +22,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
-from rwt_graph.clock import NANOSECONDS, Clock
+from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
 from rwt_graph.memory.node_resources import NodeResources
+from rwt_interfaces.times import NANOSECONDS
 from rwt_program.qos import Durability, History, QoS
 
 if TYPE_CHECKING:

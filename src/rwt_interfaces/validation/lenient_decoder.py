@@ -19,6 +19,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType, Slot
 from rwt_interfaces.struct_fields import slot_default, time_struct
+from rwt_interfaces.times import NANOSECONDS
 from rwt_interfaces.validation.mismatch import (
     check_length,
     describe,
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 Now = Callable[[], int]
 
 _HEADER = "std_msgs/Header"
-_NANOSECONDS = 1_000_000_000
 _LISTS = (list, tuple, array)
 #: Every spelling of a time's halves that clients send, the winner first (JSN-27); Foxglove's panels write
 #: nsec.
@@ -154,11 +154,11 @@ def _time(type: field_types.Time, stamped: bool) -> LenientDecoder:
 
     def complete(value: object, now: Now, /) -> msgspec.Struct:
         if value == "now" and not type.is_duration:
-            return struct(*divmod(now(), _NANOSECONDS))
+            return struct(*divmod(now(), NANOSECONDS))
         given = fields_of(value)
         if given is None:
             raise InvalidMessage("", f"expected a {type} {{{', '.join(type.keys)}}}, got {describe(value)}")
-        defaults = divmod(now(), _NANOSECONDS) if stamped else (0, 0)
+        defaults = divmod(now(), NANOSECONDS) if stamped else (0, 0)
         return struct(
             _half(given, _SECONDS_KEYS, type.seconds, defaults[0]),
             _half(given, _NANOSECONDS_KEYS, type.nanoseconds, defaults[1]),

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal, Protocol
 
-from rwt_graph.clock import NANOSECONDS
+from rwt_interfaces.times import NANOSECONDS
 from rwt_nodes.demo.drive import Velocity
 from rwt_nodes.demo.world.pose import Pose
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rwt_graph.clock import NANOSECONDS, SimulatedClock, SteadyClock
+from rwt_graph.clock import SimulatedClock, SteadyClock
 from rwt_interfaces import Payload
 
 if TYPE_CHECKING:
@@ -52,16 +52,14 @@ class ClockTopic:
     def __init__(self, graph: Graph, participant: Participant, hertz: float) -> None:
         self._clock = graph.clock
         self._period = 1.0 / hertz
-        self._fields = graph.distro.time_fields
+        self._distro = graph.distro
         self._timer: Timer | None = None
         if not isinstance(graph.clock, SimulatedClock):
             self._publisher = participant.advertise(CLOCK, graph.registry.message("rosgraph_msgs/Clock"))
             self._timer = self._clock.call_later(0.0, self._tick)
 
     def _tick(self) -> None:
-        seconds, nanoseconds = divmod(self._clock.time_ns(), NANOSECONDS)
-        whole, fraction = self._fields
-        value = {"clock": {whole: seconds, fraction: nanoseconds}}
+        value = {"clock": self._distro.time(self._clock.time_ns())}
         self._publisher.publish(Payload.from_value(self._publisher.type, value))
         self._timer = self._clock.call_later(self._period, self._tick)
 

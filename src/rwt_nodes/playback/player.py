@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import anyio
 
-from rwt_graph.clock import NANOSECONDS
+from rwt_interfaces.times import NANOSECONDS
 from rwt_nodes.playback.clock import ClockTopic, PlaybackClock
 from rwt_nodes.playback.publications import Publications, add_recorded_types
 from rwt_nodes.playback.read_ahead import ReadAhead

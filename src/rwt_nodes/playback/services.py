@@ -7,7 +7,6 @@ from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from rwt_graph.clock import NANOSECONDS
 from rwt_interfaces import InvalidMessage, Payload
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ class PlayerServices:
         self._player = player
         self._clock = graph.clock
         self._participant = graph.participant(node)
-        self._seconds, self._nanoseconds = graph.distro.time_fields
+        self._distro = graph.distro
         handlers: dict[tuple[str, str], Callable[[object], Answer]] = {
             ("pause", "Pause"): _doing(player.pause),
             ("resume", "Resume"): _doing(player.resume),
@@ -118,8 +117,7 @@ class PlayerServices:
 
     def _seek(self, asked: object) -> Answer:
         time = asked.time  # type: ignore[attr-defined]  # a request of that type
-        seconds, nanoseconds = getattr(time, self._seconds), getattr(time, self._nanoseconds)
-        return {"success": self._player.seek(seconds * NANOSECONDS + nanoseconds)}
+        return {"success": self._player.seek(self._distro.time_ns(time))}
 
     def close(self) -> None:
         """Withdraw the services."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
-from rwt_graph.clock import NANOSECONDS
 from rwt_interfaces.field_types import Array, Bool, FieldType, Float, Int, Octets, String, Time
+from rwt_interfaces.times import NANOSECONDS
 from rwt_program.qos import Durability, History, QoS, Reliability
 
 if TYPE_CHECKING:

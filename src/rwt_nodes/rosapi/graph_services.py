@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 from typing import TYPE_CHECKING, Any, Final
 
-from rwt_graph.clock import NANOSECONDS
 from rwt_graph.disclosure import NOTHING, AsksAbout, Lists
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
@@ -152,9 +151,7 @@ def action_type(node: Node, request: Any) -> Answer:
 
 def get_time(node: Node, _: Any) -> Answer:
     """ROS time now (API-11)."""
-    seconds, nanoseconds = divmod(node.graph.clock.time_ns(), NANOSECONDS)
-    whole, part = node.graph.distro.time_fields
-    return {"time": {whole: seconds, part: nanoseconds}}
+    return {"time": node.graph.distro.time(node.graph.clock.time_ns())}
 
 
 def get_ros_version(node: Node, _: Any) -> Answer:

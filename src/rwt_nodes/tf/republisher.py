@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 import anyio
 
 from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node, ServiceFailed
+from rwt_interfaces.times import NANOSECONDS
 from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
 from rwt_nodes.tf.streams import GoalStream, TopicStream
 from rwt_nodes.tf.transform_filters import MissingFrames, make_filter
 from rwt_tf2 import Buffer, Feed, stamp_ns
-from rwt_tf2.times import NANOSECONDS
 
 if TYPE_CHECKING:
     from rwt_graph import Graph

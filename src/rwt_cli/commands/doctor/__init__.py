@@ -38,7 +38,6 @@ _WRONG_SECONDS: Final = 0.5
 """From how much on a clock is wrong: transforms and delays are wrong by as much."""
 _STYLES: Final[dict[Verdict, Style]] = {"ok": "good", "note": "faint", "warning": "warning", "problem": "bad"}
 _TEXT: Final = "a message of the doctor, long enough to be cut into pieces " * 4
-_NANOSECONDS: Final = 1_000_000_000
 _ROSAPI_MISSING: Final = (
     "start rosapi beside the server (`rosapi_node`; rosbridge's launch file does): without it types must be"
     " named, and no list can be made"
@@ -361,7 +360,9 @@ def _seconds_in(answer: ReceivedFrame) -> float | None:
     whole, rest = time.get("sec", time.get("secs")), time.get("nanosec", time.get("nsecs"))
     if not isinstance(whole, int) or not isinstance(rest, int):
         return None
-    return whole + rest / _NANOSECONDS
+    from rwt_interfaces.times import NANOSECONDS
+
+    return whole + rest / NANOSECONDS
 
 
 def _latency(trips: list[float]) -> Finding:

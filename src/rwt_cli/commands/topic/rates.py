@@ -14,13 +14,13 @@ from rwt_cli.errors import CommandError
 from rwt_cli.graph_lookup import absolute_name, topic_type
 from rwt_cli.verbs import Arguments, Verb, count, seconds
 from rwt_interfaces import field_types
+from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
     from rwt_client import Robot, Subscription
 
 _MANY: Final = 10_000
 _FEW: Final = 100
-_NANOSECONDS: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +233,7 @@ class _RobotClock:
 
         before = time.time()
         try:
-            there = await self._robot.time_ns() / _NANOSECONDS
+            there = await self._robot.time_ns() / NANOSECONDS
         except (ServiceFailed, ProviderNotFound):
             if not self._noted:
                 note("rwt: the robot does not report its time; delays are by this computer's clock")
@@ -244,7 +244,7 @@ class _RobotClock:
 
 def _stamp(time: Any) -> float:
     whole, rest = (getattr(time, name) for name in time.__struct_fields__)
-    return float(whole + rest / _NANOSECONDS)
+    return float(whole + rest / NANOSECONDS)
 
 
 async def _check_header(robot: Robot, name: str) -> None:

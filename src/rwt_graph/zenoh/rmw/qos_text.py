@@ -8,8 +8,8 @@ liveliness. ROS's default profile is `::,10:,:,:,,`.
 
 from __future__ import annotations
 
-from rwt_graph.clock import NANOSECONDS
 from rwt_graph.errors import WireError
+from rwt_interfaces.times import NANOSECONDS
 from rwt_program.qos import Durability, History, QoS, Reliability
 
 #: The depth that is written as nothing.
