@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_cli.commands.topic.sliding_window import Window, in_bytes, spread
+from rwt_cli.commands.topic.rates import Window, in_bytes, spread
 
 
 def test_intervals_and_values() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
-from rwt_cli.commands.topic.sliding_window import Spread, Window, in_bytes
 from rwt_cli.console.output import Output, note
 from rwt_cli.errors import CommandError
 from rwt_cli.graph_lookup import absolute_name, topic_type
@@ -24,8 +26,78 @@ _FEW: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """A topic that is listened to, and what was seen of it."""
+class Spread:
+    """Some numbers in short.
+
+    Attributes:
+        mean: their mean.
+        least: the smallest.
+        most: the largest.
+        deviation: their standard deviation (of all, not of a sample).
+        number: how many.
+    """
+
+    mean: float
+    least: float
+    most: float
+    deviation: float
+    number: int
+
+
+class Window:
+    """The newest values of something, each with its time of arrival.
+
+    Args:
+        longest: how many it holds.
+    """
+
+    def __init__(self, longest: int) -> None:
+        self._seen: deque[tuple[float, float]] = deque(maxlen=longest)
+
+    def __len__(self) -> int:
+        return len(self._seen)
+
+    def add(self, time: float, value: float) -> None:
+        """Add a value that came at `time`, in seconds."""
+        self._seen.append((time, value))
+
+    def spread(self) -> Spread | None:
+        """The values in short; None if there are none."""
+        return spread([value for _, value in self._seen])
+
+    def intervals(self) -> Spread | None:
+        """The times between one and the next, in seconds; None if fewer than two came."""
+        times = [time for time, _ in self._seen]
+        return spread([later - earlier for earlier, later in pairwise(times)])
+
+    def per_second(self, now: float) -> float:
+        """The sum of the values a second, from the first of them until `now`."""
+        if not self._seen or now <= self._seen[0][0]:
+            return 0.0
+        return sum(value for _, value in self._seen) / (now - self._seen[0][0])
+
+
+def spread(values: list[float]) -> Spread | None:
+    """Some numbers in short; None if there are none."""
+    if not values:
+        return None
+    mean = math.fsum(values) / len(values)
+    deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / len(values))
+    return Spread(mean, min(values), max(values), deviation, len(values))
+
+
+def in_bytes(number: float) -> str:
+    """A number of bytes as people read it, in powers of 1000: ``1.23 MB``."""
+    for unit in ("B", "KB", "MB"):
+        if number < 1000:
+            return f"{number:.0f} {unit}" if unit == "B" else f"{number:.2f} {unit}"
+        number /= 1000
+    return f"{number:.2f} GB"
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredTopic:
+    """A topic that is subscribed to, and a window of its messages."""
 
     subscription: Subscription
     window: Window
@@ -44,7 +116,7 @@ class Report:
     record: dict[str, object]
 
 
-Look = Callable[[Heard, float], Report | None]
+Measure = Callable[[MeasuredTopic, float], Report | None]
 """The figures of a topic at a time (seconds on the event loop's clock); None if there are none yet."""
 
 
@@ -65,7 +137,7 @@ def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
 
 
 async def _hz(robot: Robot, arguments: Arguments, output: Output) -> None:
-    await _measure(robot, arguments, output, _frequency, lambda heard, message: 0.0)
+    await _measure(robot, arguments, output, _frequency, lambda measured, message: 0.0)
 
 
 async def _bw(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -99,7 +171,7 @@ async def _measure(
     robot: Robot,
     arguments: Arguments,
     output: Output,
-    look: Look,
+    measure: Measure,
     value: Callable[[Subscription, Any], float],
     between: Callable[[], Awaitable[None]] | None = None,
 ) -> None:
@@ -111,7 +183,7 @@ async def _measure(
     """
     import anyio
 
-    heard = [
+    measured = [
         await _listen(robot, absolute_name(name), arguments.window, value)
         for name in dict.fromkeys(arguments.topic)
     ]
@@ -120,13 +192,15 @@ async def _measure(
     while arguments.times is None or reported < arguments.times:
         due = max(due + arguments.interval, anyio.current_time())
         await anyio.sleep_until(due)
-        _report(heard, anyio.current_time(), look, output)
+        _report(measured, anyio.current_time(), measure, output)
         reported += 1
         if between is not None:
             await between()
 
 
-async def _listen(robot: Robot, name: str, window: int, value: Callable[[Subscription, Any], float]) -> Heard:
+async def _listen(
+    robot: Robot, name: str, window: int, value: Callable[[Subscription, Any], float]
+) -> MeasuredTopic:
     import anyio
 
     seen = Window(window)
@@ -136,18 +210,18 @@ async def _listen(robot: Robot, name: str, window: int, value: Callable[[Subscri
         seen.add(anyio.current_time(), value(subscription, message))
 
     subscription = await robot.subscribe(name, kind, hear)
-    return Heard(subscription, seen)
+    return MeasuredTopic(subscription, seen)
 
 
-def _report(heard: list[Heard], now: float, look: Look, output: Output) -> None:
+def _report(measured: list[MeasuredTopic], now: float, measure: Measure, output: Output) -> None:
     shown: list[str] = []
-    for each in heard:
-        report = look(each, now)
+    for each in measured:
+        report = measure(each, now)
         name = each.subscription.name
         if output.json:
             output.record({"topic": name, **({"messages": 0} if report is None else report.record)})
             continue
-        if len(heard) > 1:
+        if len(measured) > 1:
             shown.append(f"topic: {output.styled(name, 'name')}")
         shown += (report.text if report is not None else f"no messages on {name} yet").split("\n")
     if output.people:
@@ -159,22 +233,22 @@ def _report(heard: list[Heard], now: float, look: Look, output: Output) -> None:
 # -- the figures ------------------------------------------------------------------------------------------
 
 
-def _frequency(heard: Heard, now: float) -> Report | None:
-    between = heard.window.intervals()
+def _frequency(measured: MeasuredTopic, now: float) -> Report | None:
+    between = measured.window.intervals()
     if between is None or between.mean <= 0:
         return None
     rate = 1 / between.mean
     record = {"rate": rate, **_fields(between, "s")}
     return Report(
-        f"average rate: {rate:.3f}\n{_seconds(between, 1)}", {**record, "window": len(heard.window)}
+        f"average rate: {rate:.3f}\n{_seconds(between, 1)}", {**record, "window": len(measured.window)}
     )
 
 
-def _bandwidth(heard: Heard, now: float) -> Report | None:
-    sizes = heard.window.spread()
+def _bandwidth(measured: MeasuredTopic, now: float) -> Report | None:
+    sizes = measured.window.spread()
     if sizes is None:
         return None
-    rate = heard.window.per_second(now)
+    rate = measured.window.per_second(now)
     mean, least, most = (in_bytes(value) for value in (sizes.mean, sizes.least, sizes.most))
     text = (
         f"{in_bytes(rate)}/s from {sizes.number} messages\n"
@@ -189,8 +263,8 @@ def _bandwidth(heard: Heard, now: float) -> Report | None:
     return Report(text, {**record, "window": sizes.number})
 
 
-def _lateness(heard: Heard, now: float) -> Report | None:
-    late = heard.window.spread()
+def _lateness(measured: MeasuredTopic, now: float) -> Report | None:
+    late = measured.window.spread()
     if late is None:
         return None
     record = {"delay": late.mean, **_fields(late, "s"), "window": late.number}
