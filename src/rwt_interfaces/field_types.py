@@ -175,7 +175,7 @@ def time_type(name: str, distro: Distro) -> Time | None:
 
 
 def field_type_of(field: WrittenType, types: Registry) -> FieldType:
-    """Resolve one field's type; raises UnknownType for a nested message that nobody defined."""
+    """Resolve one field's type; raises UnknownType for a nested message without a definition."""
     if not field.is_array:
         return _scalar(field, types)
     # JSN-02: a bounded sequence of uint8 is a list, unlike the free and the fixed one.

@@ -118,9 +118,9 @@ class Payload:
 
     @classmethod
     def relayed_cdr(cls, message_type: MessageType, data: bytes) -> Payload:
-        """Take a message as it came in CDR, and do not look at it: one that nobody reads costs nothing.
+        """Take a message as it came in CDR without a look at it, so that one without readers costs nothing.
 
-        Whoever asks for another form than :meth:`cdr` is told then that it does not fit, by a
+        If it does not fit its type, the first call of a method other than :meth:`cdr` raises
         :exc:`InvalidMessage`.
         """
         payload = cls(message_type, None, None)

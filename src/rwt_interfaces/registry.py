@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from rwt_interfaces import standard
-from rwt_interfaces.definitions import actionlib, parser
-from rwt_interfaces.definitions import package_directories as folders
+from rwt_interfaces.definitions import actionlib, package_directories, parser
 from rwt_interfaces.definitions.model import ActionDefinition, MessageDefinition, ServiceDefinition
 from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName, UnknownType
@@ -156,7 +155,7 @@ class Registry:
             DefinitionError: names the file, the line and what is wrong there.
         """
         found: dict[tuple[Kind, str], tuple[_Definition, Path]] = {}
-        for file in folders.interface_files(Path(path)):
+        for file in package_directories.interface_files(Path(path)):
             name = f"{file.package}/{file.name}"
             definition = self._parse(file.kind, name, file.read(), str(file.path))
             earlier, where = found.setdefault((file.kind, name), (definition, file.path))

@@ -1,4 +1,4 @@
-"""How a field is held in its message's Struct: the type in Python, and the value when nobody has set it."""
+"""How a field is held in its message's Struct: its type in Python, and its value by default."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def annotation(field_type: FieldType) -> object:
 
 
 def default_maker(field_type: FieldType) -> Callable[[], object]:
-    """A function that makes the value a field has when nobody set it: zero, false, empty (PUB-04)."""
+    """A function that makes the value of a field that was not set: zero, false, empty (PUB-04)."""
     match field_type:
         case field_types.Octets():
             octets = bytes(field_type.length or 0)

@@ -50,7 +50,7 @@ class MessageType:
 
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
-        """The fields, resolved; raises UnknownType for a nested message that nobody defined."""
+        """The fields, resolved; raises UnknownType for a nested message without a definition."""
         return tuple(
             Slot(
                 field.name,
@@ -92,7 +92,7 @@ class MessageType:
 
     @cached_property
     def json(self) -> JsonCodec:
-        """This type in JSON."""
+        """Encodes and decodes messages of this type in JSON."""
         from rwt_interfaces.serialise.json import JsonCodec
 
         return JsonCodec(self)
@@ -158,7 +158,7 @@ class ServiceType:
 
     @property
     def rihs01(self) -> str:
-        """ROS 2's type hash, ``RIHS01_`` and 64 hexadecimal digits; computed anew each time."""
+        """ROS 2's type hash, ``RIHS01_`` and 64 hexadecimal digits; computed at each call."""
         registry = self.request.registry
         definition = ServiceDefinition(self.name, self.request.definition, self.response.definition)
         return hashes.service_rihs01(definition, registry.type_name(self), registry)

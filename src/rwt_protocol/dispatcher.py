@@ -1,4 +1,4 @@
-"""From an op to its handler, and from an exception to the op that tells its sender: here alone."""
+"""From an op to its handler, and from an exception to the op that reports it to the sender."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Dispatcher(Generic[C]):
             :meth:`dispatch` was given, and the op. It refuses by raising `Refused`.
         on_error: called with the context, the op and any other exception, within the `except` block; it must
             not raise.
-        refusals: exceptions that refuse, of layers that know no ops; the peer is told their text.
+        refusals: exceptions that refuse, of layers that know no ops; their text goes to the peer.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
 
     Raises:
@@ -53,7 +53,7 @@ class Dispatcher(Generic[C]):
         """Run the handler of `op`, which is one that `Session.decode` gave.
 
         Returns:
-            None, or the op that tells the sender that it was refused.
+            None, or the op that reports the refusal to the sender.
         """
         try:
             self._handlers[type(op)](context, op)

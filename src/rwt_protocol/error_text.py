@@ -79,7 +79,7 @@ def describe(value: object) -> str:
 
 
 def describe_kind(value: object) -> str:
-    """The kind of a value that nobody has looked into yet."""
+    """The kind of a value that has not been decoded yet, in a few words."""
     if isinstance(value, Decoded):
         return _KIND[value.kind]
     data = (
@@ -159,7 +159,7 @@ def annotation_of(field: FieldInfo) -> object:
 
 
 def model_in(annotation: object) -> type[BaseModel] | None:
-    """The model that a member holds, if it does."""
+    """The model that a member holds; None if it holds something else."""
     plain = plain_type(annotation)
     return plain if isinstance(plain, type) and issubclass(plain, BaseModel) else None
 

@@ -26,7 +26,7 @@ _OVERHEAD: Final = 200
 
 @dataclass(frozen=True, slots=True)
 class FragmentLimits:
-    """What one peer may leave open.
+    """Limits of the messages of one peer that are in pieces.
 
     Attributes:
         max_lists: messages that are in pieces at the same time.

@@ -33,7 +33,7 @@ _encode: Final = msgspec.json.Encoder().encode
 
 
 class Encodable(Protocol):
-    """What an op may hold as its payload: every codec can write it. `RawJson` and `Decoded` are two.
+    """A payload that every codec can write into an op. `RawJson` and `Decoded` are two.
 
     A message of a known type is another, whatever class it has: its bytes are spliced into the op, and are
     encoded once however many ops they go into.
@@ -74,7 +74,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def size(self) -> int:
-        """How many bytes there are."""
+        """The number of bytes."""
         return len(self.data)
 
     @property
@@ -84,7 +84,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def kind(self) -> JsonKind:
-        """Which kind of JSON value this is, by its first byte."""
+        """The kind of JSON value, by its first byte."""
         return _KIND_BY_FIRST_BYTE.get(self.data[0], "number")
 
     def validated(self) -> RawJson:
@@ -154,7 +154,7 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def kind(self) -> JsonKind:
-        """Which kind of value this is, in JSON's words."""
+        """The kind of value, in JSON's words."""
         return _KIND_BY_TYPE.get(type(self.value), "number")
 
     def json(self) -> bytes:
@@ -171,7 +171,7 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
 
 
 RawPayload = RawJson | Decoded
-"""A payload as it arrives: text that nobody has decoded, or values that nobody has checked."""
+"""A payload as it arrives: text that is not decoded, or values that are not checked."""
 
 
 class TypedMessage(Encodable, Protocol):

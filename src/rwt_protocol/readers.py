@@ -20,7 +20,7 @@ _Convert = Callable[[msgspec.Raw | RawPayload], object]
 
 
 class Reader:
-    """How the members of one op become that op.
+    """Makes one op of its members.
 
     Attributes:
         model: the op's type.

@@ -25,9 +25,9 @@ class _Generator(GenerateJsonSchema):
 def protocol_schema(profile: Profile = COMPAT) -> dict[str, JsonValue]:
     """One JSON Schema that describes every message of `profile`.
 
-    A message is one of the definitions under ``$defs``, told apart by ``op``; each says under ``x-direction``
-    who sends it. Members that a definition does not list are allowed and ignored (ENV-01); null stands for an
-    absent optional member, which the document leaves out.
+    A message is one of the definitions under ``$defs``, distinguished by ``op``; each says under
+    ``x-direction`` who sends it. Members that a definition does not list are allowed and ignored (ENV-01);
+    null stands for an absent optional member, which the document leaves out.
     """
     definitions, references = _definitions(profile, "#/$defs/")
     alternatives: list[JsonValue] = [{"$ref": reference} for reference in references.values()]

@@ -30,7 +30,7 @@ _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "n
 
 @dataclass(frozen=True, slots=True)
 class WireLimits:
-    """What one peer may send.
+    """Limits of what one peer may send.
 
     Attributes:
         max_message_size: bytes in one frame.
@@ -52,7 +52,7 @@ class Refusal:
         op: the name of the op as it was sent, empty when none could be read.
         id: the sender's id, None when none could be read.
         name: the service or action that was meant, empty when none could be read.
-        answer: the op that tells the sender; None on a client's side where the protocol has no way to.
+        answer: the op that reports it to the sender; None on a client's side, where the protocol has none.
     """
 
     reason: str

@@ -1,4 +1,4 @@
-"""The known word that somebody may have meant. It imports nothing, since the command line needs it early."""
+"""The known word that may have been meant. It imports nothing, since the command line needs it early."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class Frame:
         return framed
 
     def pieces(self, size: int, cut: Callable[[Frame, int], Sequence[Frame]]) -> Sequence[Frame]:
-        """This message cut into frames by `cut`; done once for each `size`, whoever it goes to."""
+        """The frames into which `cut` cuts this message; done once for each `size`, for all receivers."""
         if self._pieces is None:
             self._pieces = {}
         pieces = self._pieces.get(size)
@@ -86,7 +86,7 @@ class DropReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FlowRules:
-    """How one topic's messages are treated while the peer reads too slowly.
+    """The rules for one topic's messages while the peer reads too slowly.
 
     Attributes:
         depth: messages that may wait, the newest stay; None: as many as the data lane has room for.
@@ -129,7 +129,7 @@ class Flow(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PeerInfo:
-    """What a transport knows about the other side when it connects.
+    """The other side of a connection, as the transport knows it at the beginning.
 
     Attributes:
         transport: URL scheme, for example ``ws``.
@@ -150,7 +150,7 @@ class PeerInfo:
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """What a sink has done so far, and what it holds.
+    """Counts of a connection: what was sent, what waits and what was dropped.
 
     Attributes:
         messages: frames handed to the writer.
@@ -219,7 +219,7 @@ class Sink(Protocol):
 
 
 class Endpoint(Protocol):
-    """What a driver feeds: one peer. Every method is synchronous and is called on the loop's thread."""
+    """One peer, as a driver sees it. Every method is synchronous and is called on the loop's thread."""
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one whole message, in order. Never raises."""

@@ -77,7 +77,7 @@ def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
 
 
 def package_name(folder: Path) -> str:
-    """What ``package.xml`` calls the package, or else the folder's own name.
+    """The package's name in its ``package.xml``, or else the folder's own name.
 
     Only the one element is looked for: the file is not ours to validate, and no XML parser has to meet its
     entities.

@@ -178,7 +178,7 @@ class _Message:
         if not self.translated:
             return definition
         # The written text says `time` where this version says `builtin_interfaces/Time`, or the reverse.
-        # Whoever parses the text (a viewer, API-06) must see what is really on the wire.
+        # A viewer that parses the text (API-06) must see what is really on the wire.
         return MessageDefinition(
             definition.name, definition.fields, definition.constants, format_message(definition)
         )

@@ -1,7 +1,7 @@
 """Messages in JSON (JSN-01 to JSN-33).
 
 Two ways in. What the strict Struct accepts may be passed on untouched. Everything else is decoded to plain
-objects for :mod:`rwt_interfaces.validation.lenient_decoder`, and encoded anew.
+objects for :mod:`rwt_interfaces.validation.lenient_decoder`, and encoded once more.
 """
 
 from __future__ import annotations

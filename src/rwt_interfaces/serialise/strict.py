@@ -21,7 +21,7 @@ from rwt_interfaces.validation.numbers import float32, float32_list, float_annot
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-#: Tells whether a value of some type has a flaw that no msgspec annotation expresses.
+#: Whether a value of some type has a flaw that no msgspec annotation expresses.
 Flaw = Callable[[Any], bool]
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list

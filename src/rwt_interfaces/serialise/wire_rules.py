@@ -16,7 +16,7 @@ from rwt_interfaces.field_types import FieldType
 
 @dataclass(frozen=True, slots=True)
 class WireRules:
-    """How one packed form differs from the other.
+    """The rules of one packed form, CDR or ROS 1's own.
 
     Attributes:
         aligned: whether a number begins at a multiple of its size.
@@ -51,5 +51,5 @@ def letters(field_type: FieldType | None) -> str:
 
 
 def gap(offset: int, size: int, aligned: bool) -> int:
-    """How many bytes of padding go before a number of that size at that offset."""
+    """The number of padding bytes before a number of that size at that offset."""
     return -offset % size if aligned else 0

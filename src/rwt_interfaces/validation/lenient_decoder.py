@@ -93,7 +93,7 @@ def _field(slot: Slot, in_header: bool) -> tuple[str, LenientDecoder, Callable[[
         return slot.name, stamp, lambda now: stamp({}, now)
     take = compile_field(type)
     if in_header and slot.name == "seq":
-        # roslibpy sends null for a header's seq that nobody set.
+        # roslibpy sends null for a header's seq that was not set.
         plain = take
         return slot.name, lambda value, now: 0 if value is None else plain(value, now), lambda now: 0
     if isinstance(type, field_types.Message) and slot.default is None:

@@ -54,7 +54,7 @@ def with_article(name: str) -> str:
 
 
 def unknown_field(message: str, names: list[str], given: Iterable[str]) -> str:
-    """What to say of the first field, in the alphabet, that the message does not have (JSN-25)."""
+    """A sentence about the first field, in the alphabet, that the message does not have (JSN-25)."""
     stranger = min(str(key) for key in given if key not in names)
     has = f"it has {', '.join(names)}" if names else "it has no fields"
     return f"{message} has no field {quote(stranger)}; {has}"

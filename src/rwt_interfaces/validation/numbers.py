@@ -68,7 +68,7 @@ def float32_list(numbers: list[Any]) -> list[float]:
 
 
 def int_annotation(type: field_types.Int) -> object:
-    """The integer as msgspec checks it; uint64's upper bound is checked by whoever decodes."""
+    """The integer as msgspec checks it; uint64's upper bound is checked by the decoder."""
     if type.high > _LARGEST_BOUND:
         return Annotated[int, msgspec.Meta(ge=type.low)]
     return Annotated[int, msgspec.Meta(ge=type.low, le=type.high)]

@@ -79,7 +79,7 @@ SELECTABLE: Final = tuple(encoding for encoding in CODECS.values() if encoding.e
 
 
 def encoding_of(compression: str) -> Encoding:
-    """What `compression` asks for; a word that it does not know asks for none (SUB-10)."""
+    """The encoding that `compression` asks for; an unknown word asks for none (SUB-10)."""
     found = CODECS.get(compression)
     return CODECS["none"] if found is None or found.exclusive is not None else found
 

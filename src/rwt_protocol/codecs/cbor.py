@@ -91,7 +91,7 @@ def raw_publish_encoder(topic: str) -> PublishEncoder:
 
 
 def publish_prefix(topic: str) -> bytes:
-    """What stands before the payload in every message of `topic` (CBR-01)."""
+    """The bytes before the payload in every message of `topic` (CBR-01)."""
     return b"\xa3\x62op\x67publish\x65topic" + _text(topic) + b"\x63msg"
 
 
@@ -129,7 +129,7 @@ def _head(major: int, argument: int) -> bytes:
 
 
 def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:
-    import cbor2  # loaded by whoever decodes
+    import cbor2  # loaded already, by `split`
 
     code = TYPED_ARRAYS.get(tag.tag)
     data = tag.value
@@ -151,6 +151,6 @@ def array_elements(code: str, data: Buffer) -> bytes | list[int] | list[float]:
 
 
 def _refuse(*ignored: object) -> NoReturn:
-    import cbor2  # loaded by whoever decodes
+    import cbor2  # loaded already, by `split`
 
     raise cbor2.CBORDecodeError("a tag that ROS has not")

@@ -1,4 +1,4 @@
-"""How deeply JSON text is nested, told without parsing it."""
+"""How deeply JSON text is nested, found without a parse."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _STRING: Final = re.compile(rb'"(?:[^"\\]|\\.)*+"', re.DOTALL)
 def deeper_than(data: bytes, limit: int) -> bool:
     """Whether more than `limit` objects and arrays of `data`, which is valid JSON, are open at once.
 
-    Every level costs two brackets, so a text with few brackets is told by counting them. Otherwise the
+    Every level costs two brackets, so for a text with few brackets it is enough to count them. Otherwise the
     innermost pairs are removed, all at once, as often as the limit allows: each round is one level.
     """
     if len(data) <= 2 * limit or len(data.translate(None, _NOT_BRACKETS)) <= 2 * limit:

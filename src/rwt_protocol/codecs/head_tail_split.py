@@ -1,6 +1,6 @@
 """Taking a large JSON frame apart without looking at its payload.
 
-A large message is nearly all payload, and the payload is parsed once anyway, by whoever decodes it as a
+A large message is nearly all payload, and the payload is parsed once anyway, when it is decoded as a
 message type. So only what stands before and after it is read here:
 
     {"op":"publish","topic":"/map","msg":  {...}  ,"latch":false}
@@ -10,7 +10,7 @@ The head is matched from the first byte to the first member that is named like a
 after a colon, at depth one and outside strings. The tail is matched at the end, and holds only small members
 and the last brace. Head + ``0`` + tail is then parsed as the message.
 
-This finds what a full parse would have found, provided that the slice, which nobody has looked at yet, is
+This finds what a full parse would have found, provided that the slice, which has not been parsed yet, is
 later decoded strictly as one JSON value in UTF-8:
 
 * If head + ``0`` + tail is valid JSON, then ``0`` is the value of the member that ends the head, because the
@@ -62,7 +62,7 @@ _TAIL: Final = re.compile(
 
 
 def split_large(data: bytes, max_depth: int) -> Members | None:
-    """The members of the message in a large frame, its payload not validated; None if it cannot be told.
+    """The members of the message in a large frame, its payload not validated; None if they cannot be found.
 
     The nesting of the payload is not looked at either: the type that it is decoded as bounds it.
     """

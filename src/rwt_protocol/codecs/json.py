@@ -95,7 +95,7 @@ class JsonCodec:
 
 
 def publish_prefix(topic: str) -> bytes:
-    """What stands before the payload in every message of `topic`: computed once, kept by the caller."""
+    """The bytes before the payload in every message of `topic`: computed once, kept by the caller."""
     return b'{"op":"publish","topic":' + _encode(topic) + b',"msg":'
 
 

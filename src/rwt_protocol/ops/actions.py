@@ -26,7 +26,7 @@ from rwt_protocol.payloads import EMPTY
 
 
 class GoalStatus(IntEnum):
-    """What became of a goal (ACT, head of the section)."""
+    """The state of a goal, with ROS 2's numbers (ACT-03)."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -93,7 +93,7 @@ class CancelActionGoal(Op):
 
 
 class ActionFeedback(Op):
-    """How far a goal has come (ACT-02, ACT-14).
+    """The progress of a goal (ACT-02, ACT-14).
 
     Attributes:
         values: the feedback.
@@ -107,7 +107,7 @@ class ActionFeedback(Op):
 
 
 class ActionResult(Op):
-    """How a goal ended.
+    """The end of a goal.
 
     Attributes:
         values: the result; when `result` is false, usually a string that says why (ACT-04).

@@ -79,13 +79,13 @@ def opaque(raw: msgspec.Raw | RawPayload) -> RawPayload:
 
 
 def opaque_or_empty(raw: msgspec.Raw | RawPayload) -> RawPayload:
-    """As :func:`opaque`; null is the same as an absent member (SRV-02, SVP-05)."""
+    """The payload of :func:`opaque`; null is the same as an absent member (SRV-02, SVP-05)."""
     payload = opaque(raw)
     return EMPTY if payload.kind == "null" else payload
 
 
 def opaque_or_text(raw: msgspec.Raw | RawPayload) -> RawPayload | str:
-    """As :func:`opaque_or_empty`; a string, which is how a failure is told, is decoded (SRV-05)."""
+    """The payload of :func:`opaque_or_empty`; a string, as failures have it, is decoded (SRV-05)."""
     payload = opaque_or_empty(raw)
     if isinstance(payload, Decoded):
         return payload.value if isinstance(payload.value, str) else payload
@@ -165,7 +165,7 @@ class Direction(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ReplyTo:
-    """What a refusal needs of the message that it answers; readable even when the rest of it is not valid.
+    """The part of a message that a refusal repeats; readable even when the rest of the message is not valid.
 
     Attributes:
         op: the name of the op as it was sent, empty when there was none.
@@ -185,17 +185,17 @@ class ReplyTo:
 
 
 Refuse = Callable[[ReplyTo, str, Level], Op]
-"""Makes the op that tells the sender of a message why it was not done."""
+"""Makes the op that reports to the sender of a message why it was refused."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpSpec:
-    """What the table of ops knows of one of them.
+    """One op in the table of all of them.
 
     Attributes:
         model: the op's type.
         direction: who sends it.
-        refuse: how its sender is told that it was not done.
+        refuse: makes the op that reports a refusal to its sender.
         aliases: other names under which it is accepted.
         in_session: whether the session itself does what it asks, so that no handler sees it.
     """

@@ -77,7 +77,7 @@ class SetLevel(Op):
 
 
 class Status(Op):
-    """Tells a client what became of something that it sent (STA-03, STA-04).
+    """Reports to a client what became of something that it sent (STA-03, STA-04).
 
     Attributes:
         level: severity.
@@ -113,7 +113,7 @@ class Auth(Op):
 
 
 def refuse_with_status(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
-    """How everything is refused that has no reply of its own."""
+    """The refusal of an op that has no reply of its own."""
     return Status(level=level, msg=reason, id=reply_to.id)
 
 

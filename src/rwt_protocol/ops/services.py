@@ -33,7 +33,7 @@ class CallService(Op):
     Attributes:
         service: the name as the caller wrote it, which the reply repeats.
         args: an object by name or an array by position (SRV-02); absent and null are an empty object.
-        timeout: seconds to wait, 0 and less for ever; None leaves it to the server (SRV-10).
+        timeout: seconds to wait; 0 and less: no limit; None leaves it to the server (SRV-10).
     """
 
     op: Literal["call_service"] = "call_service"
@@ -84,7 +84,7 @@ class UnadvertiseService(Op):
 def refuse_call(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
     """A caller waits for its reply, so it gets one (SRV-04 to SRV-08).
 
-    Only a call that names no service and has no id has nobody to reply to.
+    Only a call that names no service and has no id cannot be replied to.
     """
     if not reply_to.name and reply_to.id is None:
         return refuse_with_status(reply_to, reason, level)

@@ -123,9 +123,9 @@ class Publish(Op):
     """One message on a topic (PUB-01).
 
     Attributes:
-        type: type of the topic, used when nobody has advertised it (X12).
+        type: type of the topic, used when it has not been advertised (X12).
         msg: the message. Missing fields get their defaults (PUB-04).
-        latch: as on `advertise`; counts in the first message on a topic that nobody has advertised.
+        latch: as on `advertise`; counts in the first message on a topic that has not been advertised.
     """
 
     op: Literal["publish"] = "publish"
