@@ -95,7 +95,10 @@ class WebVideoServer:
 
     def _metrics(self) -> Iterator[MetricFamily]:
         """What is counted, for `/metrics`."""
-        return self._stream_metrics.families(self._broadcasts.values())
+        return self._stream_metrics.families(
+            (request.topic, request.type, len(broadcast.viewers))
+            for request, broadcast in self._broadcasts.items()
+        )
 
     # -- pages ---------------------------------------------------------------------------------------------
 

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from rwt_transports.http import MetricFamily
-
-if TYPE_CHECKING:
-    from rwt_nodes.video.broadcast import Broadcast
 
 #: Topics and types that are counted apart; names come from robots, so there is an end to it.
 MOST_STREAMS = 1000
@@ -52,13 +48,17 @@ class StreamMetrics:
             key = _OTHERS
         return self._counts.setdefault(key, Counts())
 
-    def families(self, broadcasts: Iterable[Broadcast]) -> Iterator[MetricFamily]:
-        """The metric families: present viewers and encoders, and the totals."""
+    def families(self, running: Iterable[tuple[str, str, int]]) -> Iterator[MetricFamily]:
+        """The metric families: present viewers and encoders, and the totals.
+
+        Args:
+            running: topic, type and number of viewers of each encoder that runs now.
+        """
         viewers: dict[tuple[str, str], int] = {}
         encoders: dict[tuple[str, str], int] = {}
-        for broadcast in broadcasts:
-            key = (broadcast.request.topic, broadcast.request.type)
-            viewers[key] = viewers.get(key, 0) + len(broadcast.viewers)
+        for topic, type_, count in running:
+            key = (topic, type_)
+            viewers[key] = viewers.get(key, 0) + count
             encoders[key] = encoders.get(key, 0) + 1
         for name, help_, now in (
             ("viewers", "Viewers of a topic's pictures now.", viewers),
