@@ -29,7 +29,7 @@ class Framing:
         whole: the frame as one piece.
         pieces: the same bytes in several pieces, of which the large ones are the frame's own parts, uncopied.
         shared: False where the bytes depend on what was sent before on the same connection: then every frame
-            is made anew, exactly once each time it is sent, in the order of sending.
+            is framed exactly once each time it is sent, in the order of sending.
     """
 
     whole: Callable[[Frame], bytes]
@@ -45,11 +45,10 @@ class Link(Protocol):
         handshake."""
 
     def wake(self) -> None:
-        """Tell the driver that there is something to take. It takes later, not within this call."""
+        """Ask the driver to take what there is to send; it does so later, not within this call."""
 
     def finish(self) -> None:
-        """Tell the peer that nothing more will come (half-close), and keep reading; closes where that
-        cannot be."""
+        """Half-close: end the sending side and keep reading; closes where there is no such thing."""
 
     def close(self) -> None:
         """Close once what was taken has reached the network."""
@@ -62,7 +61,7 @@ class Link(Protocol):
         Where nothing can hold a peer back, this does nothing."""
 
     def resume(self) -> None:
-        """Read again."""
+        """Read from the peer again after :meth:`pause`."""
 
 
 class WireEvents(Protocol):
@@ -102,7 +101,7 @@ class Wire(Protocol):
         feed."""
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into :meth:`get_buffer`."""
+        """`count` bytes were received into the buffer that :meth:`get_buffer` gave."""
 
     def close(self, code: int, reason: str) -> bytes:
         """Begin to close: later messages are not reported. Returns what to send, perhaps nothing."""
@@ -120,13 +119,13 @@ class OversizeAware(Protocol):
 
 
 class FlowControl(Protocol):
-    """How an endpoint that passes messages on holds back who sends them."""
+    """How an endpoint that passes messages on holds back their sender."""
 
     def pause(self) -> None:
-        """Take nothing from this peer until :meth:`resume`; what is here already may still be handed over."""
+        """Take nothing from this peer until :meth:`resume`; what has arrived may still be handed over."""
 
     def resume(self) -> None:
-        """Go on."""
+        """Take messages from this peer again."""
 
     def when_empty(self, callback: Callable[[], None]) -> None:
         """Call `callback` once, when everything sent to this peer has been handed to the network. The last
@@ -142,7 +141,7 @@ class FlowControlled(Protocol):
 
 
 class DriverCallbacks(Protocol):
-    """What a driver drives: the connection's half of the seam."""
+    """What a driver calls for one peer; a connection, or the client's handshake before it."""
 
     def receive(self, data: bytes) -> None:
         """Bytes arrived."""
@@ -151,7 +150,7 @@ class DriverCallbacks(Protocol):
         """Where the next bytes may be received directly, or None."""
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into :meth:`get_buffer`."""
+        """`count` bytes were received into the buffer that :meth:`get_buffer` gave."""
 
     def take(self) -> Buffer | None:
         """The next bytes to write, None when there are none for now."""

@@ -15,8 +15,8 @@ Arguments = TypeVarTuple("Arguments")
 class TaskStarter:
     """Starts tasks from wherever the event loop's own thread is.
 
-    A task group starts nothing from a callback of the event loop (a socket's, a timer's), since it asks which
-    loop it runs in and outside of a task nobody can say. So a task of its own does it: :meth:`run`.
+    A task group starts nothing from a callback of the event loop (a socket's, a timer's): it looks up the
+    running loop, which only a task has. So a task of its own starts them: :meth:`run`.
     """
 
     def __init__(self) -> None:
@@ -46,8 +46,8 @@ class TaskStarter:
 async def background_tasks() -> AsyncIterator[TaskGroup]:
     """A task group for the length of a block, at whose end the tasks are cancelled.
 
-    What the block raises comes out as itself and not in a group, so that who opens a connection catches
-    what he expects; a task that fails still cancels the block and comes out in a group.
+    What the block raises comes out as itself and not in a group, so that it can be caught by its type; a task
+    that fails still cancels the block and comes out in a group.
     """
     failure: BaseException | None = None
     async with anyio.create_task_group() as tasks:

@@ -165,8 +165,8 @@ async def connect(
 ) -> AsyncIterator[OutgoingConnection]:
     """Connect to `url` for the length of the block; the endpoint that `accept` makes gets what arrives.
 
-    The block goes on when the connection is lost: the endpoint's `closed` tells. Leaving the block closes
-    with 1000 and waits up to ``limits.close_seconds`` for the other side.
+    The block goes on when the connection is lost, which calls the endpoint's `closed`. Leaving the block
+    closes with 1000 and waits up to ``limits.close_seconds`` for the other side.
 
     Args:
         url: where; :data:`rwt_transports.schemes.SCHEMES` lists the schemes. ``stdio:COMMAND`` runs a program

@@ -41,7 +41,7 @@ class ListenerState:
         routes: plain HTTP on the same port; None for transports that begin with messages at once.
         transport: the URL scheme, for :class:`~rwt_protocol.transport.PeerInfo`.
         single: whether everything ends with the one peer that there is.
-        idle_seconds: silence after which a peer is forgotten; 0 never.
+        idle_seconds: silence after which a peer counts as gone; 0 for never.
         max_message_size: bytes of the largest message that can be sent; 0 for any.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
@@ -72,29 +72,29 @@ class ListenerState:
         return connection
 
     def tick(self, now: float) -> None:
-        """Look after every time-out; called about twice a second with a monotonic time in seconds."""
+        """Check the time-outs of every connection; `now` is monotonic, in seconds."""
         for connection in tuple(self.connections):
             try:
                 connection.tick(now)
             except Exception:
-                # The others must not wait for ever because of one.
-                log_exception("looking after %s failed; cutting it", connection)
+                # One failure must not keep the others waiting.
+                log_exception("the time-outs of %s failed; cutting it", connection)
                 connection.abort()
 
     def close(self, code: int, reason: str) -> None:
-        """Ask every peer to go."""
+        """Begin to close every connection, and accept no more."""
         self.closing = True
         for connection in tuple(self.connections):
             connection.close(code, reason)
 
     async def watch(self) -> None:
-        """Look after every time-out, until cancelled."""
+        """Check the time-outs of every connection about twice a second, until cancelled."""
         while True:
             self.tick(time.monotonic())
             await anyio.sleep(TICK_SECONDS)
 
     async def end(self, code: int, reason: str) -> None:
-        """Ask every peer to go, and cut those that have not gone within ``limits.close_seconds``."""
+        """Close every connection, and cut those that are still open after ``limits.close_seconds``."""
         with anyio.CancelScope(shield=True):
             self.close(code, reason)
             with anyio.move_on_after(self.limits.close_seconds):
@@ -203,7 +203,7 @@ class Connection:
         return self._wire.get_buffer()
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into :meth:`get_buffer`."""
+        """`count` bytes were received into the buffer that :meth:`get_buffer` gave."""
         self._alive = True
         self.outbox.received += count
         try:
@@ -247,9 +247,9 @@ class Connection:
             return
         self._ending = True
         self._closed_with = (code, reason)
-        farewell = self._wire.close(code, reason)
-        self.outbox.finish(farewell)
-        if not farewell:
+        last = self._wire.close(code, reason)
+        self.outbox.finish(last)
+        if not last:
             self.outbox.when_empty(self._link.close)
 
     def abort(self) -> None:
@@ -263,7 +263,7 @@ class Connection:
         self._link.pause()
 
     def resume(self) -> None:
-        """Go on."""
+        """Read from the peer again."""
         self._link.resume()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
@@ -297,15 +297,16 @@ class Connection:
         return True
 
     def answer(self, data: bytes) -> None:
-        """Bytes of the protocol itself."""
+        """Send bytes of the protocol itself."""
         self.outbox.push(data)
 
     def pong(self, data: bytes) -> None:
-        """The reply to a ping."""
+        """Send the reply to a ping, unless the peer does not read."""
         self.outbox.push_if_read(data)
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
-        """The wire is done: close, or wait for a peer that broke the protocol to take notice."""
+        """The wire is at its end: close, or half-close where the peer broke the protocol and has yet to read
+        why."""
         self._ending = True
         if not agreed:
             logger.info("closing %s: %s", self, reason)
@@ -332,7 +333,7 @@ class Connection:
         return refusal
 
     def _agree(self, terms: DeflateTerms | None) -> None:
-        """Speak as the handshake has agreed; nothing has gone through the wire yet."""
+        """Use the extensions that the handshake has agreed on; nothing has gone through the wire yet."""
         state = self._state
         if terms is not None:
             self._wire = deflate_server(terms, self, state.limits, state.buffers)
@@ -378,7 +379,7 @@ class Connection:
         self._set_endpoint(self._state.accept(self.outbox, peer))
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:
-        """Let `endpoint` have the messages that come from now on."""
+        """Feed `endpoint` from the next message on."""
         self._endpoint = endpoint
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
@@ -411,14 +412,14 @@ class Connection:
         return refusal
 
     def _end_endpoint(self, code: int, reason: str) -> None:
-        """Tell the endpoint that it is over, once."""
+        """Call the endpoint's `closed`, once."""
         endpoint, self._endpoint = self._endpoint, None
         if endpoint is not None:
             self.outbox.stop_sending()
             endpoint.closed(*(self._closed_with or (code, reason)))
 
     def tick(self, now: float) -> None:
-        """Look after the time-outs of this connection; `now` is monotonic, in seconds."""
+        """Check the time-outs of this connection; `now` is monotonic, in seconds."""
         if self._alive or self._heard is None:
             self._alive = self._pinged = False
             self._heard = now
@@ -441,7 +442,7 @@ class Connection:
         if not self._pinged:
             ping = self._wire.ping()
             # Where the protocol has no ping, silence means nothing (TCP-04): the system's own keep-alive
-            # finds out who has gone.
+            # finds peers that have gone.
             self._pinged = bool(ping)
             if ping:
                 self.outbox.push(ping)

@@ -28,7 +28,7 @@ class Queue:
 
     Attributes:
         rules: how it is treated.
-        on_drop: hears of each message that is dropped.
+        on_drop: called for each message that is dropped.
     """
 
     __slots__ = ("begun", "finish", "on_drop", "rules", "scheduled", "size", "time_ns", "topic", "waiting")
@@ -131,7 +131,7 @@ class DataLane:
         return None
 
     def clear(self) -> None:
-        """Forget everything that waits."""
+        """Drop everything that waits, without a report."""
         for _, _, queue in self._turns:
             queue.waiting.clear()
             queue.begun.clear()

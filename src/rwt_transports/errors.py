@@ -29,7 +29,7 @@ class ListenError(TransportError):
 
 
 class ConnectError(TransportError):
-    """Nobody answers there, or who answers does not let this side in."""
+    """No server answers at the address, or it refuses the connection."""
 
 
 class Refused(TransportError):
@@ -37,7 +37,7 @@ class Refused(TransportError):
 
     Attributes:
         status: HTTP status of the answer, where the transport has one (4xx or 5xx).
-        reason: what the peer is told, one line.
+        reason: one line for the peer.
         headers: further headers of the answer.
     """
 

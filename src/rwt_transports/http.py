@@ -242,13 +242,13 @@ class HttpConversation:
             self._fail(error.error_status_hint)
 
     def eof(self) -> None:
-        """The peer will send nothing more. Who waits for an answer gets it; a stream has nobody to watch it:
-        a browser that leaves says no more than this."""
+        """The peer will send nothing more. An answer under way is still sent; a stream is ended, since a
+        browser that leaves it half-closes the connection and no more."""
         if not self._busy or self._streaming:
             self._end()
 
     def tick(self, now: float) -> None:
-        """Look after the time-outs; `now` is monotonic, in seconds. Bytes that trickle in extend nothing."""
+        """Check the time-outs; `now` is monotonic, in seconds. Bytes that trickle in extend nothing."""
         if self._busy or self._over:
             return
         if self._deadline is None:
@@ -373,7 +373,7 @@ class HttpConversation:
         return self._request is not None and self._request.method == b"HEAD"
 
     def _send_whole(self, response: HttpResponse, body: bytes) -> None:
-        # One that never has a body must not tell its size (RFC 9110 section 8.6).
+        # A response that never has a body must not announce a size (RFC 9110 section 8.6).
         self._send_head(response, None if response.status in (204, 304) else len(body))
         if body and not self._is_head():
             self._send(h11.Data(data=body))

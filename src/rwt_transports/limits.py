@@ -16,7 +16,7 @@ class Limits:
 
     Attributes:
         message_bytes: largest incoming message. A larger one is skipped without being kept, and the
-            endpoint is told (:class:`~rwt_transports.api.OversizeAware`); an endpoint that cannot be told
+            endpoint is informed (:class:`~rwt_transports.api.OversizeAware`); one that takes no such report
             is closed with 1009.
         strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
             default: the endpoint gets the bytes as they came and answers, so that one bad message does not
@@ -30,7 +30,7 @@ class Limits:
         close_seconds: how long a closing connection may take before it is cut.
         ping_seconds: silence after which the peer is pinged; 0 never pings.
         pong_seconds: further silence after which the peer counts as gone.
-        idle_peer_seconds: silence after which a peer is forgotten where nothing says that it has gone (UDP).
+        idle_peer_seconds: silence after which a peer counts as gone where connections have no end (UDP).
         data_bytes: bytes queued in one connection's data lane. Reached, the oldest frame of the same topic is
             dropped for each new one; every topic keeps its newest frame.
         data_frames: the same bound as a number of frames.

@@ -29,7 +29,7 @@ uncopied."""
 ALONE_BYTES = 32 * 1024
 """A piece of this size is not joined with others: copying it would cost more than one more write."""
 PIECES_BYTES = 256 * 1024
-"""A frame of this size is not joined even with its own header."""
+"""A frame of this size is not even joined with its own header."""
 
 
 class OutboxFlow:
@@ -80,7 +80,7 @@ class OutboxFlow:
         self._outbox.configure(self._queue, rules)
 
     def close(self) -> None:
-        """Report no drops any more."""
+        """Report no further drops."""
         self._queue.on_drop = None
 
 
@@ -148,7 +148,7 @@ class Outbox:
             self._queue_control(frame)
 
     def set_framing(self, framing: Framing) -> None:
-        """From now on frames become bytes in this way."""
+        """Turn frames into bytes with `framing` from now on."""
         self._framing = framing
         self.whole = framing.whole
         self.small = min(ALONE_BYTES, self._limits.outgoing_bytes + 1) if framing.shared else 0
@@ -177,7 +177,7 @@ class Outbox:
         self.messages += 1
 
     def is_too_large(self, queue: Queue, frame: Frame) -> bool:
-        """Whether a frame of the data lane may not be sent for its size; if so, that is counted and told."""
+        """Whether a frame of the data lane is too large to be sent; if so, that is counted and reported."""
         if frame.size <= self._limits.outgoing_bytes:
             return False
         self._data.leave_out(queue, DropReason.SIZE)
@@ -264,7 +264,7 @@ class Outbox:
         self.room -= len(data)
 
     def push_if_read(self, data: bytes) -> None:
-        """The same for what may be left out while the peer does not read."""
+        """Queue bytes of the protocol itself that may be left out while the peer does not read."""
         if self.room > -READY_BYTES and not self._closed:
             self.push(data)
 
@@ -278,7 +278,7 @@ class Outbox:
         self.wake()
 
     def roll_back(self, mark: int) -> None:
-        """Forget what was sent since :meth:`mark`."""
+        """Take back what was sent since :meth:`mark`."""
         self._discard_lanes()
         del self.ready[mark:]
         self._large = sum(len(piece) >= ALONE_BYTES for piece in self.ready)
@@ -286,7 +286,7 @@ class Outbox:
         self.room = READY_BYTES
 
     def finish(self, last: bytes) -> None:
-        """Queue `last` after the control lane and let nothing follow: data still queued is thrown away."""
+        """Queue `last` after the control lane and let nothing follow: data still queued is dropped."""
         for frame in self._control:
             self._ready_frame(frame)
         if last:
@@ -295,7 +295,7 @@ class Outbox:
         self.wake()
 
     def stop_sending(self) -> None:
-        """Let nothing follow what is ready: the lanes are thrown away."""
+        """Let nothing follow what is ready: the lanes are emptied."""
         self._discard_lanes()
         self._closed = True
         self.room = 0

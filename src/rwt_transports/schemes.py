@@ -51,7 +51,7 @@ class Scheme:
         unix: whether the address is the path of a Unix socket instead of host and port.
         single: whether there is one peer, with which the listener ends; a URL to listen on has no address,
             one to connect to names a program.
-        expires: whether a silent peer is forgotten, since nothing else says that it has gone.
+        expires: whether a silent peer counts as gone after a while, where connections have no end.
         connect_port: the port where a URL to connect to names none.
         max_message_size: bytes of the largest message that can be sent; 0 for any.
     """

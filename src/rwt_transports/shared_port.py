@@ -22,7 +22,7 @@ def can_share(url: str, tls: SSLContext | None = None) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldPort:
-    """A port that no other program can take, though nobody may listen on it for now.
+    """A port that no other program can take, even while no process listens on it.
 
     Attributes:
         url: where processes of this user listen with ``shared=True``, with the port that there is.

@@ -20,13 +20,13 @@ from rwt_transports.backoff import Backoff
 from rwt_transports.connect import connect
 from rwt_transports.errors import ConnectError
 from rwt_transports.relay.dial import RelayStatus, check_dial_url, dial
+from rwt_transports.relay.hub import OpenHub, open_hub
 from rwt_transports.relay.protocol import (
     BadAssignment,
     decode_assignment,
     encode_assignment,
     split_client_path,
 )
-from rwt_transports.relay.serve_hub import OpenHub, open_hub
 
 pytestmark = pytest.mark.anyio
 

@@ -16,7 +16,7 @@ from rwt_access.tls import server_tls
 from rwt_cli.console.logs import FORMATS, log_to_stderr
 from rwt_cli.errors import CommandError
 from rwt_transports.errors import TransportError
-from rwt_transports.relay.serve_hub import open_hub
+from rwt_transports.relay.hub import open_hub
 
 TOKEN_VARIABLE = "ROBOT_HUB_TOKEN"
 """Not one of the `RWT_` variables, which are settings of a server."""

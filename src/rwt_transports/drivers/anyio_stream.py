@@ -44,20 +44,20 @@ class _Link:
     # -- Link --------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call these from now on."""
+        """Call `callbacks` from now on."""
         self._callbacks = callbacks
 
     def wake(self) -> None:
-        """Let the writing task look."""
+        """Let the writing task take what there is."""
         self._awake.set()
 
     def finish(self) -> None:
-        """Half-close after what was taken."""
+        """Half-close once what was taken is written."""
         self._finishing = True
         self._awake.set()
 
     def close(self) -> None:
-        """Close after what was taken."""
+        """Close once what was taken is written."""
         self._closing = True
         self._awake.set()
 
@@ -71,7 +71,7 @@ class _Link:
             self._reading = anyio.Event()
 
     def resume(self) -> None:
-        """Let it go on."""
+        """Let the reading task go on."""
         self._reading.set()
 
     # -- tasks -------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ class _Turn:
             try:
                 link.flush()
             except Exception:
-                # The others of this turn must not wait for ever because of one.
+                # One failure must not keep the others of this turn waiting.
                 log_exception("writing to a connection failed; cutting it")
                 link.abort()
 
@@ -100,14 +100,14 @@ class _Link(asyncio.BufferedProtocol):
         return space
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Bytes have arrived there."""
+        """`nbytes` have arrived in the buffer that :meth:`get_buffer` gave."""
         if self._direct:
             self._callbacks.buffer_updated(nbytes)
         else:
             self._callbacks.receive(bytes(self._view[:nbytes]))
 
     def eof_received(self) -> bool:
-        """The peer will send nothing more; whether to close is the connection's affair."""
+        """The peer will send nothing more; the connection decides whether to close, except in TLS."""
         self._callbacks.eof()
         return not self._tls
 
@@ -133,7 +133,7 @@ class _Link(asyncio.BufferedProtocol):
     # -- Link ----------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call these from now on."""
+        """Call `callbacks` from now on."""
         self._callbacks = callbacks
 
     def flush(self) -> None:
@@ -147,7 +147,7 @@ class _Link(asyncio.BufferedProtocol):
             write(data)
 
     def finish(self) -> None:
-        """Half-close."""
+        """Half-close, or close where TLS has no such thing."""
         if self._transport.can_write_eof() and not self._transport.is_closing():
             self._transport.write_eof()
         else:
@@ -173,7 +173,7 @@ class _Link(asyncio.BufferedProtocol):
         self._transport.pause_reading()
 
     def resume(self) -> None:
-        """Read again."""
+        """Read from the peer again."""
         if self._open:
             self._transport.resume_reading()
 

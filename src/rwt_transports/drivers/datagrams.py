@@ -58,7 +58,7 @@ class _Sessions:
                 try:
                     await link.flush(self._socket)
                 except Exception:
-                    # The other peers must not wait for ever because of one.
+                    # One failure must not keep the other peers waiting.
                     log_exception("writing to %s:%d failed; forgetting it", *link.address)
                     link.abort()
 
@@ -68,7 +68,7 @@ class _Sessions:
         self._awake.set()
 
     def forget(self, link: _Link) -> None:
-        """The session is over; the next datagram from there begins another."""
+        """Remove a session that is over; the next datagram from its address begins another."""
         if self._links.get(link.address) is link:
             del self._links[link.address]
 
@@ -90,15 +90,15 @@ class _Link:
         self.over = False
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call these from now on."""
+        """Call `callbacks` from now on."""
         self.callbacks = callbacks
 
     def wake(self) -> None:
-        """Tell that there is something to take."""
+        """Ask the writing task to take what there is."""
         self._sessions.wake(self)
 
     def finish(self) -> None:
-        """There is no half of a session to close."""
+        """Close: a session has no half that could stay open."""
         self.close()
 
     def close(self) -> None:
@@ -114,13 +114,13 @@ class _Link:
             self.callbacks.lost()
 
     def pause(self) -> None:
-        """Nothing holds back datagrams."""
+        """Does nothing: nothing holds back datagrams."""
 
     def resume(self) -> None:
-        """They were not held back."""
+        """Does nothing, as :meth:`pause` does."""
 
     async def flush(self, socket: UDPSocket) -> None:
-        """Send what there is."""
+        """Send what the connection has for the peer."""
         host, port = self.address
         while not self.over and (data := self.callbacks.take()) is not None:
             for message in bytes(data).split(END):
@@ -140,7 +140,7 @@ class DatagramDriver:
     """Serves UDP; satisfies :class:`rwt_transports.api.Driver`."""
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Take peers in within the block; gives the port in use."""
+        """Accept peers within the block; gives the port in use."""
         return self._serve(address, attach)
 
     @asynccontextmanager

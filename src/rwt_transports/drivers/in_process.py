@@ -26,7 +26,7 @@ from rwt_transports.background import background_tasks
 
 
 class _End:
-    """What one of the two writes to; satisfies :class:`rwt_protocol.transport.Sink`."""
+    """The sink of one of the two endpoints; satisfies :class:`rwt_protocol.transport.Sink`."""
 
     __slots__ = ("_awake", "_closing", "_frames", "_size", "opposite", "other")
 
@@ -74,7 +74,7 @@ class _End:
         return Traffic(queued_messages=len(self._frames), queued_bytes=self._size)
 
     def watch(self, awake: anyio.Event) -> None:
-        """Set this event from now on."""
+        """Set `awake` from now on when there is something to hand over."""
         self._awake = awake
 
     def deliver(self) -> tuple[int, str] | None:
@@ -114,7 +114,8 @@ class _EndFlow:
 async def connect_in_process(near: Accept, far: Accept) -> AsyncIterator[None]:
     """Join the endpoints that two accept functions make, for the length of the block.
 
-    The block goes on when either side closes: the endpoints' `closed` tells. Leaving it closes with 1000.
+    The block goes on when either side closes, which calls the `closed` of both endpoints. Leaving it closes
+    with 1000.
 
     Args:
         near: the side that connects.
@@ -153,7 +154,7 @@ async def _pump(ours: _End, theirs: _End) -> None:
 
 
 def _end(ours: _End, theirs: _End, closing: tuple[int, str]) -> None:
-    """Tell both endpoints once that it is over."""
+    """Call `closed` of both endpoints, once."""
     for end in (ours, theirs):
         end.close(*closing)
         endpoint, end.other = end.other, None

@@ -13,8 +13,8 @@ import anyio
 from rwt_transports.errors import ListenError
 
 UNSENT_BYTES = 512 * 1024
-"""What the kernel may hold of one connection and has not sent. Left to itself it takes megabytes, and each
-of them stands between a slow peer and the newest sample; what is on its way to the peer is not meant."""
+"""Bytes of one connection that the kernel may hold unsent, those in flight apart. By default it takes
+megabytes, and each of them stands between a slow peer and the newest sample."""
 KEEPALIVE_SECONDS = 60
 """Silence after which the system asks whether the peer's machine is still there."""
 
@@ -25,7 +25,7 @@ async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket
     Args:
         host: a name or an address.
         port: 0 to 65535.
-        shared: join those who listen on the port and share it, too; the system spreads connections over them.
+        shared: join other processes that share the port; the system spreads connections over them.
 
     Raises:
         ListenError: the name is unknown, or the address cannot be had.
@@ -68,7 +68,7 @@ def _bind(family: int, address: tuple[str, int], *, shared: bool) -> socket.sock
 
 
 def bind_unix(path: str) -> socket.socket:
-    """A Unix socket bound to `path`; takes the place of one that nobody serves any more.
+    """A Unix socket bound to `path`; replaces one that no process serves any longer.
 
     Raises:
         ListenError: the path cannot be had.

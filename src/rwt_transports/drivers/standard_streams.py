@@ -29,8 +29,8 @@ _STDIN, _STDOUT, _STDERR = 0, 1, 2
 class DescriptorStream(ByteStream):
     """Two file descriptors, one read from and one written to, as a stream.
 
-    Pipes, sockets and terminals are waited for; files and devices never make anybody wait, and an event loop
-    would not take them.
+    Pipes, sockets and terminals are waited for; files and devices never block, and an event loop would not
+    take them.
     """
 
     def __init__(self, read_from: int, write_to: int) -> None:
@@ -67,10 +67,10 @@ class DescriptorStream(ByteStream):
         await anyio.lowlevel.checkpoint()
 
     async def send_eof(self) -> None:
-        """The end of the stream is when the process, or who holds the descriptor, lets go of it."""
+        """Does nothing: the stream ends when the process closes the descriptor."""
 
     async def aclose(self) -> None:
-        """The descriptors belong to who made them."""
+        """Does nothing: the descriptors belong to the caller."""
         await anyio.lowlevel.checkpoint()
 
 
@@ -79,8 +79,8 @@ class StandardStreamsDriver:
     satisfies :class:`rwt_transports.api.Driver` and :class:`rwt_transports.api.Connector`.
 
     Args:
-        descriptors: where to read and where to write in place of standard input and output; they stay the
-            caller's, who closes them.
+        descriptors: where to read and where to write in place of standard input and output; the caller
+            closes them.
     """
 
     def __init__(self, descriptors: tuple[int, int] | None = None) -> None:
@@ -114,7 +114,7 @@ async def _serve_process(attach: Attach, process: Process) -> None:
 
 @contextmanager
 def _claimed() -> Iterator[tuple[int, int]]:
-    """Take standard input and output away from everybody else. Raises ListenError."""
+    """Reserve standard input and output for this listener. Raises ListenError."""
     if os.name != "posix":
         raise ListenError("stdio: needs a POSIX system; use tcp://127.0.0.1:9091 on this one")
     if _Claim.held:
@@ -157,6 +157,6 @@ class _Claim:
 
 
 def _is_pipe(descriptor: int) -> bool:
-    """Whether writing can be refused for now, and making it so disturbs nobody who shares a terminal."""
+    """Whether a descriptor can be made non-blocking without effect on others; a terminal is shared."""
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)

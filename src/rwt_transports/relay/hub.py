@@ -2,7 +2,7 @@
 
 Nothing is multiplexed. A robot keeps a few connections that wait (:mod:`rwt_transports.relay.protocol`); a
 client that comes gets one of them to itself, message by message and end to end, with the robot's own
-refusals and close codes. Whoever reads slowly holds back the other side, so the robot's own lanes and rules
+refusals and close codes. A side that reads slowly holds back the other, so the robot's own lanes and rules
 decide what is dropped, as if there were no hub.
 """
 
@@ -12,15 +12,23 @@ import hmac
 import html
 import json
 import logging
+import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Collection
+from collections.abc import AsyncIterator, Collection
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from ssl import SSLContext
+
+import anyio
 
 from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports.api import FlowControl
+from rwt_transports.background import background_tasks
 from rwt_transports.errors import Refused
 from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_transports.limits import Limits
+from rwt_transports.listener import listen
 from rwt_transports.relay.protocol import (
     INSTANCE,
     NAME_RULE,
@@ -40,6 +48,7 @@ from rwt_transports.websocket.close_codes import (
 
 logger = logging.getLogger("rwt_transports.relay.hub")
 
+TICK_SECONDS = 0.5
 PASS_BYTES = 256 * 1024
 """Passed on before asking whether the other side has taken it."""
 PATIENCE_SECONDS = 10.0
@@ -58,7 +67,7 @@ class Robot:
 
     Attributes:
         name: what its path is.
-        instance: tells it from another program of the same name.
+        instance: random id of the program, which distinguishes it from another of the same name.
         address: where it dialled from.
         idle: its connections that wait for a client.
         waiting: clients that wait for a connection.
@@ -69,9 +78,9 @@ class Robot:
     name: str
     instance: str
     address: str
-    idle: deque[_RobotSide] = field(default_factory=deque)
-    waiting: deque[_ClientSide] = field(default_factory=deque)
-    pairs: set[_RobotSide] = field(default_factory=set)
+    idle: deque[_RobotEnd] = field(default_factory=deque)
+    waiting: deque[_ClientEnd] = field(default_factory=deque)
+    pairs: set[_RobotEnd] = field(default_factory=set)
     alone_since: float | None = None
 
     @property
@@ -81,7 +90,7 @@ class Robot:
 
 
 class Hub:
-    """Every robot that has dialled in, and who speaks with it.
+    """Every robot that has dialled in, and the clients of each.
 
     Args:
         tokens: bearer tokens of which a robot must show one; none lets every robot in.
@@ -95,7 +104,7 @@ class Hub:
 
     @property
     def robots(self) -> tuple[Robot, ...]:
-        """Those that are here, by name."""
+        """The robots that have a connection or had one a moment ago, by name."""
         return tuple(self._robots[name] for name in sorted(self._robots))
 
     def accept(self, sink: Sink, info: PeerInfo) -> Endpoint:
@@ -111,7 +120,7 @@ class Hub:
         return self._accept_client(sink, info)
 
     def tick(self, now: float) -> None:
-        """Look after clients that wait and robots that have gone; `now` is monotonic, in seconds."""
+        """Give up clients that have waited too long and robots that have gone; `now` is in seconds."""
         for robot in self.robots:
             if not robot.is_alone:
                 robot.alone_since = None
@@ -125,6 +134,12 @@ class Hub:
                 elif now - client.since >= PATIENCE_SECONDS:
                     robot.waiting.remove(client)
                     client.hang_up(TRY_AGAIN_LATER, f"{robot.name} has no connection free; try again later")
+
+    async def watch(self) -> None:
+        """Check the time-outs about twice a second, until cancelled."""
+        while True:
+            self.tick(time.monotonic())
+            await anyio.sleep(TICK_SECONDS)
 
     # -- robots --------------------------------------------------------------------------------------------
 
@@ -140,7 +155,7 @@ class Hub:
             logger.info("robot %s dialled in from %s", name, info.address or "?")
         if len(robot.idle) >= MOST_IDLE:
             raise Refused(429, f"{MOST_IDLE} connections of {name} wait already")
-        side = _RobotSide(self, robot, sink)
+        side = _RobotEnd(self, robot, sink)
         robot.idle.append(side)
         return side
 
@@ -173,7 +188,7 @@ class Hub:
             side.hang_up(REPLACED, reason)
         self._turn_away(robot, reason)
 
-    def left(self, side: _RobotSide, *, for_good: bool) -> None:
+    def left(self, side: _RobotEnd, *, for_good: bool) -> None:
         """A connection of a robot has ended; `for_good`: the robot itself says that it is going away."""
         robot = side.robot
         robot.pairs.discard(side)
@@ -201,7 +216,7 @@ class Hub:
             raise Refused(404, f"no robot called {name[:80]!r} is here; GET / lists those that are")
         if len(robot.waiting) >= MOST_WAITING:
             raise Refused(503, f"{MOST_WAITING} clients wait for {name} already")
-        client = _ClientSide(self, robot, sink, encode_assignment(info, path))
+        client = _ClientEnd(self, robot, sink, encode_assignment(info, path))
         robot.waiting.append(client)
         return client
 
@@ -213,20 +228,20 @@ class Hub:
             side.begin(client)
 
 
-class _Side(ABC):
-    """One of the two who speak through the hub."""
+class _RelayEnd(ABC):
+    """One of the two connections that the hub joins."""
 
     def __init__(self, hub: Hub, robot: Robot, sink: Sink) -> None:
         self.hub = hub
         self.robot = robot
         self.sink = sink
         self.flow_control: FlowControl | None = None
-        self.other: _Side | None = None
+        self.other: _RelayEnd | None = None
         self._early: list[Frame] = []
         self._passed = 0
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
-        """Its connection is about to open."""
+        """Keep the flow control of the connection, which is about to open."""
         self.flow_control = flow_control
         self.hub.match(self.robot)
 
@@ -239,17 +254,17 @@ class _Side(ABC):
             self._pass_on(frame, self.other)
 
     def too_early(self, frame: Frame) -> None:
-        """A message came before there is anyone to pass it to."""
+        """Keep a message that came before the other end was there."""
         self._early.append(frame)
 
-    def join(self, other: _Side) -> None:
-        """From now on, speak with `other`."""
+    def join(self, other: _RelayEnd) -> None:
+        """Pass messages on to `other` from now on."""
         self.other = other
         for frame in self._early:
             self._pass_on(frame, other)
         self._early.clear()
 
-    def _pass_on(self, frame: Frame, other: _Side) -> None:
+    def _pass_on(self, frame: Frame, other: _RelayEnd) -> None:
         other.sink.send(frame)
         self._passed += frame.size
         if self._passed >= PASS_BYTES and self.flow_control is not None and other.flow_control is not None:
@@ -258,14 +273,14 @@ class _Side(ABC):
             other.flow_control.when_empty(self.flow_control.resume)
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection has ended: so has the other's."""
+        """The connection has ended: end the other one, too."""
         other, self.other = self.other, None
         if other is not None:
             other.other = None
             other.end(code, reason)
 
     def hang_up(self, code: int, reason: str) -> None:
-        """Close, whether this side was held back or not."""
+        """Close this end, whether it was held back or not."""
         if self.flow_control is not None:
             # The reply to the close must come through.
             self.flow_control.resume()
@@ -273,10 +288,10 @@ class _Side(ABC):
 
     @abstractmethod
     def end(self, code: int, reason: str) -> None:
-        """The other side has gone."""
+        """Close this end, since the other has gone."""
 
 
-class _RobotSide(_Side):
+class _RobotEnd(_RelayEnd):
     """A connection that a robot has opened."""
 
     def __init__(self, hub: Hub, robot: Robot, sink: Sink) -> None:
@@ -284,10 +299,10 @@ class _RobotSide(_Side):
         self._let_go = False
 
     def too_early(self, frame: Frame) -> None:
-        """A robot has nothing to say before it has a client."""
+        """Refuse a message of a robot that has no client yet."""
         self.sink.close(POLICY, "a robot speaks after the assignment of a client")
 
-    def begin(self, client: _ClientSide) -> None:
+    def begin(self, client: _ClientEnd) -> None:
         """Serve this client."""
         self.sink.send(Frame(client.assignment))
         self.join(client)
@@ -304,11 +319,11 @@ class _RobotSide(_Side):
         self.hang_up(code if may_travel(code) else GOING_AWAY, reason)
 
 
-class _ClientSide(_Side):
+class _ClientEnd(_RelayEnd):
     """A connection of a client.
 
     Attributes:
-        assignment: what its robot is told first.
+        assignment: the first message to its robot.
         since: when it was first seen waiting.
     """
 
@@ -331,6 +346,57 @@ class _ClientSide(_Side):
             self.hang_up(code, reason)
         else:
             self.hang_up(SERVICE_RESTART, f"the robot {self.robot.name} is gone: {reason}")
+
+
+# -- opening a hub ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class OpenHub:
+    """A hub that is open.
+
+    Attributes:
+        url: where it listens, with the actual port.
+    """
+
+    url: str
+    _hub: Hub
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robots that have dialled in, by name."""
+        return self._hub.robots
+
+
+@asynccontextmanager
+async def open_hub(
+    url: str,
+    *,
+    tokens: Collection[str] = (),
+    limits: Limits | None = None,
+    tls: SSLContext | None = None,
+    grace: float = GRACE_SECONDS,
+) -> AsyncIterator[OpenHub]:
+    """Let robots dial in at `url` within the block, and clients reach them; leaving it closes all with 1001.
+
+    Args:
+        url: ``ws://HOST:PORT`` or ``wss://HOST:PORT``; port 0 picks a free one.
+        tokens: bearer tokens of which a robot must show one; none lets every robot in.
+        limits: bounds of the listener and of each connection.
+        tls: certificate and key for ``wss``.
+        grace: seconds for which a robot without a connection still counts as here, and its clients wait.
+
+    Raises:
+        BadUrl: the URL is not one to listen on.
+        ListenError: the address cannot be had.
+    """
+    hub = Hub(tokens, grace)
+    async with (
+        listen(url, hub.accept, routes=hub_routes(hub), limits=limits, tls=tls) as listener,
+        background_tasks() as tasks,
+    ):
+        tasks.start_soon(hub.watch)
+        yield OpenHub(listener.url, hub)
 
 
 # -- what a browser sees -----------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ ROBOTS: Final = "/robots/"
 """Where robots dial in; the rest of the path is the robot's name."""
 
 INSTANCE: Final = "rwt-instance"
-"""Request header with what tells two programs of the same robot's name apart."""
+"""Request header with a random id of the program, which distinguishes two that use the same robot's name."""
 
 REPLACED: Final = 4009
 """Close code for a robot whose name another program has taken."""
@@ -60,7 +60,7 @@ def encode_assignment(client: PeerInfo, path: str) -> bytes:
 
 
 def decode_assignment(data: bytes) -> PeerInfo:
-    """Who the client is.
+    """The client that an assignment names.
 
     Raises:
         BadAssignment: the message is something else.

@@ -38,7 +38,7 @@ _TAIL: Final = b"\x00\x00\xff\xff"
 """What ends a flushed block, and is left out of a message (section 7.2.1)."""
 _WINDOW: Final = 32 * 1024
 _MOST_BLOCKS: Final = 16
-"""Final blocks within one message; nobody needs even two."""
+"""Final blocks within one message; known compressors make one at most."""
 
 SMALLEST: Final = 100
 """Bytes below which a message without context does not become smaller."""
@@ -146,7 +146,7 @@ class DeflateWire(WebSocketWire):
     """A server's WebSocket wire on which permessage-deflate was agreed.
 
     Args:
-        events: who is told about everything but messages.
+        events: what the wire reports to, messages excepted.
         terms: what was agreed.
         max_size: largest message in bytes, compressed and inflated.
         strict_utf8: end the connection with 1007 when a text message is not UTF-8.

@@ -22,7 +22,7 @@ class Deflate(StrEnum):
     SHARED = "shared"
     """Each message by itself, once for all its readers."""
     CONTEXT = "context"
-    """Each in the context of those before it, on every connection anew."""
+    """Each in the context of those before it on the same connection."""
 
 
 @dataclass(frozen=True, slots=True)

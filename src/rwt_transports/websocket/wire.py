@@ -30,7 +30,7 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
 
 DIRECT_BYTES = 32 * 1024
-"""With less than this to come, receiving elsewhere and copying is cheaper than one more read."""
+"""With less than this to come, a copy from the shared buffer is cheaper than one more read."""
 
 SMALL_PART_BYTES = 16 * 1024
 """Parts below this are joined with the header rather than written by themselves."""
@@ -110,7 +110,7 @@ _keys: list[bytes] = []
 
 
 def _masking_key() -> bytes:
-    """Four bytes that nobody can foresee (RFC 6455 section 5.3); many are drawn at once, which is cheaper."""
+    """Four unpredictable bytes (RFC 6455 section 5.3); many are drawn at once, which is cheaper."""
     try:
         return _keys.pop()
     except IndexError:
@@ -148,7 +148,7 @@ class WebSocketWire:
     """One connection's frames, either side.
 
     Args:
-        events: who is told about everything but messages.
+        events: what the wire reports to, messages excepted.
         max_size: largest message in bytes.
         server: whether this side is the server (incoming frames must be masked, outgoing ones are not).
         strict_utf8: end the connection with 1007 when a text message is not UTF-8.
@@ -182,7 +182,7 @@ class WebSocketWire:
         self._parts = bytearray()
         self._parts_binary = False
         self._skipping = False  # the message under way is too large
-        self._skip = 0  # bytes of the frame under way that are still to be thrown away
+        self._skip = 0  # bytes of the frame under way that are still to be skipped
         self._skip_last = False  # that frame ends its message
         self._closing = False
         self._ended = False
@@ -320,7 +320,7 @@ class WebSocketWire:
             )
 
     def _read_any(self, data: bytes, first: int, key: bytes, start: int, size: int) -> int:
-        """Take a checked frame of any kind; returns where the next one starts, as far as it is here."""
+        """Take a checked frame of any kind; returns where the next one starts, or the end of `data`."""
         if first & 0x0F < CLOSE and not self._admit(first, size):
             self._skip = size
             self._skip_last = first > 127
@@ -369,7 +369,7 @@ class WebSocketWire:
     # -- a payload that arrives in pieces ------------------------------------------------------------------
 
     def _stage(self, staged: _Staged, data: bytes, position: int) -> int:
-        """Put what is here of the payload into its buffer; returns the position behind it."""
+        """Copy what has arrived of the payload into its buffer; returns the position behind it."""
         end = min(len(data), position + staged.size - staged.filled)
         while position < end:
             if staged.filled == len(staged.buffer):

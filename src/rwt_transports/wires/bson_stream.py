@@ -30,7 +30,7 @@ class BsonStreamWire(StreamWire):
     """One connection's documents.
 
     Args:
-        events: who is told about everything but messages.
+        events: what the wire reports to, messages excepted.
         max_size: largest document in bytes; a larger one is skipped as it comes in, and kept nowhere.
     """
 
@@ -49,7 +49,7 @@ class BsonStreamWire(StreamWire):
             self._buffer.clear()
 
     def _step(self) -> bool:
-        """Take one document, or what is here of one to skip; False when more bytes are needed."""
+        """Take one document, or skip what has arrived of one; False when more bytes are needed."""
         buffer = self._buffer
         if self._to_skip:
             skipped = min(self._to_skip, len(buffer))
@@ -72,7 +72,7 @@ class BsonStreamWire(StreamWire):
         return True
 
     def _skip(self, length: int) -> bool:
-        """Leave out a document over the limit, if the endpoint can be told of it."""
+        """Skip a document over the limit, if the endpoint takes reports of that."""
         if self._events.oversized(length):
             self._to_skip = length
             return True

@@ -37,7 +37,7 @@ class JsonStreamWire(StreamWire):
     """One connection's objects.
 
     Args:
-        events: who is told about everything but messages.
+        events: what the wire reports to, messages excepted.
         max_size: largest object in bytes.
         framing: :data:`PLAIN` or :data:`LINES`.
     """
@@ -63,7 +63,7 @@ class JsonStreamWire(StreamWire):
             self._too_large()
 
     def end_of_datagram(self) -> None:
-        """Nothing that follows belongs to what is here: hand over what is left of it, and begin anew."""
+        """Hand over what is left of an object that is not whole, and expect a new one."""
         if self._buffer and not self._over:
             self._hand_over(len(self._buffer))
         self._buffer.clear()
@@ -128,7 +128,7 @@ class JsonStreamWire(StreamWire):
         self._fresh = False
 
     def _too_large(self) -> None:
-        """Forget what is here of an object over the limit, and go on counting its braces."""
+        """Drop what has arrived of an object over the limit, and go on counting its braces."""
         if not self._skipping:
             self._report(len(self._buffer))
             self._skipping = True

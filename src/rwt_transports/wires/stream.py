@@ -1,4 +1,4 @@
-"""What wires have in common whose protocol says nothing but messages: no opening, no pings, no goodbye."""
+"""What wires have in common whose protocol says nothing but messages: no handshake, no pings, no close."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class StreamWire:
     """A buffer of what has come, out of which a subclass takes messages.
 
     Args:
-        events: who is told about everything but messages.
+        events: what the wire reports to, messages excepted.
         max_size: largest message in bytes.
         framing: how outgoing frames become bytes.
     """
