@@ -183,7 +183,7 @@ class ServerGoal(ABC):
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether anybody takes feedback now; a backend that cannot know says True."""
+        """Whether a client takes feedback now; True in a backend that cannot know."""
         return True
 
     @abstractmethod
@@ -229,7 +229,7 @@ class ClientGoal(ABC):
     @property
     @abstractmethod
     def status(self) -> GoalStatus:
-        """The last state that was heard of."""
+        """The last state that the server reported."""
 
     @property
     @abstractmethod
@@ -242,7 +242,7 @@ class ClientGoal(ABC):
         """Ask the server to cancel; the outcome comes as the result."""
 
     def want_feedback(self, wanted: bool) -> None:  # noqa: B027 - a backend may have no way to say so
-        """Say whether feedback is of use now, so that the server can spare itself the work."""
+        """Say whether feedback is of use now, which spares the server the work otherwise."""
 
     @abstractmethod
     def abandon(self) -> None:
@@ -346,7 +346,7 @@ class Participant(ABC):
 
     @abstractmethod
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Ask to cancel a goal that anybody sent, by its id. An unknown one is no error (ACT-07)."""
+        """Ask to cancel a goal of any client by its id. An unknown id is no error (ACT-07)."""
 
     @abstractmethod
     def close(self) -> None:

@@ -44,7 +44,7 @@ _GOAL_ID = re.compile(r"[0-9a-f]{32}\Z")
 
 
 class GoalEvent(Enum):
-    """What can happen to a goal."""
+    """An event in the life of a goal, see the table."""
 
     ACCEPT = auto()
     EXECUTE = auto()
@@ -87,7 +87,7 @@ class GoalWatcher(Protocol):
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether anybody takes feedback now."""
+        """Whether a client takes feedback now."""
         ...
 
     def changed(self, goal_id: str) -> None:
@@ -151,7 +151,7 @@ class MemoryGoal(ServerGoal):
         self._events: GoalEvents | None = events
         self._status = GoalStatus.UNKNOWN
         self._cancel_requested = False
-        self._cancel_told = False
+        self._cancel_notified = False
         self.listening = True
 
     @property
@@ -166,7 +166,7 @@ class MemoryGoal(ServerGoal):
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether the client, or anybody in another process, takes feedback now."""
+        """Whether the client, or a client in another process, takes feedback now."""
         if self.listening and self._events is not None and self._events.on_feedback is not None:
             return True
         return self._server.watcher is not None and self._server.watcher.feedback_wanted
@@ -187,7 +187,7 @@ class MemoryGoal(ServerGoal):
         self._step(GoalEvent.ACCEPT)
         self._step(GoalEvent.EXECUTE)
         if self._events is not None and self._events.on_accepted is not None:
-            self._tell(self._events.on_accepted)
+            self._run_callback(self._events.on_accepted)
         if self._cancel_requested:
             self.request_cancel()
 
@@ -206,7 +206,7 @@ class MemoryGoal(ServerGoal):
         if not running:
             return
         if self.listening and events is not None and (on_feedback := events.on_feedback) is not None:
-            self._tell(lambda: on_feedback(feedback))
+            self._run_callback(lambda: on_feedback(feedback))
         if self._server.watcher is not None:
             self._server.watcher.fed_back(self.id, feedback)
 
@@ -226,7 +226,7 @@ class MemoryGoal(ServerGoal):
         on_end = self.on_end
         self._end(gone, str(gone))
         if on_end is not None:
-            self._tell(lambda: on_end(gone))
+            self._run_callback(lambda: on_end(gone))
 
     def _end(self, outcome: Payload | CallFailed, reason: str) -> None:
         self.reason = reason
@@ -236,7 +236,7 @@ class MemoryGoal(ServerGoal):
             result = None if isinstance(outcome, CallFailed) else outcome
             self._server.watcher.ended(self.id, self._status, result, reason)
         if events is not None:
-            self._tell(lambda: events.on_result(self._status, outcome))
+            self._run_callback(lambda: events.on_result(self._status, outcome))
 
     def request_cancel(self) -> None:
         """Ask the server to cancel, once, when the goal has been accepted (ACT-07)."""
@@ -246,9 +246,9 @@ class MemoryGoal(ServerGoal):
         if self._status is GoalStatus.UNKNOWN:
             return
         self._step(GoalEvent.CANCEL)
-        if self.on_cancel is not None and not self._cancel_told:
-            self._cancel_told = True
-            self._tell(self.on_cancel)
+        if self.on_cancel is not None and not self._cancel_notified:
+            self._cancel_notified = True
+            self._run_callback(self.on_cancel)
 
     def client_closed(self) -> None:
         """End the callbacks of a client whose node leaves; the goal goes on running (ACT-19)."""
@@ -256,14 +256,14 @@ class MemoryGoal(ServerGoal):
         self.abandon()
         if events is not None:
             why = CallFailed(f"node {self._client.name} was closed")
-            self._tell(lambda: events.on_result(self._status, why))
+            self._run_callback(lambda: events.on_result(self._status, why))
 
     def abandon(self) -> None:
         """Drop the client's callbacks; the goal goes on running."""
         self._events = None
         self._client.drop(self)
 
-    def _tell(self, callback: Callable[[], None]) -> None:
+    def _run_callback(self, callback: Callable[[], None]) -> None:
         try:
             callback()
         except Exception:
@@ -445,7 +445,7 @@ class Actions:
         return sorted(self._servers.keys() | self.remote.names())
 
     def of_node(self, node: str) -> tuple[str, ...]:
-        """The names of what a node offers, sorted."""
+        """The names of the actions that a node offers, sorted."""
         names = {s.name for s in self._servers.values() if s.node == node}
         if self.remote is not None:
             names |= self.remote.of_node(node)

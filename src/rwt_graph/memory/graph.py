@@ -117,7 +117,7 @@ class MemoryParticipant(Participant):
         return self._graph.action_table.send(action, goal, events, goal_id, self.owner)
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Ask to cancel a goal that anybody sent, by its id."""
+        """Ask to cancel a goal of any client by its id."""
         self._graph.action_table.cancel(action, goal_id, self.owner)
 
     def close(self) -> None:

@@ -79,7 +79,7 @@ class MemoryCall(ServiceCall, PendingCall):
         """Answer with success."""
         on_reply = self._end()
         if on_reply is not None:
-            self._tell(on_reply, response)
+            self._call_back(on_reply, response)
 
     def fail(self, reason: str) -> None:
         """Answer with failure."""
@@ -89,7 +89,7 @@ class MemoryCall(ServiceCall, PendingCall):
         """End the call with a failure that is not the provider's answer."""
         on_reply = self._end()
         if on_reply is not None:
-            self._tell(on_reply, failure)
+            self._call_back(on_reply, failure)
 
     def expire(self) -> None:
         """End the call with :exc:`CallTimeout`."""
@@ -103,7 +103,7 @@ class MemoryCall(ServiceCall, PendingCall):
         """Forget the call: no reply callback comes after this."""
         self._end()
 
-    def _tell(self, on_reply: OnReply, answer: Payload | CallFailed) -> None:
+    def _call_back(self, on_reply: OnReply, answer: Payload | CallFailed) -> None:
         try:
             on_reply(answer)
         except Exception:
@@ -151,7 +151,7 @@ class Deadlines:
 
 
 class RemoteServices(Protocol):
-    """The services of other processes, which also learn of those of this one."""
+    """The services of other processes, which are notified of those of this process."""
 
     def offered(self, provider: MemoryProvider) -> None:
         """A service is offered in this process."""
@@ -208,7 +208,7 @@ class MemoryProvider(Registration):
             self.open.pop().end_with(self.gone())
 
     def gone(self) -> ProviderGone:
-        """Why calls in flight end."""
+        """The error with which calls in flight end."""
         return ProviderGone(f"Service {self.name} was unadvertised")
 
 
@@ -308,7 +308,7 @@ class Services:
         return sorted(self._providers.keys() | self.remote.names())
 
     def of_node(self, node: str) -> tuple[str, ...]:
-        """The names of what a node offers, sorted."""
+        """The names of the services that a node offers, sorted."""
         names = {p.name for p in self._providers.values() if p.node == node}
         if self.remote is not None:
             names |= self.remote.of_node(node)

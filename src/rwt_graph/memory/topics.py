@@ -119,18 +119,18 @@ class Topic:
         return next((s.type for s in self.remote_subscribers if s.type is not None), None)
 
     def publishing_nodes(self) -> set[str]:
-        """The names of the nodes that publish it."""
+        """The names of the nodes that publish the topic."""
         return {p.node for p in self.publishers} | {p.node for p in self.remote_publishers}
 
     def subscribing_nodes(self) -> set[str]:
-        """The names of the nodes that subscribe it."""
+        """The names of the nodes that subscribe to the topic."""
         return {s.node for s in self.subscribers} | {s.node for s in self.remote_subscribers}
 
     def establish(self, wanted: MessageType, registry: Registry) -> None:
-        """Give the topic its type, or check that it is this one.
+        """Give the topic its type, or check it against the present one.
 
         Raises:
-            TypeConflict: it is another one.
+            TypeConflict: the topic has another type.
         """
         known = self.known_type
         if known is not None and known is not wanted and known.name != wanted.name:
@@ -375,7 +375,7 @@ class Topics:
         return sorted(self._topics)
 
     def of_node(self, node: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The names of what a node publishes, and of what it subscribes."""
+        """The names of the topics that a node publishes, and of those that it subscribes to."""
         publishing = (t.name for t in self._topics.values() if node in t.publishing_nodes())
         subscribing = (t.name for t in self._topics.values() if node in t.subscribing_nodes())
         return tuple(sorted(publishing)), tuple(sorted(subscribing))

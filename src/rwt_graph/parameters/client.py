@@ -50,7 +50,7 @@ class ParameterClient:
             raise NotFound(f"node {node} is not there, or has no parameters") from None
 
     async def get(self, name: str) -> Value:
-        """The value. Raises :exc:`NotFound`, :exc:`CallFailed`."""
+        """The value of a parameter. Raises :exc:`NotFound`, :exc:`CallFailed`."""
         node, parameter = self._place(name)
         if not node:
             return self._graph.parameters.get(parameter)
@@ -61,7 +61,7 @@ class ParameterClient:
         return value
 
     async def set(self, name: str, value: Value) -> None:
-        """Give it a value. Raises :exc:`ParameterRejected`, :exc:`NotFound`, :exc:`CallFailed`."""
+        """Set a parameter. Raises :exc:`ParameterRejected`, :exc:`NotFound`, :exc:`CallFailed`."""
         node, parameter = self._place(name)
         if not node:
             self._graph.parameters.set(parameter, value)
@@ -75,7 +75,7 @@ class ParameterClient:
             raise ParameterRejected(response.results[0].reason)
 
     async def delete(self, name: str) -> None:
-        """Remove it. Raises :exc:`NotFound`, :exc:`ParameterRejected`, :exc:`CallFailed`."""
+        """Delete a parameter. Raises :exc:`NotFound`, :exc:`ParameterRejected`, :exc:`CallFailed`."""
         node, parameter = self._place(name)
         if not node:
             self._graph.parameters.delete(parameter)
@@ -85,7 +85,7 @@ class ParameterClient:
             await self._set_remote(node, parameter, encode(None))
 
     async def has(self, name: str) -> bool:
-        """Whether it has a value. Raises :exc:`CallFailed`."""
+        """Whether a parameter has a value. Raises :exc:`CallFailed`."""
         node, parameter = self._place(name)
         if not node:
             return self._graph.parameters.has(parameter)

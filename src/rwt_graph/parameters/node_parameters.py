@@ -77,11 +77,11 @@ class Store(ABC):
 
     @abstractmethod
     def get(self, name: str) -> Value:
-        """Its value. Raises :exc:`NotFound`."""
+        """The value of a parameter. Raises :exc:`NotFound`."""
 
     @abstractmethod
     def set(self, declaration: Declaration, value: Value) -> None:
-        """Give it a value. Raises :exc:`ParameterRejected`."""
+        """Set a parameter. Raises :exc:`ParameterRejected`."""
 
     @abstractmethod
     def close(self) -> None:
@@ -109,11 +109,11 @@ class NodeStore(Store):
         self._on_stored(name, self._values.pop(name), None)
 
     def get(self, name: str) -> Value:
-        """Its value."""
+        """The value of a parameter."""
         return self._values[name]
 
     def set(self, declaration: Declaration, value: Value) -> None:
-        """Give it a value. Raises :exc:`ParameterRejected`."""
+        """Set a parameter. Raises :exc:`ParameterRejected`."""
         value = declaration.admitted(value)
         old, self._values[declaration.name] = self._values[declaration.name], value
         self._on_stored(declaration.name, old, value)
@@ -150,11 +150,11 @@ class TreeStore(Store):
         self._unwatch.pop(name)()
 
     def get(self, name: str) -> Value:
-        """Its value. Raises :exc:`NotFound` when it was deleted from the tree."""
+        """The value of a parameter. Raises :exc:`NotFound` when it was deleted from the tree."""
         return self._tree.get(self._full(name))
 
     def set(self, declaration: Declaration, value: Value) -> None:
-        """Give it a value. Raises :exc:`ParameterRejected`."""
+        """Set a parameter. Raises :exc:`ParameterRejected`."""
         self._tree.set(self._full(declaration.name), value)
 
     def close(self) -> None:
@@ -249,23 +249,23 @@ class NodeParameters:
         self._run(undeclare)
 
     def declaration(self, name: str) -> Declaration:
-        """What was declared. Raises :exc:`NotFound`."""
+        """The declaration of a parameter. Raises :exc:`NotFound`."""
         declaration = self._declared.get(name)
         if declaration is None:
             raise NotFound(f"node {self._node} has no parameter {name}")
         return declaration
 
     def has(self, name: str) -> bool:
-        """Whether the node declared it."""
+        """Whether the node declared a parameter."""
         return name in self._declared
 
     def get(self, name: str) -> Value:
-        """The value. Raises :exc:`NotFound`."""
+        """The value of a parameter. Raises :exc:`NotFound`."""
         self.declaration(name)
         return self._store.get(name)
 
     def set(self, name: str, value: Value) -> None:
-        """Give it a value.
+        """Set a parameter.
 
         Raises:
             ParameterRejected: not declared, read-only, of another type, or refused by the node.
@@ -276,7 +276,7 @@ class NodeParameters:
         self._run(lambda: self._store.set(declaration, value))
 
     def delete(self, name: str) -> None:
-        """Remove a parameter from outside: only one of any type can be (ROS 2's rule).
+        """Delete a parameter, which must be of any type (ROS 2's rule).
 
         Raises:
             ParameterRejected: not declared, read-only or of a fixed type.
@@ -290,7 +290,7 @@ class NodeParameters:
         self.undeclare(name)
 
     def set_all(self, values: Iterable[tuple[str, Value]]) -> None:
-        """Set several or none: when one is refused, those set before it get their old values back.
+        """Set several parameters or none: when one is refused, those before it get their old values back.
 
         Raises:
             ParameterRejected: one was refused.

@@ -209,7 +209,7 @@ class TopicSubscription:
 
 
 def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | None:
-    """What calls a plain function; None for what needs a queue."""
+    """The sample callback of a plain function; None for a callback that needs a queue."""
     if callback is None or is_coroutine_function(callback):
         return None
 

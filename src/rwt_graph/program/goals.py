@@ -55,7 +55,7 @@ class ActionGoal:
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether anybody takes feedback now; False spares the work of making it."""
+        """Whether a client takes feedback now; while False, feedback need not be computed."""
         return self._goal.feedback_wanted
 
     def publish_feedback(self, feedback: MessageLike) -> None:
@@ -191,7 +191,7 @@ class GoalHandle:
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that was heard of."""
+        """The last state that the server reported."""
         return GoalStatus.UNKNOWN if self._goal is None else self._goal.status
 
     @property

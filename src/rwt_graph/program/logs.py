@@ -17,7 +17,7 @@ ROS_1_LEVELS = {logging.DEBUG: 1, logging.INFO: 2, logging.WARNING: 4, logging.E
 
 
 def rosout_qos(distro: Distro) -> QoS:
-    """How nodes advertise `/rosout`."""
+    """The quality of service with which nodes advertise `/rosout`."""
     return QoS(
         depth=distro.rosout_depth, durability=Durability.TRANSIENT_LOCAL, lifespan=distro.rosout_lifespan
     )
@@ -35,25 +35,25 @@ class NodeLog:
         self._logger = logging.getLogger(f"ros.{self._name}")
 
     def debug(self, text: str) -> None:
-        """For developers."""
+        """Log a line for developers."""
         self._write(logging.DEBUG, text)
 
     def info(self, text: str) -> None:
-        """For operators."""
+        """Log a line for operators."""
         self._write(logging.INFO, text)
 
     def warning(self, text: str) -> None:
-        """Something unexpected that the node can live with."""
+        """Log something unexpected with which the node goes on as before."""
         self._write(logging.WARNING, text)
 
     warn = warning
 
     def error(self, text: str) -> None:
-        """Something that did not work."""
+        """Log a failure."""
         self._write(logging.ERROR, text)
 
     def fatal(self, text: str) -> None:
-        """The node cannot go on."""
+        """Log a failure after which the node cannot go on."""
         self._write(logging.CRITICAL, text)
 
     def _write(self, level: int, text: str) -> None:

@@ -35,7 +35,7 @@ class PeriodicTimer(Timer):
         self._cancelled = False
 
     def start(self) -> None:
-        """Begin; the first call is one period away."""
+        """Start the timer; the first call is one period away."""
         self._started_at = self._graph.clock.monotonic()
         self._arm()
 
@@ -70,7 +70,7 @@ class PeriodicTimer(Timer):
             self._busy = False
 
     def cancel(self) -> None:
-        """Call no more, from any thread; a coroutine callback that has begun goes on."""
+        """Stop the timer, from any thread; a coroutine callback that has begun goes on."""
         self._cancelled = True
         if self._graph.on_graph_thread():
             self._stop()

@@ -118,7 +118,7 @@ class ZenohGraph(MemoryGraph):
         return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
     async def __aenter__(self) -> Self:
-        """Run on the current event loop, and join the others.
+        """Run on the current event loop, and join the other processes.
 
         Raises:
             ZenohError: an endpoint or the configuration file cannot be used.

@@ -139,7 +139,7 @@ class Client:
         self._send_waiting()
 
     def _matched(self, _status: zenoh.MatchingStatus) -> None:
-        """On a thread of Zenoh's."""
+        """Runs on a thread of Zenoh's."""
         self._link.run_on_graph(self._send_waiting)
 
     def _send_waiting(self) -> None:
@@ -160,7 +160,7 @@ class Client:
         )
 
     def _replied(self, call: RemoteCall, reply: zenoh.Reply) -> None:
-        """On a thread of Zenoh's."""
+        """Runs on a thread of Zenoh's."""
         error = reply.err
         if error is None:
             assert reply.ok is not None  # A reply is one of the two.
@@ -172,7 +172,7 @@ class Client:
         self._link.run_on_graph(partial(call.refused, text, kind))
 
     def _over(self, call: RemoteCall) -> None:
-        """On a thread of Zenoh's."""
+        """Runs on a thread of Zenoh's."""
         self._link.run_on_graph(call.over)
 
     def _abandon(self, number: int, token: zenoh.CancellationToken, sessions: set[str]) -> None:

@@ -35,7 +35,7 @@ _QUERY_TIMEOUT = 2.0
 
 
 class Discovery:
-    """Keeps the tables of a graph true to the tokens that are alive."""
+    """Keeps the tables of a graph in step with the tokens that are alive."""
 
     def __init__(self, graph: MemoryGraph, topics: ZenohTopics, services: ZenohServices) -> None:
         self._graph = graph

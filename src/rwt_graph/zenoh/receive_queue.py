@@ -56,7 +56,7 @@ class ReceiveQueue:
         self._undeclare = _declare(link.session, key, handler, history=history)
 
     def _receive(self, sample: zenoh.Sample) -> None:
-        """On a thread of Zenoh's."""
+        """Runs on a thread of Zenoh's."""
         waiting = self._waiting
         if len(waiting) >= 64:
             self._make_room(len(sample.payload))
@@ -77,7 +77,7 @@ class ReceiveQueue:
             self.dropped += 1
 
     def _handle(self) -> None:
-        """On the graph's thread."""
+        """Runs on the graph's thread."""
         self._scheduled = False
         waiting = self._waiting
         for _ in range(min(len(waiting), _BATCH)):
@@ -106,7 +106,7 @@ class ReceiveQueue:
         )
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
-        """On a thread of Zenoh's."""
+        """Runs on a thread of Zenoh's."""
         sample = reply.ok
         if sample is not None:
             self._run_on_graph(partial(self._handle_cached, sample))

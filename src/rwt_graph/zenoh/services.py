@@ -65,7 +65,7 @@ class RemoteService:
 
 
 class ZenohServices:
-    """Offers the services of this process, and knows those of others."""
+    """Declares the services of this process, and calls those of others."""
 
     def __init__(self, services: Services, registry: Registry, time_ns: Callable[[], int]) -> None:
         self._services = services
@@ -91,7 +91,7 @@ class ZenohServices:
             self.offered(provider)
 
     def close(self) -> None:
-        """Declare nothing more; what is declared goes with the session."""
+        """Declare no more services; those that are declared end with the session."""
         self._link = None
         for service in tuple(self._remote.values()):
             self._lose(service, "the connection to it was closed")
@@ -121,7 +121,7 @@ class ZenohServices:
             link.run_on_graph(offer.end)
 
     def _on_query(self, link: Link, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
-        """On a thread of Zenoh's."""
+        """Runs on a thread of Zenoh's."""
         link.run_on_graph(partial(self._serve, provider, key, query))
 
     def _serve(self, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
@@ -160,7 +160,7 @@ class ZenohServices:
                 del self._asked[sent.gid]
 
     def _on_abandoned(self, link: Link, sample: zenoh.Sample) -> None:
-        """On a thread of Zenoh's."""
+        """Runs on a thread of Zenoh's."""
         link.run_on_graph(partial(self._abandon, sample.payload.to_bytes()))
 
     def _abandon(self, note: bytes) -> None:

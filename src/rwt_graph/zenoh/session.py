@@ -46,7 +46,7 @@ _LARGEST_DOMAIN = 2**32 - 1
 
 @dataclass(frozen=True, slots=True)
 class ZenohOptions:
-    """How a process joins the others.
+    """How a process joins the graph of others.
 
     Attributes:
         listen: endpoints to be found at, `tcp/0.0.0.0:7447`; none by default.
@@ -120,7 +120,7 @@ class ZenohSession:
         self._lock = threading.Lock()
 
     def open(self, options: ZenohOptions) -> zenoh.Session:
-        """Open it; blocks for as long as it takes to connect.
+        """Open the session; blocks for as long as it takes to connect.
 
         Raises:
             ZenohError: an endpoint cannot be used.
@@ -136,7 +136,7 @@ class ZenohSession:
         return self._session
 
     def close(self) -> None:
-        """Close it, from any thread; what was declared goes with it.
+        """Close the session, and with it what was declared; from any thread.
 
         Blocks for a moment; for three seconds when a connected process cannot be reached. Zenoh would wait
         for ten, for the link to take the goodbye.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Channel:
-    """What is declared for one topic.
+    """The Zenoh entities of one topic.
 
     Attributes:
         type: that of the declared subscribers.
@@ -67,7 +67,7 @@ class ZenohTopics:
             self.changed(topic)
 
     def close(self) -> None:
-        """Declare nothing more; what is declared goes with the session."""
+        """Declare no more endpoints; those that are declared end with the session."""
         self._link = None
 
     def on_reconnected(self, name: str) -> None:

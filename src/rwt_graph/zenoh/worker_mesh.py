@@ -42,12 +42,12 @@ def mesh_options(options: ZenohOptions, folder: Path, number: int, count: int) -
         return replace(options, mode="client", listen=(), connect=(_endpoint(folder, 1),))
     # A worker that is started again connects to the others, and need not wait until they retry.
     there = [each for each in range(1, count + 1) if each < number or _socket(folder, each).exists()]
-    siblings = [_endpoint(folder, each) for each in there if each != number and mode == "peer"]
+    others = [_endpoint(folder, each) for each in there if each != number and mode == "peer"]
     listen = _endpoints(config.get_json("listen/endpoints"), mode)
     connect = _endpoints(config.get_json("connect/endpoints"), mode)
     if number > 1:
         listen = [_PORT.sub(":0", each) for each in listen if _PORT.search(each)]
-    return replace(options, listen=(_endpoint(folder, number), *listen), connect=(*siblings, *connect))
+    return replace(options, listen=(_endpoint(folder, number), *listen), connect=(*others, *connect))
 
 
 def _socket(folder: Path, number: int) -> Path:

@@ -113,7 +113,7 @@ class RemoteGoal(ClientGoal):
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that was heard of."""
+        """The last state that the server reported."""
         return self._status
 
     @property
@@ -166,7 +166,7 @@ class RemoteGoal(ClientGoal):
         self._status = max(self._status, GoalStatus.EXECUTING)
         if self._events is not None:
             if self._events.on_accepted is not None:
-                self._tell(self._events.on_accepted)
+                self._run_callback(self._events.on_accepted)
             self._ask_result()
 
     def _ask_result(self) -> None:
@@ -201,7 +201,7 @@ class RemoteGoal(ClientGoal):
             return
         if (on_feedback := events.on_feedback) is not None:
             feedback = Payload.from_value(self._type.feedback, message.feedback)
-            self._tell(lambda: on_feedback(feedback))
+            self._run_callback(lambda: on_feedback(feedback))
 
     def _on_reason(self, sample: Sample) -> None:
         message: Any = sample.payload.value()
@@ -216,7 +216,7 @@ class RemoteGoal(ClientGoal):
         events = self._events
         self._let_go()
         if events is not None:
-            self._tell(lambda: events.on_result(status, outcome))
+            self._run_callback(lambda: events.on_result(status, outcome))
 
     # Requests of the client
 
@@ -251,7 +251,7 @@ class RemoteGoal(ClientGoal):
         if self._reasons is not None:
             self._reasons.close()
 
-    def _tell(self, callback: Callable[[], None]) -> None:
+    def _run_callback(self, callback: Callable[[], None]) -> None:
         try:
             callback()
         except Exception:

@@ -30,7 +30,7 @@ unpack = _LAYOUT.unpack
 
 
 class Attachment(NamedTuple):
-    """The fields; see the table."""
+    """The fields of an attachment, see the table."""
 
     sequence: int
     stamp_ns: int

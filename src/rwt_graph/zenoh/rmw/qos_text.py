@@ -1,4 +1,4 @@
-"""QoS as liveliness tokens carry it (design, "Graph Cache").
+"""QoS in the text of liveliness tokens (design, "Graph Cache").
 
 `<reliability>:<durability>:<history>,<depth>:<deadline>:<lifespan>:<liveliness>,<lease>`, where the three
 durations are `<seconds>,<nanoseconds>`. Numbers are as in `rmw_qos_profile_t`, and there is nothing where the
