@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 from pydantic import ValidationError
 
-from rwt_protocol.codecs import CBOR, JSON, png
+from rwt_protocol.codecs import BINARY_CODECS, JSON, png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
@@ -20,9 +20,6 @@ from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
 from rwt_protocol.spelling import nearest
 from rwt_protocol.transport import Frame
-
-_MAPS: Final = frozenset(bytes((byte,)) for byte in range(0xA0, 0xC0))
-"""The first bytes of a CBOR map; no JSON text begins with one."""
 
 _MOST_INSIDE: Final = 4
 _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
@@ -72,7 +69,8 @@ class Session:
         profile: which version of the protocol is spoken.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
         limits: what the peer may send.
-        codec: the one encoding of every message both ways; None is JSON, with CBOR accepted beside it.
+        codec: the one encoding of every message both ways; None is JSON, with binary encodings accepted
+            beside it.
 
     Attributes:
         encode: one op as a frame; raises `MalformedPayload` if its payload came from another peer, and is not
@@ -121,15 +119,16 @@ class Session:
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
         """The messages of one frame, in order. Never raises, and keeps nothing of a frame that is cut short.
 
-        A binary frame is read as CBOR if it begins with a map, and as JSON text otherwise (ENV-12), unless
-        the session has one encoding for all.
+        A binary frame is read by the codec that its first byte names, and as JSON text otherwise (ENV-12),
+        unless the session has one encoding for all.
 
         Args:
             data: the whole frame.
             binary: whether it came as binary rather than as text.
             now: seconds on any clock that never goes back.
         """
-        return self._decode(data, self._codec or (CBOR if binary and data[:1] in _MAPS else JSON), now)
+        codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
+        return self._decode(data, codec, now)
 
     def _decode(self, data: bytes, codec: Codec, now: float) -> Sequence[Op | Refusal]:
         if len(data) > self._max_size:

@@ -21,6 +21,7 @@ from rwt_client.errors import ConnectionClosed, ConnectionLost, NotConnected
 from rwt_client.events import ConnectionEvent, Events
 from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
 from rwt_client.wire.decoding import UnparsedMessage
+from rwt_protocol.codecs import CODECS
 from rwt_protocol.errors import Level
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
 from rwt_protocol.payloads import RawJson
@@ -41,8 +42,7 @@ LARGE: Final = 32 * 1024
 
 _CLOSING_BRACE: Final = ord("}")
 
-_MAPS: Final = frozenset(range(0xA0, 0xC0))
-"""First bytes of a CBOR map."""
+_MAPS: Final = frozenset(CODECS["cbor"].first_bytes)
 
 
 class Restorable(Protocol):

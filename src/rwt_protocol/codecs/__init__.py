@@ -26,6 +26,9 @@ class Encoding:
         publish_encoder: from a topic's name, as the client spelled it, to an encoder for its samples.
         binary: whether its frames are binary, which a transport of text cannot carry.
         raw: whether it carries the bytes that the robot serialises (CBR-10), not fields.
+        codec: reads its binary frames, in a session that has not one encoding for all; None where another row
+            does, and where they are text.
+        first_bytes: what those begin with. No two encodings share one, and no JSON text begins with it.
         exclusive: makes the codec of every message of every client, where the settings ask for this encoding:
             `compression` cannot. None where `compression` asks for it, and all that is not published is JSON.
             It raises `EncodingUnavailable` if it needs a package that is not installed.
@@ -36,6 +39,8 @@ class Encoding:
     publish_encoder: Callable[[str], PublishEncoder]
     binary: bool = False
     raw: bool = False
+    codec: Codec | None = None
+    first_bytes: bytes = b""
     exclusive: Callable[[], Codec] | None = None
 
 
@@ -60,7 +65,7 @@ CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(
         for encoding in (
             Encoding("none", 0, JSON.publish_encoder),
             Encoding("png", 1, png.publish_encoder),
-            Encoding("cbor", 2, CBOR.publish_encoder, binary=True),
+            Encoding("cbor", 2, CBOR.publish_encoder, binary=True, codec=CBOR, first_bytes=cbor.MAPS),
             Encoding("cbor-raw", 3, cbor.raw_publish_encoder, binary=True, raw=True),
             Encoding(
                 "bson",
@@ -77,6 +82,16 @@ CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(
 SELECTABLE: Final = tuple(encoding for encoding in CODECS.values() if encoding.exclusive is None)
 """Those that `compression` can ask for."""
 
+BINARY_CODECS: Final[Mapping[bytes, Codec]] = MappingProxyType(
+    {
+        bytes((first,)): encoding.codec
+        for encoding in SELECTABLE
+        if encoding.codec is not None
+        for first in encoding.first_bytes
+    }
+)
+"""What reads a binary frame, by its first byte; any other is JSON text (ENV-12)."""
+
 
 def encoding_of(compression: str) -> Encoding:
     """The encoding that `compression` asks for; an unknown word asks for none (SUB-10)."""
@@ -85,6 +100,7 @@ def encoding_of(compression: str) -> Encoding:
 
 
 __all__ = [
+    "BINARY_CODECS",
     "CBOR",
     "CODECS",
     "JSON",

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from rwt_protocol.codecs.base import DecodeFailure, Members
-from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
+from rwt_protocol.codecs.object_codec import ObjectCodec, members_within
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.transport import Frame
 
@@ -36,10 +36,7 @@ class BsonCodec(ObjectCodec):
             found = bson.decode(data)
         except (BSONError, ValueError, OverflowError, RecursionError):
             return (DecodeFailure("not BSON: expected one document, neither malformed nor cut short"),)
-        members = members_of(found, len(data))
-        if len(data) > _SMALLEST_LEVEL * max_depth and _deeper_than(found, max_depth):
-            return (DecodeFailure(f"nested more than {max_depth} levels deep", members),)
-        return (members,)
+        return (members_within(found, len(data), max_depth, _SMALLEST_LEVEL),)
 
     def frame(self, message: Mapping[str, object]) -> Frame:
         """A message as one document. Octets are binary of subtype 0, NaN and infinities are kept (BSN-01).
@@ -62,18 +59,3 @@ def _within(value: object) -> object:
     if isinstance(value, list):
         return [_within(each) for each in value]
     return value
-
-
-def _deeper_than(found: object, limit: int) -> bool:
-    """Whether more than `limit` documents and arrays are open at once, `found` being the first."""
-    level = [found]
-    for _ in range(limit):
-        level = [
-            child
-            for each in level
-            for child in (each.values() if isinstance(each, dict) else each if isinstance(each, list) else ())
-            if isinstance(child, dict | list)
-        ]
-        if not level:
-            return False
-    return True

@@ -19,6 +19,9 @@ from rwt_protocol.transport import Buffer, Frame
 if TYPE_CHECKING:
     import cbor2
 
+MAPS: Final = bytes(range(0xA0, 0xC0))
+"""The first bytes of a map."""
+
 _KIND: Final = (
     "an integer",
     "an integer",

@@ -1,4 +1,5 @@
-"""What CBOR and BSON have in common: a frame is decoded and encoded as a whole, from and to plain objects."""
+"""What CBOR, BSON and their like have in common: a frame is decoded and encoded as a whole, from and to plain
+objects."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from collections.abc import Mapping
 
 from pydantic import BaseModel
 
-from rwt_protocol.codecs.base import Members, PublishEncoder
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
 from rwt_protocol.codecs.envelope import PAYLOADS, RELIED_ON, UNDECODED
 from rwt_protocol.ops import CallService, Op, ServiceResponse
 from rwt_protocol.payloads import Decoded, Encodable, Sample
@@ -21,6 +22,38 @@ def members_of(found: Mapping[object, object] | Mapping[str, object], size: int)
         for name, value in found.items()
         if isinstance(name, str)
     }
+
+
+def members_within(
+    found: Mapping[object, object] | Mapping[str, object], size: int, max_depth: int, smallest_level: int = 1
+) -> Members | DecodeFailure:
+    """As :func:`members_of`, for libraries that do not bound the depth themselves.
+
+    Args:
+        found: the decoded message.
+        size: bytes of its frame.
+        max_depth: objects and arrays that may be open at once; the message itself is the first.
+        smallest_level: bytes that one object inside another takes at least.
+    """
+    members = members_of(found, size)
+    if size > smallest_level * max_depth and _deeper_than(found, max_depth):
+        return DecodeFailure(f"nested more than {max_depth} levels deep", members)
+    return members
+
+
+def _deeper_than(found: object, limit: int) -> bool:
+    """Whether more than `limit` documents and arrays are open at once, `found` being the first."""
+    level = [found]
+    for _ in range(limit):
+        level = [
+            child
+            for each in level
+            for child in (each.values() if isinstance(each, dict) else each if isinstance(each, list) else ())
+            if isinstance(child, dict | list)
+        ]
+        if not level:
+            return False
+    return True
 
 
 class ObjectCodec(ABC):

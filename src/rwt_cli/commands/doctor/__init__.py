@@ -341,10 +341,10 @@ def _encoding_of(frame: ReceivedFrame) -> str:
         return "png"
     if frame.is_op("fragment"):
         return "fragments"
-    if not frame.binary:
+    if frame.encoding == "none":
         return "json"
     message = frame.op.get("msg")
-    return "cbor-raw" if isinstance(message, dict) and "bytes" in message else "cbor"
+    return "cbor-raw" if isinstance(message, dict) and "bytes" in message else frame.encoding
 
 
 def _reason(answer: ReceivedFrame) -> str:

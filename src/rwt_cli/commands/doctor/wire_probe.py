@@ -9,12 +9,17 @@ import json
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import anyio
 
-from rwt_client.wire.cbor import Unreadable, read_cbor
+from rwt_protocol.codecs import CODECS, SELECTABLE, Codec
+from rwt_protocol.codecs.base import DecodeFailure
+from rwt_protocol.payloads import Decoded
 from rwt_protocol.transport import Frame, PeerInfo, Sink
+
+_DEEPEST: Final = 64
+"""Objects and arrays that may be open at once in a message of the server."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +27,13 @@ class ReceivedFrame:
     """One message of the server.
 
     Attributes:
-        binary: whether it came as a binary message.
+        encoding: its name among the encodings; `none` for text.
         size: its length in bytes.
-        op: what it holds; empty for what is neither JSON nor CBOR.
+        op: what it holds; empty for what is in no known encoding.
         time: when it came, on the event loop's clock.
     """
 
-    binary: bool
+    encoding: str
     size: int
     op: Mapping[str, Any]
     time: float
@@ -60,7 +65,10 @@ class WireProbe:
 
     def receive(self, data: bytes, binary: bool) -> None:
         """A message has come; satisfies :class:`rwt_protocol.transport.Endpoint`."""
-        frame = ReceivedFrame(binary, len(data), _decoded(data, binary), anyio.current_time())
+        first = data[:1] if binary else b""
+        encoding = next((each for each in SELECTABLE if first and first in each.first_bytes), CODECS["none"])
+        op = _decoded(data, encoding.codec)
+        frame = ReceivedFrame(encoding.name, len(data), op, anyio.current_time())
         if frame.is_op("status"):
             self.complaints.append(str(frame.op.get("msg", "")))
         self._received.append(frame)
@@ -102,9 +110,14 @@ class WireProbe:
         )
 
 
-def _decoded(data: bytes, binary: bool) -> Mapping[str, Any]:
+def _decoded(data: bytes, codec: Codec | None) -> Mapping[str, Any]:
+    if codec is not None:
+        members = codec.split(data, _DEEPEST)[0]
+        if isinstance(members, DecodeFailure):
+            return {}
+        return {name: each.value if isinstance(each, Decoded) else each for name, each in members.items()}
     try:
-        found = read_cbor(data) if binary else json.loads(data)
-    except (Unreadable, ValueError, RecursionError):
+        found = json.loads(data)
+    except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
