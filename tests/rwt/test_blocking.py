@@ -1,0 +1,142 @@
+"""`with Server() as robot:` in programs without an event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any
+
+import pytest
+
+from rwt import BlockingNode, Server, Settings, SettingsError
+from rwt.server import Loop
+from rwt_client.blocking import connect
+from rwt_graph import CallTimeout, NotRunning, ServiceFailed, WrongThread
+from rwt_interfaces.errors import UnknownType
+
+URL = "ws://127.0.0.1:0"
+
+
+def add(request: Any) -> dict[str, object]:
+    return {"sum": request.a + request.b}
+
+
+async def count(goal: Any) -> dict[str, object]:
+    goal.publish_feedback({"sequence": [0]})
+    return {"sequence": list(range(goal.request.order))}
+
+
+def test_a_script_is_a_robot(loop: Loop) -> None:
+    with Server(URL, loop=loop) as robot:
+        robot.advertise_service("/add", "example_interfaces/AddTwoInts", add)
+        robot.advertise_action("/count", "example_interfaces/Fibonacci", count)
+        robot.publish("/battery", {"data": 12.5}, "std_msgs/Float32", latch=True)
+        robot.publish("/battery", {"data": 12.25})
+        with connect(robot.server.urls[0]) as client:
+            assert client.once("/battery").data == 12.25
+            assert client.call("/add", {"a": 20, "b": 22}).sum == 42
+        feedback: list[Any] = []
+        goal = robot.send_goal("/count", {"order": 3}, on_feedback=feedback.append)
+        status, result = goal.result()
+        assert (status.name, list(result.sequence)) == ("SUCCEEDED", [0, 1, 2])
+        assert [list(each.sequence) for each in feedback] == [[0]]
+
+
+def test_a_script_is_also_a_client_of_its_own_graph(loop: Loop) -> None:
+    with Server(URL, demo=True, loop=loop) as robot:
+        assert robot.call("/add_two_ints", {"a": 1, "b": 2}).sum == 3
+        robot.set_param("/demo_robot:camera_rate", 2.5)
+        assert robot.get_param("/demo_robot:camera_rate") == 2.5
+        with robot.topic("/odom") as places:
+            assert [next(places).child_frame_id for _ in range(2)] == ["base_link"] * 2
+
+
+def test_what_goes_wrong_is_raised_where_it_was_asked_for() -> None:
+    def fail(request: Any) -> None:
+        raise ServiceFailed("no power")
+
+    with Server(URL) as robot:
+        robot.advertise_service("/fail", "std_srvs/Trigger", fail)
+        with pytest.raises(ServiceFailed, match="no power"):
+            robot.call("/fail")
+        with pytest.raises(CallTimeout, match=r"no message on /silence within 0\.01 s"):
+            robot.once("/silence", "std_msgs/String", timeout=0.01)
+        with pytest.raises(UnknownType, match="/nothing has no type yet"):
+            robot.publish("/nothing", {"data": "x"})
+        messages = robot.topic("/silence", "std_msgs/String")
+        messages.close()
+        assert list(messages) == []
+    with pytest.raises(NotRunning):
+        robot.call("/fail")
+
+
+WAITS: dict[str, Callable[[BlockingNode], object]] = {
+    "call": lambda robot: robot.call("/ask"),
+    "once": lambda robot: robot.once("/x", "std_msgs/String"),
+    "send_goal": lambda robot: robot.send_goal("/count"),
+    "get_param": lambda robot: robot.get_param("/robot:use_sim_time"),
+    "set_param": lambda robot: robot.set_param("/robot:use_sim_time", True),
+    "spin": lambda robot: robot.spin(),
+}
+
+
+@pytest.mark.parametrize("name", WAITS)
+def test_what_waits_cannot_hang_the_loop_that_it_waits_for(name: str, loop: Loop) -> None:
+    raised: Future[BaseException | None] = Future()
+    with Server(URL, loop=loop) as robot:
+
+        def answer(request: Any) -> None:
+            try:
+                WAITS[name](robot)
+            except WrongThread as error:
+                raised.set_result(error)
+
+        robot.advertise_service("/ask", "std_srvs/Trigger", answer)
+        robot.call("/ask", timeout=10.0)
+    assert raised.result(timeout=0) is not None
+
+
+def test_a_notebook_has_a_loop_of_its_own_running() -> None:
+    async def cell() -> object:
+        with Server(URL) as robot:
+            robot.advertise_service("/add", "example_interfaces/AddTwoInts", add)
+            return robot.call("/add", {"a": 1, "b": 1}).sum
+
+    assert asyncio.run(cell()) == 2
+
+
+def test_settings_are_checked_before_anything_starts() -> None:
+    with pytest.raises(SettingsError, match="processes cannot share"):
+        Server(URL, settings=Settings(workers=2)).__enter__()
+
+
+_SPINS = """
+from rwt import Server
+
+class Telling(Server):
+    async def ended(self):
+        print("spinning", flush=True)
+        await super().ended()
+
+with Telling("ws://127.0.0.1:0", loop="{loop}") as robot:
+    robot.spin()
+print("left", flush=True)
+"""
+
+
+def test_ctrl_c_ends_what_spins(loop: Loop) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", _SPINS.format(loop=loop)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "spinning\n"
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=20)
+    assert (process.returncode, out, errors) == (0, "left\n", "")

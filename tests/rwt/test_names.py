@@ -1,0 +1,56 @@
+"""`import rwt`: which names there are, and that none costs anything before it is used."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rwt
+
+
+def test_every_name_is_there() -> None:
+    assert set(rwt.__all__) <= set(dir(rwt))
+    for name in rwt.__all__:
+        assert getattr(rwt, name) is not None
+
+
+def test_type_checkers_are_told_the_same_names() -> None:
+    tree = ast.parse(Path(rwt.__file__).read_text(encoding="utf-8"))
+    (checked,) = (node for node in tree.body if isinstance(node, ast.If))
+    told = [alias.name for node in checked.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+    assert sorted(told) == sorted(rwt.__all__)
+
+
+def test_a_name_that_is_not_there() -> None:
+    with pytest.raises(AttributeError, match="module 'rwt' has no attribute 'Sever'"):
+        rwt.Sever  # noqa: B018 - that is the question
+
+
+def test_importing_it_imports_nothing_else() -> None:
+    program = "import sys; before = set(sys.modules); import rwt; print(*sorted(set(sys.modules) - before))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    packages = {name.partition(".")[0] for name in done.stdout.split()}
+    assert packages - sys.stdlib_module_names == {"rwt"}
+    assert "asyncio" not in packages
+
+
+@pytest.mark.parametrize(
+    ("name", "without"),
+    [
+        ("Settings", ("rwt_client", "rwt_nodes", "rwt_testing", "numpy")),
+        (
+            "Server",
+            ("rwt_client", "rwt_testing", "rwt_nodes.demo", "rwt_nodes.recording", "zenoh", "numpy", "PIL"),
+        ),
+        ("Node", ("rwt_bridge", "rwt_transports", "numpy")),
+        ("connect", ("rwt_bridge", "rwt_graph", "numpy")),
+    ],
+)
+def test_a_name_imports_only_what_it_needs(name: str, without: tuple[str, ...]) -> None:
+    program = f"import sys; from rwt import {name}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert set(without) & set(done.stdout.split()) == set()
