@@ -48,8 +48,8 @@ class Expectation:
     kind: Kind
     name: str
     matching: Matching
-    count: int | None
-    within: float | None
+    count: int | None = None
+    within: float | None = None
 
     @property
     def seconds(self) -> float:

@@ -34,25 +34,25 @@ def mismatch(message: Message, wanted: Matching) -> str:
         return ""
     if not isinstance(wanted, Mapping):
         return "" if wanted(message) else "the function says no"
-    return _misfit(message, wanted, "")
+    return _mismatch(message, wanted, "")
 
 
-def _misfit(value: object, wanted: object, path: str) -> str:
+def _mismatch(value: object, wanted: object, path: str) -> str:
     if isinstance(wanted, Mapping) and isinstance(value, Struct):
-        return _fields_misfit(value, wanted, path)
+        return _fields_mismatch(value, wanted, path)
     if isinstance(wanted, Sequence) and not isinstance(wanted, str | bytes) and _is_list(value):
-        return _items_misfit(value, wanted, path)
+        return _items_mismatch(value, wanted, path)
     if _equal(value, wanted):
         return ""
     return f"{path} is {_shown(value)}, not {_shown(wanted)}"
 
 
-def _fields_misfit(value: Struct, wanted: Mapping[str, object], path: str) -> str:
+def _fields_mismatch(value: Struct, wanted: Mapping[str, object], path: str) -> str:
     for name, inner in wanted.items():
         if name not in value.__struct_fields__:
             where = f"{path}.{name}" if path else name
             raise ScriptError(f"no message here has a field `{where}`; {_nearest(name, value)}")
-        why = _misfit(getattr(value, name), inner, f"{path}.{name}" if path else name)
+        why = _mismatch(getattr(value, name), inner, f"{path}.{name}" if path else name)
         if why:
             return why
     return ""
@@ -66,12 +66,12 @@ def _is_list(value: object) -> bool:
     return isinstance(value, Iterable) and not isinstance(value, str | bytes)
 
 
-def _items_misfit(value: object, wanted: Sequence[object], path: str) -> str:
+def _items_mismatch(value: object, wanted: Sequence[object], path: str) -> str:
     items = list(value) if isinstance(value, Iterable) else []
     if len(items) != len(wanted):
         return f"{path} has {len(items)} items, not {len(wanted)}"
     for index, (item, inner) in enumerate(zip(items, wanted, strict=True)):
-        why = _misfit(item, inner, f"{path}[{index}]")
+        why = _mismatch(item, inner, f"{path}[{index}]")
         if why:
             return why
     return ""

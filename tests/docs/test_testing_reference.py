@@ -21,7 +21,7 @@ PAGE = (ROOT / "docs" / "reference" / "testing.md").read_text(encoding="utf-8")
 BETWEEN_OURSELVES = {
     ScriptedRobot: {"close"},
     ScriptedTopic: {"check"},
-    ScriptedService: {"set", "answering", "failing", "handle"},
+    ScriptedService: {"check", "handle", "later"},
     ScriptedAction: {"accept", "execute"},
     Faults: {"remove", "action_for", "refusal", "read_rate"},
 }

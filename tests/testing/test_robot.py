@@ -33,6 +33,9 @@ async def test_cases_come_before_the_answer_to_everything_else(graph: ObservedGr
         assert (await caller.call_service("/add", {"a": 2})).sum == 2
         with pytest.raises(ServiceFailed, match="too much"):
             await caller.call_service("/add", {"b": 10})
+        service.returns({"sum": -2})
+        assert (await caller.call_service("/add", {"a": 1})).sum == -2
+        assert (await caller.call_service("/add", {"a": 2})).sum == 2
 
 
 async def test_a_function_or_a_coroutine_answers(graph: ObservedGraph) -> None:

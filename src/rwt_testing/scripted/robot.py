@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from rwt_graph.names import node_name
 from rwt_graph.program.node import Node
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from rwt_graph.parameters.tree import Value
     from rwt_testing.matching import Matching
     from rwt_testing.observed_graph import ObservedGraph
+
+
+class Bounds(TypedDict, total=False):
+    """Keyword arguments of every expectation; see :meth:`ScriptedRobot.expect_published`."""
+
+    within: float | None
+    count: int | None
 
 
 class ScriptedRobot(Node):
@@ -123,12 +130,7 @@ class ScriptedRobot(Node):
     # What it expects
 
     def expect_published(
-        self,
-        topic: str,
-        matching: Matching = None,
-        *,
-        within: float | None = None,
-        count: int | None = None,
+        self, topic: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
         """Wait until another node has published on a topic, and give the messages that match.
 
@@ -146,69 +148,40 @@ class ScriptedRobot(Node):
             ScriptError: `matching` names an unknown field.
         """
         __tracebackhide__ = True
-        return expect(self.journal, self._expectation(Kind.MESSAGE, topic, matching, within, count))
+        return expect(self.journal, self._expectation(Kind.MESSAGE, topic, matching, **bounds))
 
     async def until_published(
-        self,
-        topic: str,
-        matching: Matching = None,
-        *,
-        within: float | None = None,
-        count: int | None = None,
+        self, topic: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
         """As :meth:`expect_published`, for coroutines."""
         __tracebackhide__ = True
-        return await expect_soon(
-            self.journal, self._expectation(Kind.MESSAGE, topic, matching, within, count)
-        )
+        return await expect_soon(self.journal, self._expectation(Kind.MESSAGE, topic, matching, **bounds))
 
     def expect_called(
-        self,
-        service: str,
-        matching: Matching = None,
-        *,
-        within: float | None = None,
-        count: int | None = None,
+        self, service: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
         """As :meth:`expect_published`, for the requests of a service from :meth:`on_service`."""
         __tracebackhide__ = True
-        return expect(self.journal, self._expectation(Kind.CALL, service, matching, within, count))
+        return expect(self.journal, self._expectation(Kind.CALL, service, matching, **bounds))
 
     async def until_called(
-        self,
-        service: str,
-        matching: Matching = None,
-        *,
-        within: float | None = None,
-        count: int | None = None,
+        self, service: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
         """As :meth:`expect_called`, for coroutines."""
         __tracebackhide__ = True
-        return await expect_soon(self.journal, self._expectation(Kind.CALL, service, matching, within, count))
+        return await expect_soon(self.journal, self._expectation(Kind.CALL, service, matching, **bounds))
 
-    def expect_goal(
-        self,
-        action: str,
-        matching: Matching = None,
-        *,
-        within: float | None = None,
-        count: int | None = None,
-    ) -> list[Message]:
+    def expect_goal(self, action: str, matching: Matching = None, **bounds: Unpack[Bounds]) -> list[Message]:
         """As :meth:`expect_published`, for the goals of an action from :meth:`on_action`."""
         __tracebackhide__ = True
-        return expect(self.journal, self._expectation(Kind.GOAL, action, matching, within, count))
+        return expect(self.journal, self._expectation(Kind.GOAL, action, matching, **bounds))
 
     async def until_goal(
-        self,
-        action: str,
-        matching: Matching = None,
-        *,
-        within: float | None = None,
-        count: int | None = None,
+        self, action: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
         """As :meth:`expect_goal`, for coroutines."""
         __tracebackhide__ = True
-        return await expect_soon(self.journal, self._expectation(Kind.GOAL, action, matching, within, count))
+        return await expect_soon(self.journal, self._expectation(Kind.GOAL, action, matching, **bounds))
 
     def forget(self) -> None:
         """Forget what was received so far."""
@@ -221,9 +194,9 @@ class ScriptedRobot(Node):
         super().close()
 
     def _expectation(
-        self, kind: Kind, name: str, matching: Matching, within: float | None, count: int | None
+        self, kind: Kind, name: str, matching: Matching, **bounds: Unpack[Bounds]
     ) -> Expectation:
-        return Expectation(kind, self.resolve(name), matching, count, within)
+        return Expectation(kind, self.resolve(name), matching, **bounds)
 
 
 __all__ = ["ScriptedRobot"]

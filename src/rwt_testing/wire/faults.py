@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal, Self, TypeAlias
+from typing import Literal, Self, TypeAlias, TypedDict, Unpack
 
 from rwt_testing.errors import ScriptError
 
@@ -16,6 +16,15 @@ To: TypeAlias = Literal["client", "server", "both"]
 
 #: What a message is: its op, and the topic, service or action it is about (empty when it has none).
 Subject: TypeAlias = tuple[str, str]
+
+
+class Scope(TypedDict, total=False):
+    """Which messages a fault applies to; see :meth:`Faults.drop`."""
+
+    op: str
+    to: To
+    count: int | None
+    every: int
 
 
 class FaultKind(StrEnum):
@@ -130,9 +139,7 @@ class Faults:
         self._faults: tuple[Fault, ...] = ()
         self._hang_up = hang_up
 
-    def drop(
-        self, name: str = "*", *, op: str = "*", to: To = "both", count: int | None = None, every: int = 1
-    ) -> Fault:
+    def drop(self, name: str = "*", **scope: Unpack[Scope]) -> Fault:
         """Lose messages.
 
         Args:
@@ -145,40 +152,19 @@ class Faults:
         Raises:
             ScriptError: an argument cannot be used.
         """
-        return self._add(Fault(self, FaultKind.DROP, name=name, op=op, to=to, count=count, every=every))
+        return self._add(Fault(self, FaultKind.DROP, name=name, **scope))
 
-    def delay(
-        self,
-        seconds: float,
-        name: str = "*",
-        *,
-        op: str = "*",
-        to: To = "both",
-        count: int | None = None,
-        every: int = 1,
-    ) -> Fault:
+    def delay(self, seconds: float, name: str = "*", **scope: Unpack[Scope]) -> Fault:
         """Let messages come late, by seconds of the robot's clock; other arguments as of :meth:`drop`."""
         if seconds < 0:
             raise ScriptError(f"a delay must not be negative, as {seconds} s is")
-        return self._add(
-            Fault(self, FaultKind.DELAY, seconds, name=name, op=op, to=to, count=count, every=every)
-        )
+        return self._add(Fault(self, FaultKind.DELAY, seconds, name=name, **scope))
 
-    def duplicate(
-        self,
-        name: str = "*",
-        *,
-        copies: int = 2,
-        op: str = "*",
-        to: To = "both",
-        count: int | None = None,
-        every: int = 1,
-    ) -> Fault:
+    def duplicate(self, name: str = "*", *, copies: int = 2, **scope: Unpack[Scope]) -> Fault:
         """Let messages come `copies` times; other arguments as of :meth:`drop`."""
         if copies < 2:
             raise ScriptError(f"a duplicate has at least 2 copies, not {copies}")
-        fault = Fault(self, FaultKind.DUPLICATE, copies, name=name, op=op, to=to, count=count, every=every)
-        return self._add(fault)
+        return self._add(Fault(self, FaultKind.DUPLICATE, copies, name=name, **scope))
 
     def refuse(self, status: int = 503, *, count: int | None = None) -> Fault:
         """Let no new client in; the answer to a WebSocket's handshake is `status`.
