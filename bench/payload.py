@@ -62,7 +62,7 @@ def measure(registry: Registry, name: str, value: Any) -> dict[str, float]:
         if "header" in dir(struct)
         else raw
     )
-    cdr, ros1 = made.cdr(), made.ros1()
+    cdr, ros1 = made.cdr(), kind.to_ros1(struct)
     actions: dict[str, Callable[[], object]] = {
         "json in": lambda: Payload.from_json(kind, raw),
         "stamped": lambda: Payload.from_json(kind, partial).json(),

@@ -154,10 +154,6 @@ class Payload:
         """The message in CDR, with its encapsulation header."""
         return self._made("cdr", self.type.to_cdr)
 
-    def ros1(self) -> bytes:
-        """The message in ROS 1's own form, without a length prefix."""
-        return self._made("ros1", self.type.to_ros1)
-
     def plain(self) -> object:
         """The message as dicts, lists and scalars, octets as bytes."""
         return msgspec.to_builtins(self.value(), builtin_types=(bytes,), enc_hook=_plain_array)

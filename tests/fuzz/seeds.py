@@ -160,9 +160,9 @@ def _payloads(form: str) -> Iterator[bytes]:
         if form in ("json", "args"):
             data = bytes(payload.json())
         elif form == "cdr":
-            data = b"" if noetic else payload.cdr()
+            data = b"" if noetic else payload.serialised()
         else:
-            data = payload.ros1() if noetic else b""
+            data = payload.serialised() if noetic else b""
         yield bytes((number,)) + data
 
 

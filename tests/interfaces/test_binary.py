@@ -37,7 +37,7 @@ REGISTRIES[1].add_text("Nothing n\nNothing[] ns", "t_msgs/Holder")
 
 FORMS: dict[str, tuple[Callable[[Payload], bytes], Callable[[MessageType, bytes], Payload]]] = {
     "cdr": (Payload.cdr, Payload.from_cdr),
-    "ros1": (Payload.ros1, Payload.from_ros1),
+    "ros1": (lambda payload: payload.type.to_ros1(payload.value()), Payload.from_ros1),
 }
 
 
@@ -185,7 +185,7 @@ def check_every_form(version: int, kind: MessageType, given_message: Any) -> Non
     if full_name in store.types:
         oracle = rosbags_message(given_message, kind, store)
         serialise = store.serialize_ros1 if version == 1 else store.serialize_cdr
-        assert (payload.ros1() if version == 1 else payload.cdr()) == bytes(serialise(oracle, full_name))
+        assert payload.serialised() == bytes(serialise(oracle, full_name))
     for encode, decode in FORMS.values():
         assert decode(kind, encode(payload)).value() == given_message
     arrived = Payload.from_json(kind, payload.json())
@@ -365,7 +365,7 @@ def test_numpy_arrays_go_straight_in() -> None:
 
 def test_each_form_is_made_once() -> None:
     payload = Payload.from_value(REGISTRIES[2].message("std_msgs/String"), {"data": "x"})
-    for encode in (Payload.cbor, *(encode for encode, _ in FORMS.values())):
+    for encode in (Payload.cbor, Payload.cdr, Payload.serialised):
         assert encode(payload) is encode(payload)
 
 
