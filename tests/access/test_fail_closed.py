@@ -33,6 +33,8 @@ from rwt_nodes.video import WebVideoServer
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse
 from tests.bridge.recording_client import Client
 
+pytestmark = pytest.mark.asyncio_only
+
 #: A guest may do everything with what is called so, and nothing with anything else.
 GUEST = {
     act: ["*open*"] for act in ("publish", "subscribe", "call", "provide", "goals", "get_param", "set_param")
@@ -48,16 +50,6 @@ def _access(graph: Graph, globs: Mapping[str, object]) -> Access:
 
 def _settings(globs: Mapping[str, object]) -> Settings:
     return Settings.model_validate({"auth": {"default_role": "guest"}, "roles": {"guest": globs}})
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
-@pytest.fixture(params=["jazzy", "noetic"])
-def distro(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
 
 
 @pytest.fixture

@@ -24,6 +24,8 @@ from rwt_protocol.transport import DropReason, Traffic
 from rwt_transports.http import HttpRequest, HttpResponse
 from tests.bridge.recording_client import Client
 
+pytestmark = pytest.mark.asyncio_only
+
 INT = "std_msgs/Int32"
 
 
@@ -209,11 +211,6 @@ async def test_over_http_with_a_client_on_the_same_port(anyio_backend: Any) -> N
     # The answer to the handshake is among the bytes.
     assert len(message) < (read.value("rwt_client_sent_bytes_total", client="1") or 0) < len(message) + 500
     assert read.value("rwt_client_received_messages_total", client="1") == 2
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
 
 
 @pytest.mark.anyio

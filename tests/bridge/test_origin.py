@@ -22,6 +22,8 @@ from rwt_transports.errors import Refused
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.bridge.recording_client import Client
 
+pytestmark = pytest.mark.asyncio_only
+
 TOKEN = "a-token-of-some-length"
 
 
@@ -138,12 +140,6 @@ def test_programs_without_an_origin_are_not_asked(graph: MemoryGraph) -> None:
 
 
 # -- over a real socket ------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    """The client library of these tests knows no other event loop."""
-    return "asyncio"
 
 
 @asynccontextmanager

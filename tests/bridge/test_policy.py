@@ -167,11 +167,6 @@ def test_the_publish_path_asks_once(graph: MemoryGraph, monkeypatch: pytest.Monk
 # -- rosapi ------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(params=["jazzy", "noetic"])
-def distro(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 @pytest.fixture
 async def robot(distro: str) -> AsyncIterator[Node]:
     graph = MemoryGraph(registry=Registry(DISTROS[distro]))

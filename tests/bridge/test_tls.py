@@ -24,11 +24,7 @@ from websockets.asyncio.client import connect
 
 from rwt import Server, Settings, SettingsError
 
-
-@pytest.fixture
-def anyio_backend() -> str:
-    """The client library of these tests knows no other event loop."""
-    return "asyncio"
+pytestmark = pytest.mark.asyncio_only
 
 
 def _key_file(path: Path, key: ec.EllipticCurvePrivateKey, encryption: KeySerializationEncryption) -> Path:

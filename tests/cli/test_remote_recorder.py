@@ -27,11 +27,6 @@ OWN = TopicSelection(
 )
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 @dataclass
 class Recorded:
     """A robot in simulated time, and what records it."""

@@ -6,11 +6,6 @@ import pytest
 import trio.testing
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 @pytest.fixture(params=["memory", "ws", "tcp"])
 def transport(request: pytest.FixtureRequest) -> str:
     return str(request.param)

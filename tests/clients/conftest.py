@@ -245,13 +245,6 @@ def program_of(
         yield of
 
 
-@pytest.fixture(params=["jazzy", "noetic"])
-def distro(request: pytest.FixtureRequest) -> str:
-    """The distribution whose server the test talks to."""
-    name: str = request.param
-    return name
-
-
 @pytest.fixture(params=list(PROGRAMS))
 def client(request: pytest.FixtureRequest, distro: str, program_of: Callable[[str, str], Program]) -> Program:
     """A client program, once for each library and distribution."""

@@ -31,16 +31,11 @@ from husky_xarm.film import keep
 from husky_xarm.robot import HuskyXArm
 from husky_xarm.scene import HOME, Scene
 
-pytestmark = pytest.mark.anyio
+pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
 
 LENS = Lens(160, 120)
 #: Of a goal that the arm reaches in a second.
 REACH = (0.4, -0.6, -0.9, 0.2, 1.3, 0.5)
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
 
 
 @dataclass

@@ -18,11 +18,6 @@ from tests.nodes.readers import SeesNothing
 pytestmark = pytest.mark.anyio
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 @dataclass(frozen=True)
 class Answer:
     status: int

@@ -20,11 +20,6 @@ from tests.bridge.recording_client import Client
 pytestmark = pytest.mark.anyio
 
 
-@pytest.fixture(params=["jazzy", "noetic"])
-def distro(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 class Asker:
     """A client that asks rosapi and waits for the answer."""
 

@@ -13,6 +13,8 @@ from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Rou
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.handshake import HandshakeAnswer
 
+pytestmark = pytest.mark.asyncio_only
+
 
 class Browser:
     """One connection to `routes`."""
@@ -246,8 +248,3 @@ async def test_a_peer_that_has_sent_everything_gets_its_answer_but_no_stream(str
         if streamed:
             tasks.cancel_scope.cancel()
     assert browser.sent.endswith(b"slow\n") is not streamed
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"

@@ -34,11 +34,6 @@ AT_ONCE = Backoff(first=0.01, longest=0.05)
 SHORT = Limits(close_seconds=0.5)
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 async def until(condition: Callable[[], object]) -> None:
     with anyio.fail_after(5):
         while True:

@@ -40,11 +40,6 @@ def netstrings(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) 
     return NetstringWire(events, limits.message_bytes, FRAMING)
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 @pytest.fixture
 def row(monkeypatch: pytest.MonkeyPatch) -> None:
     scheme = Scheme("netstring://127.0.0.1:9099", netstrings, netstrings, connect_port=9099)

@@ -6,12 +6,7 @@ import pytest
 
 from rwt_transports.drivers.sockets import bind_tcp
 
-pytestmark = pytest.mark.anyio
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
+pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
 
 
 async def test_every_address_of_a_name_gets_the_same_port() -> None:

@@ -10,26 +10,13 @@ import anyio.lowlevel
 import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.registry import Registry
 from rwt_nodes.demo import DemoRobot
-
-#: A day in 2026, so that stamps are neither 0 nor small.
-START_NS = 1_767_225_600_000_000_000
-
-
-#: Compiled once for all tests: what a registry knows does not change here.
-REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}
+from tests.conftest import REGISTRIES, START_NS
 
 
 @pytest.fixture
 def anyio_backend() -> str:
     return "asyncio"
-
-
-@pytest.fixture(params=sorted(DISTROS))
-def distro(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
 
 
 @dataclass

@@ -10,7 +10,8 @@ import pytest
 from rwt_graph import GoalRejected, GoalStatus, MemoryGraph, Node, SimulatedClock
 from rwt_nodes.demo import DemoRobot
 from rwt_tf2 import Buffer, UnknownFrame, read_transform
-from tests.nodes.demo.conftest import REGISTRIES, START_NS, Lab
+from tests.conftest import REGISTRIES, START_NS
+from tests.nodes.demo.conftest import Lab
 
 pytestmark = pytest.mark.anyio
 

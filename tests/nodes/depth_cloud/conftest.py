@@ -10,20 +10,7 @@ import anyio
 import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.registry import Registry
-
-REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}
-
-
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
-@pytest.fixture(params=sorted(DISTROS))
-def distro(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
+from tests.conftest import REGISTRIES, START_NS
 
 
 @dataclass
@@ -62,6 +49,6 @@ class Studio:
 
 @pytest.fixture
 async def studio(distro: str, anyio_backend: str) -> AsyncIterator[Studio]:
-    clock = SimulatedClock(1_767_225_600_000_000_000)
+    clock = SimulatedClock(START_NS)
     async with MemoryGraph(registry=REGISTRIES[distro], clock=clock) as graph:
         yield Studio(graph, clock, Node(graph, "camera"), Node(graph, "viewer"))

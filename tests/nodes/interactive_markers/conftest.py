@@ -10,21 +10,8 @@ import anyio.lowlevel
 import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.registry import Registry
 from rwt_nodes.interactive_markers import Event, InteractiveMarkerServer
-
-REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}
-
-
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
-@pytest.fixture(params=sorted(DISTROS))
-def distro(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
+from tests.conftest import REGISTRIES, START_NS
 
 
 @dataclass
@@ -69,7 +56,7 @@ def pose(x: float) -> dict[str, object]:
 
 @pytest.fixture
 async def lab(distro: str, anyio_backend: str) -> AsyncIterator[Lab]:
-    clock = SimulatedClock(1_767_225_600_000_000_000)
+    clock = SimulatedClock(START_NS)
     async with MemoryGraph(registry=REGISTRIES[distro], clock=clock) as graph:
         server = InteractiveMarkerServer(Node(graph, "robot"), "/marks")
         yield Lab(graph, clock, Node(graph, "viewer"), server)

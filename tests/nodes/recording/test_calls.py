@@ -16,12 +16,9 @@ from rwt_nodes.playback import Player, PlayOptions
 from rwt_nodes.recording import Recorder, open_recording
 from tests.nodes.recording.robots import OWN, START_NS, graph_at, of_topic, rows
 
+pytestmark = pytest.mark.asyncio_only
+
 EVENTS = "/add/_service_event"
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
 
 
 def add(request: Any) -> dict[str, object]:

@@ -18,13 +18,10 @@ from rwt_nodes.playback import PlaybackClock, Player, PlayOptions
 from rwt_nodes.recording import RecordingWriter, TopicSelection, channel_form, open_recording
 from rwt_nodes.recording.channels import KEPT
 
+pytestmark = pytest.mark.asyncio_only
+
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
 
 
 @pytest.fixture

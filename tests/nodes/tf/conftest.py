@@ -12,20 +12,10 @@ import pytest
 from rwt import Settings
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_interfaces import DISTROS, Registry
 from rwt_nodes.tf import Tf2WebRepublisher
 from rwt_tf2 import StampedTransform, Transform, write_transform
 from tests.bridge.recording_client import Client
-
-#: A day in 2026, so that stamps are neither 0 nor small.
-START_NS = 1_767_225_600_000_000_000
-
-REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}
-
-
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
+from tests.conftest import REGISTRIES, START_NS
 
 
 @pytest.fixture

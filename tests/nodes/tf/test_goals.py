@@ -10,7 +10,8 @@ import pytest
 from rwt_nodes.tf.republisher import MOST_STREAMS
 from rwt_nodes.tf.streams import FEEDBACK_TIMEOUT
 from rwt_tf2 import Transform
-from tests.nodes.tf.conftest import START_NS, Asking, Lab, places, settle
+from tests.conftest import START_NS
+from tests.nodes.tf.conftest import Asking, Lab, places, settle
 
 pytestmark = pytest.mark.anyio
 

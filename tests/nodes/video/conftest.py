@@ -5,17 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 
 REGISTRY = Registry()
-
-
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
 
 
 def image(pixels: Any, encoding: str, *, big: bool = False, padding: int = 0) -> dict[str, Any]:

@@ -29,11 +29,6 @@ pytestmark = pytest.mark.anyio
 TOKEN = "a-token-of-some-length"
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 class Answer:
     """One HTTP answer, whose body is read as far as it is asked for."""
 
