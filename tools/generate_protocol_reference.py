@@ -17,6 +17,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from rwt_protocol.codecs import SELECTABLE
 from rwt_protocol.error_text import Expected, model_in
 from rwt_protocol.ops import OPS, ActionResult, Direction, Op, OpSpec, Qos, ServiceResponse
 from rwt_protocol.ops.base import NoEffect, ReplyTo
@@ -116,6 +117,9 @@ def _meaning(where: str, field: FieldInfo, described: str | None) -> str:
             return f"Taken, and without effect: {item.reason}."
     if described is None:
         raise SystemExit(f"{where} has no description: add one to its model")
+    if where == "subscribe.compression":
+        words = ", ".join(f"`{encoding.name}`" for encoding in SELECTABLE)
+        return f"{described} [Known](encodings.md) are {words}."
     if model_in(field.annotation) is Qos:
         return f"{described} [Policies](#quality-of-service)."
     return described

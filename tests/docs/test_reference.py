@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import inspect
+import re
 import tomllib
 from collections.abc import Callable
 
@@ -17,6 +18,7 @@ from rwt_cli.commands.record import add_record_command
 from rwt_cli.commands.serve import add_serve_command
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi
+from rwt_protocol.codecs import SELECTABLE
 from rwt_transports.schemes import url_forms
 from tests.docs.blocks import ROOT, blocks_of
 
@@ -96,3 +98,12 @@ def test_the_page_of_the_verbs_is_what_the_parsers_say() -> None:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     assert _page("commands.md") == module.page(), "run python tools/generate_commands.py"
+
+
+def test_every_encoding_is_listed_and_the_strongest_is_named_first() -> None:
+    page = _page("encodings.md")
+    rows = re.findall(r"^\| `([\w-]+)` \| [^|]+ \| (text|binary) \|", page, re.MULTILINE)
+    assert rows == [(encoding.name, "binary" if encoding.binary else "text") for encoding in SELECTABLE]
+    (order,) = re.findall(r"the strongest wins: ([^(]+) \(SUB-08\)", page)
+    strongest = sorted(SELECTABLE, key=lambda encoding: -encoding.precedence)
+    assert re.findall(r"`([\w-]+)`", order) == [encoding.name for encoding in strongest]

@@ -143,8 +143,7 @@ class Subscribe(Op):
         type: the type that is expected; None accepts what the topic has (SUB-01).
         throttle_rate: least time between two messages, in milliseconds; 0 and less: none (SUB-12, THR-09).
         queue_length: messages kept while throttled, the newest first to stay (THR-03).
-        compression: how messages are encoded: `none`, `png`, `cbor` or `cbor-raw` (SUB-08); an unknown word
-            stands for `none` (SUB-10).
+        compression: how messages are encoded (SUB-08); an unknown word stands for `none` (SUB-10).
         qos: how messages wait for a slow connection, and which kept ones come first: `depth`, `history` and
             `reliability` say how many wait, `volatile` asks for no kept ones (SUB-17).
     """
