@@ -59,10 +59,10 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     np.save(folder / "few.npy", np.stack([np.roll(_smooth(), 8 * n, axis=1) for n in range(10)]))
     program = folder / "few.py"
     program.write_text(
-        "import anyio, pathlib\n"
+        "import pathlib\n"
         "from bench.paper import camera\n"
         f"camera.CACHE, camera.PICTURES = pathlib.Path({str(folder / 'few.npy')!r}), 10\n"
-        "anyio.run(camera.main)\n"
+        "camera.main()\n"
     )
     monkeypatch = pytest.MonkeyPatch()
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{ROOT / 'src'}")
