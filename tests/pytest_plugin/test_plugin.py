@@ -223,8 +223,8 @@ def test_a_fixture_of_a_module_shows_its_transcript_too(suite: Suite) -> None:
 
         @pytest.fixture(scope="module")
         def lab():
-            with open_environment(Options(virtual=True)) as world:
-                yield world
+            with open_environment(Options(virtual=True)) as environment:
+                yield environment
 
         def test_fails(lab):
             with connect(lab.server.url):
@@ -240,12 +240,12 @@ def test_a_fixture_of_a_module_shows_its_transcript_too(suite: Suite) -> None:
     assert "3.000 s  client 1 left: 1000" in said
 
 
-def test_a_mistake_in_the_wishes_is_one_line(suite: Suite) -> None:
+def test_a_mistake_in_the_options_is_one_line(suite: Suite) -> None:
     suite.write("pytest.ini", FILTERS + "rwt_settings = limits.connections=many\n")
     said = suite.run("def test_it(rwt_server):\n    pass\n")
     assert "1 error" in said
     assert "rwt_settings: pytest: `limits.connections`: expected a whole number of at least 1" in said
-    assert "Traceback" not in said and "world.py" not in said
+    assert "Traceback" not in said and "environment.py" not in said
 
 
 def test_a_passing_test_and_one_without_a_server_show_no_transcript(suite: Suite) -> None:
@@ -335,7 +335,7 @@ def test_both_distributions_and_interfaces_beside_the_test(suite: Suite) -> None
         ("@pytest.mark.rwt(interfaces='nowhere')", "nowhere"),
     ],
 )
-def test_a_wrong_wish_is_named(suite: Suite, line: str, complaint: str) -> None:
+def test_a_wrong_option_is_named(suite: Suite, line: str, complaint: str) -> None:
     said = suite.run(f"import pytest\n\n{line}\ndef test_it(rwt_server):\n    pass\n")
     assert complaint in said, said
     assert "pluggy" not in said

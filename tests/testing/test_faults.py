@@ -25,7 +25,7 @@ class WiredClient(Client):
         self.endpoint = wire.middleware(bridge.accept)(self, PeerInfo("memory", address="127.0.0.1"))
 
 
-class World:
+class Setup:
     """A robot with one topic and one service, a bridge, and the wire in front."""
 
     def __init__(self, graph: ObservedGraph) -> None:
@@ -59,138 +59,138 @@ class World:
 
 
 @pytest.fixture
-def world(graph: ObservedGraph) -> World:
-    return World(graph)
+def setup(graph: ObservedGraph) -> Setup:
+    return Setup(graph)
 
 
 def data(client: WiredClient, topic: str = "/count") -> list[int]:
     return [message["data"] for message in client.heard_of(topic)]
 
 
-def test_without_faults_all_passes(world: World) -> None:
-    client = world.listener()
-    world.count(1, 2)
+def test_without_faults_all_passes(setup: Setup) -> None:
+    client = setup.listener()
+    setup.count(1, 2)
     assert data(client) == [1, 2]
     client.say("call_service", service="/beep", id="1")
     assert [message["id"] for message in client.heard()] == ["1"]
 
 
-def test_drop_touches_what_its_globs_say(world: World) -> None:
-    client = world.listener()
-    fault = world.faults.drop("/cou*", op="publish", to="client")
-    world.count(1)
-    world.other.publish({"data": 5})
+def test_drop_touches_what_its_globs_say(setup: Setup) -> None:
+    client = setup.listener()
+    fault = setup.faults.drop("/cou*", op="publish", to="client")
+    setup.count(1)
+    setup.other.publish({"data": 5})
     assert data(client, "/other") == [5]
     fault.remove()
-    world.count(2)
+    setup.count(2)
     assert data(client) == [2]
     assert fault.hits == 1
 
 
-def test_count_and_every(world: World) -> None:
-    client = world.listener()
-    with world.faults.drop("/count", every=2, count=2) as fault:
-        world.count(1, 2, 3, 4, 5, 6)
+def test_count_and_every(setup: Setup) -> None:
+    client = setup.listener()
+    with setup.faults.drop("/count", every=2, count=2) as fault:
+        setup.count(1, 2, 3, 4, 5, 6)
     assert data(client) == [1, 3, 5, 6]
     assert fault.hits == 2
-    world.count(7)
+    setup.count(7)
     assert data(client) == [7]
 
 
-def test_a_message_to_the_server_is_lost(world: World) -> None:
-    client = world.client()
-    with world.faults.drop("/beep", op="call_service", to="server"):
+def test_a_message_to_the_server_is_lost(setup: Setup) -> None:
+    client = setup.client()
+    with setup.faults.drop("/beep", op="call_service", to="server"):
         client.say("call_service", service="/beep", id="1")
-    assert (world.calls, client.heard()) == (0, [])
+    assert (setup.calls, client.heard()) == (0, [])
     client.say("call_service", service="beep", id="2")
-    assert (world.calls, len(client.heard())) == (1, 1)
+    assert (setup.calls, len(client.heard())) == (1, 1)
 
 
-def test_a_service_that_never_answers(world: World) -> None:
-    client = world.client()
-    with world.faults.drop("/beep", op="service_response"):
+def test_a_service_that_never_answers(setup: Setup) -> None:
+    client = setup.client()
+    with setup.faults.drop("/beep", op="service_response"):
         client.say("call_service", service="/beep", id="1")
-    assert (world.calls, client.heard()) == (1, [])
+    assert (setup.calls, client.heard()) == (1, [])
 
 
-def test_a_relative_name_is_met_by_its_absolute_glob(world: World) -> None:
-    client = world.client()
-    with world.faults.drop("/beep", op="call_service"):
+def test_a_relative_name_is_met_by_its_absolute_glob(setup: Setup) -> None:
+    client = setup.client()
+    with setup.faults.drop("/beep", op="call_service"):
         client.say("call_service", service="beep", id="1")
-    assert world.calls == 0
+    assert setup.calls == 0
 
 
-def test_delay_in_both_directions_by_the_robots_clock(world: World, clock: SimulatedClock) -> None:
-    client = world.listener()
-    world.faults.delay(1.0, "/beep", op="call_service")
-    world.faults.delay(0.5, "/count", to="client")
+def test_delay_in_both_directions_by_the_robots_clock(setup: Setup, clock: SimulatedClock) -> None:
+    client = setup.listener()
+    setup.faults.delay(1.0, "/beep", op="call_service")
+    setup.faults.delay(0.5, "/count", to="client")
     client.say("call_service", service="/beep", id="1")
-    world.count(1, 2)
-    assert (world.calls, client.heard()) == (0, [])
+    setup.count(1, 2)
+    assert (setup.calls, client.heard()) == (0, [])
     clock.advance(0.5)
     assert data(client) == [1, 2]
     clock.advance(0.5)
-    assert (world.calls, len(client.heard())) == (1, 1)
+    assert (setup.calls, len(client.heard())) == (1, 1)
 
 
-def test_what_is_late_does_not_reach_a_client_that_left(world: World, clock: SimulatedClock) -> None:
-    client = world.listener()
-    world.faults.delay(1.0)
-    world.count(1)
+def test_what_is_late_does_not_reach_a_client_that_left(setup: Setup, clock: SimulatedClock) -> None:
+    client = setup.listener()
+    setup.faults.delay(1.0)
+    setup.count(1)
     client.say("call_service", service="/beep", id="1")
     client.leave()
     clock.advance(2.0)
-    assert (world.calls, client.heard()) == (0, [])
+    assert (setup.calls, client.heard()) == (0, [])
 
 
-def test_duplicates(world: World) -> None:
-    client = world.listener()
-    world.faults.duplicate("/count", copies=3)
-    world.faults.duplicate("/beep", op="call_service")
-    world.count(1)
+def test_duplicates(setup: Setup) -> None:
+    client = setup.listener()
+    setup.faults.duplicate("/count", copies=3)
+    setup.faults.duplicate("/beep", op="call_service")
+    setup.count(1)
     assert data(client) == [1, 1, 1]
     client.say("call_service", service="/beep", id="1")
-    assert world.calls == 2
+    assert setup.calls == 2
 
 
-def test_fragments_are_met_by_what_they_are_pieces_of(world: World) -> None:
-    client = world.client()
+def test_fragments_are_met_by_what_they_are_pieces_of(setup: Setup) -> None:
+    client = setup.client()
     whole = '{"op":"call_service","service":"/beep","id":"1"}'
-    with world.faults.drop("/beep"):
+    with setup.faults.drop("/beep"):
         for number, piece in enumerate((whole[:20], whole[20:])):
             client.say("fragment", id="f", num=number, total=2, data=piece)
-    assert world.calls == 0
+    assert setup.calls == 0
 
 
-def test_disconnect_ends_every_client(world: World) -> None:
-    one, other = world.client(), world.client()
-    assert world.faults.disconnect(1012, "restarting") == 2
+def test_disconnect_ends_every_client(setup: Setup) -> None:
+    one, other = setup.client(), setup.client()
+    assert setup.faults.disconnect(1012, "restarting") == 2
     assert (one.close_code, other.close_code, one.close_reason) == (1012, 1012, "restarting")
     one.leave()
-    assert world.wire.client_count == 1
+    assert setup.wire.client_count == 1
 
 
-def test_refused_connections(world: World) -> None:
-    with world.faults.refuse(count=1) as fault:
+def test_refused_connections(setup: Setup) -> None:
+    with setup.faults.refuse(count=1) as fault:
         with pytest.raises(Refused) as refused:
-            world.client()
+            setup.client()
         assert (refused.value.status, fault.hits) == (503, 1)
-        world.client()
-    world.faults.refuse(429)
+        setup.client()
+    setup.faults.refuse(429)
     for _ in range(2):
         with pytest.raises(Refused):
-            world.client()
-    world.faults.clear()
-    world.client()
-    assert world.wire.client_count == 2
+            setup.client()
+    setup.faults.clear()
+    setup.client()
+    assert setup.wire.client_count == 2
 
 
-def test_a_slow_reader_gets_the_newest_of_a_topic(world: World, clock: SimulatedClock) -> None:
-    client = world.client()
+def test_a_slow_reader_gets_the_newest_of_a_topic(setup: Setup, clock: SimulatedClock) -> None:
+    client = setup.client()
     client.say("subscribe", topic="/count", queue_length=2)
     client.heard()
-    world.faults.slow_reader(1.0)
-    world.count(1, 2, 3, 4, 5)
+    setup.faults.slow_reader(1.0)
+    setup.count(1, 2, 3, 4, 5)
     assert data(client) == [1]
     clock.advance(1.0)
     assert data(client) == [4]
@@ -200,17 +200,17 @@ def test_a_slow_reader_gets_the_newest_of_a_topic(world: World, clock: Simulated
     assert data(client) == [5]
     clock.advance(1.0)
     assert [message["id"] for message in client.heard()] == ["1"]
-    assert "✗ a message on /count was dropped: queue" in world.wire.transcript.text()
+    assert "✗ a message on /count was dropped: queue" in setup.wire.transcript.text()
 
 
-def test_a_reader_that_is_slow_no_more_gets_all_that_waits(world: World, clock: SimulatedClock) -> None:
-    client = world.listener()
-    with world.faults.slow_reader(1.0):
-        world.count(1, 2, 3)
+def test_a_reader_that_is_slow_no_more_gets_all_that_waits(setup: Setup, clock: SimulatedClock) -> None:
+    client = setup.listener()
+    with setup.faults.slow_reader(1.0):
+        setup.count(1, 2, 3)
         assert data(client) == [1]
     clock.advance(1.0)
     assert data(client) == [2, 3]
-    world.count(4)
+    setup.count(4)
     assert data(client) == [4]
 
 
@@ -225,23 +225,23 @@ def test_a_reader_that_is_slow_no_more_gets_all_that_waits(world: World, clock: 
         (lambda faults: faults.slow_reader(0), "more than 0 messages a second"),
     ],
 )
-def test_a_fault_that_makes_no_sense_is_refused(world: World, wrong: object, text: str) -> None:
+def test_a_fault_that_makes_no_sense_is_refused(setup: Setup, wrong: object, text: str) -> None:
     assert callable(wrong)
     with pytest.raises(ScriptError, match=text):
-        wrong(world.faults)
+        wrong(setup.faults)
 
 
 def test_the_transcript_tells_who_said_what_and_what_became_of_it(
-    world: World, clock: SimulatedClock
+    setup: Setup, clock: SimulatedClock
 ) -> None:
-    client = world.client()
+    client = setup.client()
     clock.advance(1.5)
     client.say("subscribe", topic="/count")
-    world.faults.drop("/count", op="publish")
-    world.count(1)
+    setup.faults.drop("/count", op="publish")
+    setup.count(1)
     client.say_raw(b"\x01\x02", binary=True)
     client.leave()
-    lines = world.wire.transcript.lines()
+    lines = setup.wire.transcript.lines()
     assert lines[:4] == [
         "    0.000 s  client 1 came from 127.0.0.1 over memory",
         '    1.500 s  client 1 → {"op": "subscribe", "topic": "/count"}',
@@ -251,11 +251,11 @@ def test_the_transcript_tells_who_said_what_and_what_became_of_it(
     assert lines[-1] == "    1.500 s  client 1 left: 1001 gone"
 
 
-def test_the_transcript_is_bounded_in_lines_and_in_width(world: World) -> None:
-    client = world.client()
+def test_the_transcript_is_bounded_in_lines_and_in_width(setup: Setup) -> None:
+    client = setup.client()
     for _ in range(1100):
         client.say("call_service", service="/beep", args={"padding": "ü" * 1000})
-    transcript = world.wire.transcript
+    transcript = setup.wire.transcript
     assert len(transcript.lines()) == 1000
     assert max(map(len, transcript.lines())) < 350
     shown = transcript.text(10).splitlines()

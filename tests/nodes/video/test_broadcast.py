@@ -285,11 +285,13 @@ async def test_a_picture_that_the_codec_leaves_out_is_missed_by_nobody(video: St
 
 
 def test_counts_are_kept_apart_up_to_a_bound() -> None:
-    tally = StreamMetrics()
+    metrics = StreamMetrics()
     for number in range(MOST_STREAMS + 10):
-        tally.of(f"/t{number}", "mjpeg").encoded += 1
-    assert tally.of("/t3", "mjpeg").encoded == 1
-    encoded = next(family for family in tally.families([]) if family[0] == "rwt_video_encoded_pictures_total")
+        metrics.of(f"/t{number}", "mjpeg").encoded += 1
+    assert metrics.of("/t3", "mjpeg").encoded == 1
+    encoded = next(
+        family for family in metrics.families([]) if family[0] == "rwt_video_encoded_pictures_total"
+    )
     values = {labels["topic"]: value for labels, value in encoded[3]}
     assert values["/t3"] == 1
     assert values[""] == 10
