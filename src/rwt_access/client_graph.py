@@ -7,7 +7,8 @@ only translates cannot forget a rule, and there is no other way from it to the g
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from functools import partial
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from rwt_access.disclosure import restrict
 from rwt_access.graph_view import GraphView
@@ -40,6 +41,9 @@ if TYPE_CHECKING:
     from rwt_program.goals import GoalStatus
     from rwt_program.qos import QoS
 
+
+T = TypeVar("T")
+C = TypeVar("C")
 
 #: The mark of a client that publishes without having advertised (UNA-05).
 _IMPLICIT: Final = object()
@@ -276,15 +280,10 @@ class ClientGraph(GraphView):
             QuotaExceeded: the client offers as much as it may.
             UnknownType: no such service is known.
         """
-        name = self.require("provide", service)
         interface = self.registry.service(type)
-        participant = self._shared.participant
-        self._offer(
-            self._services,
-            name,
-            lambda: participant.advertise_service(name, interface, lambda call: on_call(interface, call)),
+        return self._offer(
+            self._services, service, interface, self._shared.participant.advertise_service, on_call
         )
-        return name
 
     def withdraw_service(self, service: str) -> bool:
         """Withdraw a service of this client; whether there was one. Its calls in flight fail."""
@@ -342,35 +341,37 @@ class ClientGraph(GraphView):
             QuotaExceeded: the client offers as much as it may.
             UnknownType: no such action is known.
         """
-        name = self.require("provide", action)
         interface = self.registry.action(type)
-        participant = self._shared.participant
-        self._offer(
-            self._actions,
-            name,
-            lambda: participant.advertise_action(name, interface, lambda goal: on_goal(interface, goal)),
+        return self._offer(
+            self._actions, action, interface, self._shared.participant.advertise_action, on_goal
         )
-        return name
 
     def withdraw_action(self, action: str) -> bool:
         """Withdraw an action of this client; whether there was one. Its running goals are aborted."""
         return self._withdraw(self._actions, resolve(action))
 
     def _offer(
-        self, offers: dict[str, Registration], name: str, register: Callable[[], Registration]
-    ) -> None:
-        """Register a service or an action; the client's own of the same name gives way to it."""
-        previous = offers.get(name)
+        self,
+        offers: dict[str, Registration],
+        name: str,
+        interface: T,
+        advertise: Callable[[str, T, Callable[[C], None]], Registration],
+        on_ask: Callable[[T, C], None],
+    ) -> str:
+        """Offer a service or an action; the client's own of the same name gives way to it."""
+        absolute = self.require("provide", name)
+        previous = offers.get(absolute)
         if previous is None:
             self._advertisements.take()
         try:
-            offers[name] = register()
+            offers[absolute] = advertise(absolute, interface, partial(on_ask, interface))
         except BaseException:
             if previous is None:
                 self._advertisements.give_back()
             raise
         if previous is not None:
             previous.close()
+        return absolute
 
     def _withdraw(self, offers: dict[str, Registration], name: str) -> bool:
         registration = offers.pop(name, None)
