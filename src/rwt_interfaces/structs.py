@@ -117,30 +117,30 @@ class MessageType:
     @cached_property
     def to_cdr(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type in CDR."""
-        from rwt_interfaces.serialise import cdr
+        from rwt_interfaces.serialise import packed
 
-        return cdr.compile_encoder(self)
+        return packed.compile_encoder(self, packed.CDR)
 
     @cached_property
     def from_cdr(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
         """Decodes a message of this type from CDR; raises InvalidMessage."""
-        from rwt_interfaces.serialise import cdr
+        from rwt_interfaces.serialise import packed
 
-        return cdr.compile_decoder(self)
+        return packed.compile_decoder(self, packed.CDR)
 
     @cached_property
     def to_ros1(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type in ROS 1's own form."""
-        from rwt_interfaces.serialise import ros1
+        from rwt_interfaces.serialise import packed
 
-        return ros1.compile_encoder(self)
+        return packed.compile_encoder(self, packed.ROS1)
 
     @cached_property
     def from_ros1(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
         """Decodes a message of this type from ROS 1's own form; raises InvalidMessage."""
-        from rwt_interfaces.serialise import ros1
+        from rwt_interfaces.serialise import packed
 
-        return ros1.compile_decoder(self)
+        return packed.compile_decoder(self, packed.ROS1)
 
 
 class ServiceType:

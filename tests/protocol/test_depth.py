@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.codecs.depth import deeper_than
+from rwt_protocol.codecs.full_split import deeper_than
 
 _VALUES = st.recursive(
     st.one_of(st.integers(0, 9), st.text(alphabet='"\\{}[]a', max_size=8)),

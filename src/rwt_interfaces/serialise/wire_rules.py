@@ -19,11 +19,13 @@ class WireRules:
     """The rules of one packed form, CDR or ROS 1's own.
 
     Attributes:
+        header: what stands before the message; of two bytes of options at its end, none is set.
         aligned: whether a number begins at a multiple of its size.
         terminated: whether a string ends with a zero byte, which its length counts.
         filler: what stands for a message without fields.
     """
 
+    header: bytes
     aligned: bool
     terminated: bool
     filler: bytes
