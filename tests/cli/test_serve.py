@@ -202,6 +202,20 @@ def test_the_environment_sets_what_a_server_does(monkeypatch: pytest.MonkeyPatch
     assert (answer["result"], "roles.viewer.call" in answer["values"]) == (False, True)
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("robot.toml", "[topcs]", "script: {}: unknown key `topcs`; did you mean `topics`?"),
+        ("robot.py", "x = 1\n1 / 0", "script: {}:2: ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_mistake_in_a_script_is_one_line(tmp_path: Path, name: str, text: str, said: str) -> None:
+    script = tmp_path / name
+    script.write_text(text)
+    code, error = _fails("--script", str(script), "ws://127.0.0.1:0")
+    assert (code, said.format(script) in error) == (2, True)
+
+
 def test_help_has_an_example() -> None:
     done = subprocess.run(_command("--help"), capture_output=True, text=True, timeout=20, check=True)
     assert "rwt serve --demo" in done.stdout

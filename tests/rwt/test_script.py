@@ -1,10 +1,8 @@
-"""`rwt serve --script`, as a test in any language meets it: over a socket."""
+"""A server with a script, as a test in any language meets it: over a socket."""
 
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from rwt import Server
 from rwt_client import CallFailed, TimedOut
 from rwt_client.blocking import BlockingRobot, connect
 
@@ -73,31 +72,17 @@ op = "publish"
 
 
 @contextmanager
-def served(folder: Path, name: str, text: str, *options: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+def served(folder: Path, name: str, text: str) -> Iterator[str]:
     (folder / name).write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "rwt_cli", "serve", "--script", name, *options, "ws://127.0.0.1:0"]
-    process = subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=_environment()
-    )
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line.startswith("listening on "), process.communicate()[1]
-        yield line.removeprefix("listening on ").strip(), process
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "src")}
+    with Server("ws://127.0.0.1:0", script=folder / name) as robot:
+        yield robot.server.urls[0]
 
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     folder = tmp_path_factory.mktemp("lab")
     (folder / "drive.jsonl").write_text('{"at": 0, "msg": {"data": 7}}\n{"at": 0.05, "msg": {"data": 8}}\n')
-    with served(folder, "lab.toml", LAB) as (url, _):
+    with served(folder, "lab.toml", LAB) as url:
         yield url
 
 
@@ -201,9 +186,10 @@ def robot(robot):
 """
 
 
-def test_a_program(tmp_path: Path) -> None:
+def test_a_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
     (tmp_path / "beside.py").write_text("LIMIT = 'half'")
-    with served(tmp_path, "robot.py", PROGRAM) as (url, _), connect(url) as app:
+    with served(tmp_path, "robot.py", PROGRAM) as url, connect(url) as app:
         for _ in range(2):
             assert app.call("/limit").message == "half"
             app.publish("/cmd_vel", {}, "geometry_msgs/Twist")
@@ -225,32 +211,10 @@ async def robot(robot):
 
 
 def test_a_coroutine_begins_anew_with_reset(tmp_path: Path) -> None:
-    with served(tmp_path, "robot.py", ASYNC_PROGRAM) as (url, _), connect(url) as app:
+    with served(tmp_path, "robot.py", ASYNC_PROGRAM) as url, connect(url) as app:
         until(lambda: app.once("/count").data > 20)
         app.call("/rwt_script/reset")
         first = app.once("/count").data
         until(lambda: app.once("/count").data > first)
         counts = [app.once("/count").data for _ in range(5)]
         assert counts == sorted(counts), "the one from before has ended"
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "said"),
-    [
-        ("robot.toml", "[topcs]", "rwt: script: robot.toml: unknown key `topcs`; did you mean `topics`?"),
-        ("robot.py", "x = 1\n1 / 0", "rwt: script: robot.py:2: ZeroDivisionError: division by zero"),
-    ],
-)
-def test_a_mistake_is_one_line_and_exit_code_2(tmp_path: Path, name: str, text: str, said: str) -> None:
-    (tmp_path / name).write_text(text)
-    done = subprocess.run(
-        [sys.executable, "-m", "rwt_cli", "serve", "--script", name, "ws://127.0.0.1:0"],
-        cwd=tmp_path,
-        env=_environment(),
-        capture_output=True,
-        text=True,
-        timeout=25,
-    )
-    assert (done.returncode, done.stdout) == (2, "")
-    assert said in done.stderr
-    assert len(done.stderr.splitlines()) == 1
