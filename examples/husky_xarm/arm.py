@@ -15,7 +15,7 @@ import anyio
 
 from husky_xarm.description import ARM_JOINTS, describe
 from husky_xarm.simulation import Simulation
-from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node
+from rwt_graph import GoalAborted, GoalCanceled, Node, ReceivedGoal
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.arm.trajectory import Trajectory, Waypoint
 from rwt_tf2 import stamp_ns
@@ -72,7 +72,7 @@ class Request(Protocol):
 class _Motion:
     """One goal on its way. Times are seconds of the graph's clock."""
 
-    goal: ActionGoal
+    goal: ReceivedGoal
     way: Trajectory
     started: float
     tolerance: Mapping[str, float]
@@ -171,7 +171,7 @@ class Arm:
             for name, position in zip(names, positions, strict=True)
         )
 
-    async def _execute(self, goal: ActionGoal) -> messages.Message:
+    async def _execute(self, goal: ReceivedGoal) -> messages.Message:
         if self._motion is not None:
             self._end(self._motion, "a newer goal took its place")
         motion = self._motion = self._motion_of(goal)
@@ -186,7 +186,7 @@ class Arm:
             raise GoalAborted(_result(ErrorCode.GOAL_TOLERANCE_VIOLATED, motion.reason), motion.reason)
         return _result(ErrorCode.SUCCESSFUL, "")
 
-    def _motion_of(self, goal: ActionGoal) -> _Motion:
+    def _motion_of(self, goal: ReceivedGoal) -> _Motion:
         """A goal that was accepted, from where the arm is now."""
         request: Request = goal.request
         order = [list(request.trajectory.joint_names).index(name) for name in ARM_JOINTS]

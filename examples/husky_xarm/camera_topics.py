@@ -33,10 +33,10 @@ class CameraPublisher:
         self._lens = lens
         self._renderer: Renderer | None = None
         self._closed = False
-        self._colours = node.advertise("/camera/image_raw", "sensor_msgs/Image", SENSOR_DATA)
-        self._depths = node.advertise("/camera/depth/image_raw", "sensor_msgs/Image", SENSOR_DATA)
+        self._colours = node.advertise("/camera/image_raw", "sensor_msgs/Image", qos=SENSOR_DATA)
+        self._depths = node.advertise("/camera/depth/image_raw", "sensor_msgs/Image", qos=SENSOR_DATA)
         self._infos = [
-            node.advertise(f"/camera/{kind}camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
+            node.advertise(f"/camera/{kind}camera_info", "sensor_msgs/CameraInfo", qos=SENSOR_DATA)
             for kind in ("", "depth/")
         ]
         node.create_timer(1 / rate, self._shoot)

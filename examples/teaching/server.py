@@ -35,7 +35,7 @@ async def _serve(pipe: Connection[str | float, str], robots: int, camera: Camera
     async with Server("ws://127.0.0.1:0", extra_nodes=made) as server:
         with server.node("organiser") as organiser:
             for name in names:
-                await organiser.set_param(f"/{name}/demo_robot:camera_rate", camera.rate)
+                await organiser.params.set(f"/{name}/demo_robot:camera_rate", camera.rate)
         pipe.send(server.urls[0])
         await _answer(pipe)
 

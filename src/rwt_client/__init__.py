@@ -8,7 +8,7 @@
 """
 
 from rwt_client.connection import connect
-from rwt_client.endpoints.action_server import ActionServer, ReceivedGoal
+from rwt_client.endpoints.action_server import ActionServer
 from rwt_client.endpoints.goals import Goal
 from rwt_client.endpoints.parameters import Parameters
 from rwt_client.endpoints.publisher import Publisher
@@ -37,6 +37,7 @@ from rwt_program.errors import (
     GoalCanceled,
     GoalEnded,
     GoalRejected,
+    HandleClosed,
     InterfaceError,
     InvalidMessage,
     NotFound,
@@ -48,8 +49,9 @@ from rwt_program.errors import (
     TimedOut,
     TransformUnavailable,
     UnknownType,
+    WrongThread,
 )
-from rwt_program.goals import GoalResult, GoalStatus
+from rwt_program.goals import GoalResult, GoalStatus, ReceivedGoal
 from rwt_transports.backoff import Backoff
 
 __all__ = [
@@ -87,6 +89,8 @@ __all__ = [
     "NotFound",
     "ParameterRejected",
     "TimedOut",
+    "WrongThread",
+    "HandleClosed",
     "TransformUnavailable",
     "GoalEnded",
     "GoalCanceled",

@@ -18,7 +18,7 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from rwt_client import connection
 from rwt_client.connection import ConnectKeywords
-from rwt_client.endpoints.action_server import ActionServer, Execute
+from rwt_client.endpoints.action_server import ActionServer
 from rwt_client.endpoints.goals import Goal
 from rwt_client.endpoints.parameters import Parameters
 from rwt_client.endpoints.publisher import Publisher
@@ -30,7 +30,7 @@ from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent
 from rwt_client.robot import AdvertiseKeywords, Robot, SubscribeKeywords
 from rwt_client.rosapi import RosApi
-from rwt_program.goals import GoalResult, GoalStatus
+from rwt_program.goals import Execute, GoalResult, GoalStatus
 from rwt_program.messages import Message, MessageLike
 from rwt_protocol.transport import Accept
 

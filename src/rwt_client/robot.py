@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import msgspec
 
-from rwt_client.endpoints.action_server import ActionServer, ActionServers, Execute
+from rwt_client.endpoints.action_server import ActionServer, ActionServers
 from rwt_client.endpoints.actionlib import ActionlibGoals
 from rwt_client.endpoints.goals import Goal, SentGoals
 from rwt_client.endpoints.parameters import Parameters
@@ -33,6 +33,7 @@ from rwt_client.wire.session import ReconnectingSession
 from rwt_interfaces import NOETIC, Distro, InterfaceError
 from rwt_interfaces.distro import closest_distro
 from rwt_program.errors import CallTimeout, InvalidMessage, ServiceFailed
+from rwt_program.goals import Execute
 from rwt_program.messages import Message, MessageLike, to_payload
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (

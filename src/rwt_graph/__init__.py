@@ -11,12 +11,10 @@ from rwt_graph.errors import (
     InvalidTransition,
     NotRunning,
     TypeConflict,
-    WrongThread,
 )
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
-from rwt_graph.program.goals import ActionGoal, GoalHandle
-from rwt_graph.program.node import Handle, Node
+from rwt_graph.program.node import ActionServer, Node, ServiceServer
 from rwt_program.errors import (
     CallFailed,
     CallTimeout,
@@ -24,6 +22,7 @@ from rwt_program.errors import (
     GoalCanceled,
     GoalEnded,
     GoalRejected,
+    HandleClosed,
     InterfaceError,
     InvalidMessage,
     NotFound,
@@ -35,23 +34,26 @@ from rwt_program.errors import (
     TimedOut,
     TransformUnavailable,
     UnknownType,
+    WrongThread,
 )
-from rwt_program.goals import GoalStatus
+from rwt_program.goals import Goal, GoalResult, GoalStatus, ReceivedGoal
 from rwt_program.messages import Message, MessageLike
 from rwt_program.qos import BEST_AVAILABLE, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 
 __all__ = [
     "MemoryGraph",
     "Node",
-    "Handle",
+    "ServiceServer",
+    "ActionServer",
     "Message",
     "MessageLike",
     "TopicPublisher",
     "TopicSubscription",
     "Sample",
     "GoalStatus",
-    "ActionGoal",
-    "GoalHandle",
+    "Goal",
+    "GoalResult",
+    "ReceivedGoal",
     "Graph",
     "Clock",
     "WallClock",
@@ -75,6 +77,7 @@ __all__ = [
     "NotFound",
     "ParameterRejected",
     "TimedOut",
+    "HandleClosed",
     "TransformUnavailable",
     "GoalEnded",
     "GoalCanceled",

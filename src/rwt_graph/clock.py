@@ -13,7 +13,8 @@ import logging
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from heapq import heapify, heappop, heappush
 
 import anyio
@@ -119,6 +120,17 @@ class Clock(ABC):
     @abstractmethod
     async def sleep(self, seconds: float) -> None:
         """Wait for `seconds` of this clock."""
+
+    @contextmanager
+    def within(self, seconds: float | None) -> Iterator[None]:
+        """Leave the block after so many seconds of this clock; None does not. In tasks only."""
+        with anyio.CancelScope() as scope:
+            timer = None if seconds is None else self.call_later(seconds, scope.cancel)
+            try:
+                yield
+            finally:
+                if timer is not None:
+                    timer.cancel()
 
     @abstractmethod
     async def drive(self) -> None:

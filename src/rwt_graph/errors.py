@@ -6,7 +6,6 @@
   * :exc:`TypeConflict`: the name is established with another type.
   * :exc:`InvalidTransition`: the goal is in a state that forbids this.
   * :exc:`NotRunning`: this needs an event loop, and the graph is not (or no longer) on one.
-  * :exc:`WrongThread`: a blocking call on the graph's own thread, which would wait for itself.
   * :exc:`ZenohError`: the Zenoh session cannot be opened as asked.
   * :exc:`WireError`: another program sent a key, token or attachment that is not rmw_zenoh's.
 """
@@ -46,10 +45,6 @@ class InvalidTransition(GraphError, RuntimeError):
 
 class NotRunning(GraphError, RuntimeError):
     """The graph is not on an event loop: enter it with `async with graph`."""
-
-
-class WrongThread(GraphError, RuntimeError):
-    """A call that blocks was made on the graph's own thread; use the coroutine of the same name there."""
 
 
 class ZenohError(GraphError):

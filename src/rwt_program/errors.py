@@ -15,6 +15,8 @@
   * :exc:`NotFound`: no such topic, service, action, node or parameter; also a :exc:`LookupError`.
   * :exc:`ParameterRejected`: a parameter cannot have that value; also a :exc:`ValueError`.
   * :exc:`TimedOut`: what was waited for did not come in time; also a :exc:`TimeoutError`.
+  * :exc:`WrongThread`: a blocking call on the event loop's own thread, which would wait for itself.
+  * :exc:`HandleClosed`: this program has closed the publisher or subscription that it uses.
   * :exc:`TransformUnavailable`: where a frame is was not to be learned; also a :exc:`LookupError`.
   * :exc:`GoalEnded`: raised *by* an action's `execute`, to end its goal otherwise than by success.
 
@@ -68,6 +70,14 @@ class ParameterRejected(RobotError, ValueError):
     """The node refused the parameter's value, or does not have that parameter."""
 
 
+class WrongThread(RobotError, RuntimeError):
+    """A call that blocks was made on the event loop's own thread; await the coroutine there."""
+
+
+class HandleClosed(RobotError):
+    """This program has closed the publisher or subscription that it uses."""
+
+
 class TransformUnavailable(RobotError, LookupError):
     """Where a frame is was not to be learned in time; says which transform is missing."""
 
@@ -105,6 +115,8 @@ __all__ = [
     "NotFound",
     "ParameterRejected",
     "TimedOut",
+    "WrongThread",
+    "HandleClosed",
     "TransformUnavailable",
     "GoalEnded",
     "GoalCanceled",

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import msgspec
 
-from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+    from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import MessageType
 
 #: What may be given where a message is wanted: values are checked and completed by its type.
@@ -26,7 +27,13 @@ MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object] | Data
 Message: TypeAlias = Any
 
 #: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.
-MessageCallback: TypeAlias = Callable[[Message], Awaitable[None] | None]
+MessageCallback: TypeAlias = Callable[[Message], object]
+
+#: A parameter's value: bool, int, float, str, bytes, lists, and on ROS 1 dictionaries and None.
+ParameterValue: TypeAlias = object
+
+#: Takes the request and gives the response, or an awaitable of it; None stands for a response of defaults.
+ServiceHandler: TypeAlias = Callable[[Message], "MessageLike | Awaitable[MessageLike | None] | None"]
 
 
 def to_payload(interface: MessageType, message: object, now: Callable[[], int] = time.time_ns) -> Payload:
@@ -44,6 +51,20 @@ def to_payload(interface: MessageType, message: object, now: Callable[[], int] =
             raise InvalidMessage("", f"expected a {interface.name}, got a {message.type.name}")
         return message
     return Payload.from_value(interface, message, now)
+
+
+def type_of(message: object, registry: Registry) -> str | None:
+    """The name of the type that made `message`, as a payload or an instance of its class; None for others."""
+    if isinstance(message, Payload):
+        return message.type.name
+    if not isinstance(message, msgspec.Struct):
+        return None
+    name = f"{type(message).__module__}/{type(message).__name__}"
+    try:
+        known = registry.message(name)
+    except InterfaceError:
+        return None
+    return name if known.struct is type(message) else None
 
 
 def is_coroutine_function(function: Callable[..., object]) -> bool:

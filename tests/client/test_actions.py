@@ -18,7 +18,6 @@ from rwt_client import (
     ReceivedGoal,
     TimedOut,
 )
-from rwt_graph import ActionGoal
 from rwt_interfaces import NOETIC
 from tests.client.worlds import World, scripted, world
 
@@ -30,7 +29,7 @@ FIBONACCI = "example_interfaces/Fibonacci"
 def offer_fibonacci(it: World) -> None:
     """An action of the robot: counts up, or waits to be canceled when the order is 0."""
 
-    async def execute(goal: ActionGoal) -> dict[str, object]:
+    async def execute(goal: ReceivedGoal) -> dict[str, object]:
         order = goal.request.order
         for number in range(1, order):
             goal.publish_feedback({"sequence": list(range(number))})
@@ -148,7 +147,7 @@ async def count(goal: ReceivedGoal) -> dict[str, object]:
     """An action of the client: as the robot's, and it may go wrong in all ways."""
     order = goal.request.order
     if order == 0:
-        await goal.canceled.wait()
+        await goal.cancel_event.wait()
         assert goal.cancel_requested
         raise GoalCanceled({"sequence": [7]})
     if order == -1:
@@ -217,7 +216,7 @@ async def test_goals_end_when_the_connection_is_lost() -> None:
     ended = anyio.Event()
 
     async def wait(goal: ReceivedGoal) -> None:
-        await goal.canceled.wait()
+        await goal.cancel_event.wait()
         ended.set()
 
     async with scripted() as (server, robot):

@@ -81,7 +81,7 @@ def test_actions(robot: BlockingRobot) -> None:
     assert goal.done
 
     async def wait(goal: ReceivedGoal) -> None:
-        await goal.canceled.wait()
+        await goal.cancel_event.wait()
 
     with robot.advertise_action("/wait", FIBONACCI, wait):
         waiting = robot.send_goal("/wait")

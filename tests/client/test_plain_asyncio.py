@@ -40,7 +40,7 @@ async def _all() -> list[object]:
             await client.advertise_service("/boop", "std_srvs/Trigger", _beep)
             await client.advertise_action("/count", "example_interfaces/Fibonacci", _count)
             own: Any = await client.call("/beep")
-            offered: Any = await robot.call_service("/boop", {})
+            offered: Any = await robot.call("/boop", {})
             goal = await robot.send_goal("/count", {"order": 3})
             _, result = await goal.result()
         reader, writer = await asyncio.open_connection("127.0.0.1", int(server.urls[0].rpartition(":")[2]))

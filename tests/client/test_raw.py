@@ -20,7 +20,7 @@ from tests.client.worlds import until, world
 async def test_messages_come_serialised_and_stamped(distro: str, transport: str) -> None:
     async with world(transport, distro) as here:
         stamps: list[int] = []
-        here.node.subscribe("/text", on_sample=lambda sample: stamps.append(sample.stamp_ns))
+        here.node.subscribe_samples("/text", on_sample=lambda sample: stamps.append(sample.stamp_ns))
         text = here.node.advertise("/text", "std_msgs/String")
         heard: list[RawMessage] = []
         subscription = await here.robot.subscribe_raw("/text", None, heard.append)

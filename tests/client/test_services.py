@@ -129,7 +129,7 @@ async def test_a_service_is_offered(transport: str) -> None:
     async with world(transport) as it:
         with await it.robot.advertise_service("/add", ADD, lambda request: {"sum": request.a + request.b}):
             await it.arrives(lambda: it.graph.service("/add"))
-            assert (await it.node.call_service("/add", {"a": 1, "b": 2})).sum == 3
+            assert (await it.node.call("/add", {"a": 1, "b": 2})).sum == 3
         await it.arrives(lambda: it.graph.service("/add") is None)
 
 
@@ -147,8 +147,8 @@ async def test_a_coroutine_may_answer_and_calls_run_side_by_side() -> None:
         await it.robot.advertise_service("/meet", "std_srvs/Trigger", meet)
         await it.arrives(lambda: it.graph.service("/meet"))
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(it.node.call_service, "/meet")
-            tasks.start_soon(it.node.call_service, "/meet")
+            tasks.start_soon(it.node.call, "/meet")
+            tasks.start_soon(it.node.call, "/meet")
         assert both == 2
 
 
@@ -177,7 +177,7 @@ async def test_the_caller_is_told_why_there_is_no_answer(handler: Any, reason: s
         await it.robot.advertise_service("/beep", "std_srvs/Trigger", handler)
         await it.arrives(lambda: it.graph.service("/beep"))
         with pytest.raises(CallFailed, match=reason):
-            await it.node.call_service("/beep")
+            await it.node.call("/beep")
 
 
 async def test_a_call_of_something_that_is_not_offered_is_refused() -> None:

@@ -198,7 +198,7 @@ class Adapter:
             if said.get("end") == "abort":
                 raise GoalAborted(said.get("values", {}))
             if said.get("end") == "wait":
-                await goal.canceled.wait()
+                await goal.cancel_event.wait()
                 self._event("cancel", name)
                 raise GoalCanceled(said.get("values", {}))
             return said.get("values", {})

@@ -17,7 +17,7 @@ import anyio.lowlevel
 import numpy as np
 import pytest
 
-from rwt_graph import GoalHandle, GoalRejected, GoalStatus, MemoryGraph, Node, SimulatedClock
+from rwt_graph import Goal, GoalRejected, GoalStatus, MemoryGraph, Node, SimulatedClock
 from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.mesh_files import MeshFiles
 from rwt_tf2 import Buffer, read_transform
@@ -64,7 +64,7 @@ class Lab:
             for _ in range(10):
                 await anyio.lowlevel.checkpoint()
 
-    async def result(self, goal: GoalHandle, within: float = 5.0) -> tuple[GoalStatus, Any]:
+    async def result(self, goal: Goal, within: float = 5.0) -> tuple[GoalStatus, Any]:
         """Let time pass until the goal has ended."""
         for _ in range(round(within * 20)):
             await self.pass_time(0.05)
@@ -168,7 +168,7 @@ async def test_the_arm_follows_a_trajectory(lab: Lab) -> None:
     goal = await lab.user.send_goal(
         ACTION,
         trajectory((0.0, tuple(reversed(HOME.values()))), (1.5, tuple(reversed(REACH))), names=names),
-        feedback.append,
+        on_feedback=feedback.append,
     )
     status, result = await lab.result(goal)
     assert (status, result.error_code) == (GoalStatus.SUCCEEDED, 0)
@@ -184,7 +184,7 @@ async def test_a_cancelled_arm_stands_still(lab: Lab) -> None:
     joints = lab.watch("/joint_states")
     goal = await lab.user.send_goal(ACTION, trajectory((3.0, REACH)))
     await lab.pass_time(1.0)
-    await goal.cancel()
+    goal.cancel()
     status, _ = await lab.result(goal)
     assert status is GoalStatus.CANCELED
     await lab.pass_time(0.5)

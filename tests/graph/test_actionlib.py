@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import anyio
 import pytest
 
-from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, GoalStatus, MemoryGraph, Message, Node
+from rwt_graph import GoalAborted, GoalCanceled, GoalStatus, MemoryGraph, Message, Node, ReceivedGoal
 from rwt_graph.program.actionlib import STATUS, ActionlibStatus
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Client:
         ]
 
 
-async def count(goal: ActionGoal) -> dict[str, object]:
+async def count(goal: ReceivedGoal) -> dict[str, object]:
     if goal.request.order < 0:
         raise GoalAborted({"sequence": [-1]}, "cannot count down")
     goal.publish_feedback({"sequence": [goal.request.order]})
@@ -57,7 +57,7 @@ async def count(goal: ActionGoal) -> dict[str, object]:
 async def test_goals_by_topic(noetic: MemoryGraph, advance: Advance) -> None:
     async with noetic:
         Node(noetic, "server").advertise_action(
-            "/fib", ACTION, count, lambda goal: goal.order != 4 or "no fours"
+            "/fib", ACTION, count, accept=lambda goal: goal.order != 4 or "no fours"
         )
         client = Client(noetic)
         client.send("g1", 3, secs=5)
@@ -139,9 +139,9 @@ async def test_an_action_of_ros_2_is_served_over_topics_too(graph: MemoryGraph, 
 
 
 async def test_a_goal_knows_whether_its_topic_is_listened_to(noetic: MemoryGraph, advance: Advance) -> None:
-    goals: list[ActionGoal] = []
+    goals: list[ReceivedGoal] = []
 
-    async def run(goal: ActionGoal) -> None:
+    async def run(goal: ReceivedGoal) -> None:
         goals.append(goal)
         await goal.cancel_event.wait()
 

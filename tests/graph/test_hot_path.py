@@ -8,7 +8,7 @@ from collections.abc import Callable, Coroutine
 import anyio
 import pytest
 
-from rwt_graph import ActionGoal, MemoryGraph, Message, Node, SimulatedClock
+from rwt_graph import MemoryGraph, Message, Node, ReceivedGoal, SimulatedClock
 from rwt_graph.api import GoalEvents, PendingCall, Sample, ServiceCall
 from rwt_graph.clock import Timer
 from rwt_graph.memory import topics
@@ -66,9 +66,9 @@ def test_nothing_is_decoded_for_who_takes_samples(graph: MemoryGraph) -> None:
     node = Node(graph, "n")
     publisher = node.advertise("/t", "std_msgs/String", latch=True)
     received: list[Sample] = []
-    node.subscribe("/t", on_sample=received.append)
+    node.subscribe_samples("/t", on_sample=received.append)
     publisher.publish(Payload.from_json(publisher.type, b'{"data":"x"}'))
-    node.subscribe("/t", on_sample=received.append)
+    node.subscribe_samples("/t", on_sample=received.append)
     assert len(received) == 2
 
 
@@ -111,7 +111,7 @@ async def test_nothing_that_waits_reads_the_receive_buffer(graph: MemoryGraph) -
         async def on_call(request: Message) -> None:
             seen.append(request.a)
 
-        async def execute(goal: ActionGoal) -> None:
+        async def execute(goal: ReceivedGoal) -> None:
             seen.append(goal.request.order)
 
         publisher = node.advertise("/t", "std_msgs/Int32")
@@ -165,7 +165,7 @@ async def test_no_task_per_message(graph: MemoryGraph, tasks: list[object]) -> N
             publisher.publish({"data": str(number)})
         await anyio.wait_all_tasks_blocked()
         for _ in range(10):
-            assert (await node.call_service("/plain")).success
+            assert (await node.call("/plain")).success
         assert (len(plain), len(queued)) == (100, 100)
         assert tasks == []
 
@@ -183,7 +183,7 @@ async def test_one_task_per_running_coroutine_handler(graph: MemoryGraph, tasks:
         await anyio.wait_all_tasks_blocked()
         tasks.clear()
         for _ in range(5):
-            await node.call_service("/s", timeout=1)
+            await node.call("/s", timeout=1)
         assert len(tasks) == 5
 
 

@@ -41,7 +41,7 @@ async def test_plain_and_coroutine_handlers(graph: MemoryGraph) -> None:
         node.advertise_service("/coroutine", ADD, partial(add_slowly, bonus=100))
         node.advertise_service("/awaitable", ADD, lambda request: add_slowly(request, 200))
         answers = [
-            (await node.call_service(name, {"a": 1, "b": 2}, timeout=1)).sum
+            (await node.call(name, {"a": 1, "b": 2}, timeout=1)).sum
             for name in ("/plain", "/coroutine", "/awaitable")
         ]
         assert answers == [3, 103, 203]
@@ -62,7 +62,7 @@ async def test_coroutine_handlers_overlap(graph: MemoryGraph) -> None:
         answers: list[int] = []
 
         async def call(number: int) -> None:
-            answers.append((await node.call_service("/s", {"a": number})).sum)
+            answers.append((await node.call("/s", {"a": number})).sum)
 
         async with anyio.create_task_group() as group:
             for number in range(3):
@@ -78,7 +78,7 @@ async def test_none_is_a_response_of_defaults_and_no_request_one_too(graph: Memo
         node = Node(graph, "n")
         requests: list[Message] = []
         node.advertise_service("/s", ADD, requests.append)
-        assert (await node.call_service("/s")).sum == 0
+        assert (await node.call("/s")).sum == 0
         assert (requests[0].a, requests[0].b) == (0, 0)
 
 
@@ -109,7 +109,7 @@ async def test_a_handler_that_raises_fails_the_call(
         node = Node(graph, "n")
         node.advertise_service("/s", ADD, plain if kind == "plain" else coroutine)
         with pytest.raises(ServiceFailed, match=f"^{text}$"):
-            await node.call_service("/s")
+            await node.call("/s")
     assert ("service /s failed" in caplog.text) is logged
 
 
@@ -124,7 +124,7 @@ async def test_a_response_that_does_not_fit_fails_the_call(
         node = Node(graph, "n")
         node.advertise_service("/s", ADD, coroutine if kind == "coroutine" else lambda _: {"sum": "three"})
         with pytest.raises(ServiceFailed, match="sum: "):
-            await node.call_service("/s")
+            await node.call("/s")
     assert "service /s failed" in caplog.text
 
 
@@ -132,19 +132,19 @@ async def test_failures_of_a_call(graph: MemoryGraph, advance: Advance) -> None:
     async with graph:
         node = Node(graph, "n")
         with pytest.raises(NotFound, match=r"^Service /nope does not exist$"):
-            await node.call_service("nope")
+            await node.call("nope")
 
         async def never(_request: Message) -> None:
             await anyio.sleep_forever()
 
         service = node.advertise_service("/s", ADD, never)
         with pytest.raises(InvalidMessage, match="a: "):
-            await node.call_service("/s", {"a": "one"})
+            await node.call("/s", {"a": "one"})
         outcomes: list[str] = []
 
         async def call(seconds: float | None) -> None:
             try:
-                await node.call_service("/s", timeout=seconds)
+                await node.call("/s", timeout=seconds)
             except (CallTimeout, ProviderGone) as error:
                 outcomes.append(f"{type(error).__name__}: {error}")
 
@@ -166,7 +166,7 @@ async def test_a_cancelled_caller_forgets_its_call(graph: MemoryGraph) -> None:
 
         node.advertise_service("/s", ADD, never)
         with anyio.move_on_after(0) as scope:
-            await node.call_service("/s")
+            await node.call("/s")
         assert scope.cancelled_caught
 
 
@@ -178,9 +178,9 @@ async def test_before_the_graph_runs_only_plain_handlers_answer(graph: MemoryGra
 
     node.advertise_service("/plain", ADD, lambda request: {"sum": request.a})
     node.advertise_service("/coroutine", ADD, coroutine)
-    assert (await node.call_service("/plain", {"a": 5})).sum == 5
+    assert (await node.call("/plain", {"a": 5})).sum == 5
     with pytest.raises(ServiceFailed, match="coroutine handler, and the graph is not running"):
-        await node.call_service("/coroutine")
+        await node.call("/coroutine")
 
 
 async def test_leaving_cancels_handlers_closes_participants_and_leaks_nothing(graph: MemoryGraph) -> None:
@@ -194,7 +194,7 @@ async def test_leaving_cancels_handlers_closes_participants_and_leaks_nothing(gr
 
     async def call(node: Node) -> None:
         try:
-            await node.call_service("/s")
+            await node.call("/s")
         except CallFailed:
             ended.append("caller")
 

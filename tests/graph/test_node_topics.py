@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import anyio
 import pytest
 
-from rwt_graph import LATCHED, MemoryGraph, Message, Node, QoS, SimulatedClock
+from rwt_graph import LATCHED, HandleClosed, MemoryGraph, Message, Node, QoS, SimulatedClock
 from rwt_interfaces.errors import InvalidMessage, UnknownType
 from rwt_interfaces.payload import Payload
 from rwt_program.messages import is_coroutine_function
@@ -19,8 +19,8 @@ pytestmark = pytest.mark.anyio
 async def test_names_are_resolved_and_both_forms_of_type_names_accepted(graph: MemoryGraph) -> None:
     node = graph.node("talker", "/robot")
     assert node.name == "/robot/talker"
-    assert node.advertise("chatter", "std_msgs/String").topic == "/robot/chatter"
-    assert node.advertise("~/own", "std_msgs/msg/String").topic == "/robot/talker/own"
+    assert node.advertise("chatter", "std_msgs/String").name == "/robot/chatter"
+    assert node.advertise("~/own", "std_msgs/msg/String").name == "/robot/talker/own"
     with pytest.raises(UnknownType):
         node.advertise("x", "std_msgs/Strnig")
 
@@ -99,11 +99,11 @@ async def test_a_coroutine_callback_that_raises_goes_on(
     assert caplog.text.count("a subscriber of /t failed") == 2
 
 
-async def test_iterating_over_messages_and_samples(graph: MemoryGraph) -> None:
+async def test_messages_are_iterated_over_and_taken_one_by_one(graph: MemoryGraph) -> None:
     node = Node(graph, "n")
     publisher = node.advertise("/t", "std_msgs/Int32")
     async with graph:
-        subscription = node.subscribe("/t", queue_size=2)
+        subscription = node.topic("/t", queue_size=2)
         for number in range(3):
             publisher.publish({"data": number})
         received: list[int] = []
@@ -112,13 +112,12 @@ async def test_iterating_over_messages_and_samples(graph: MemoryGraph) -> None:
             if len(received) == 2:
                 break
         publisher.publish({"data": 3})
-        async for sample in subscription.samples():
-            assert sample.node == "/n"
-            value: Message = sample.payload.value()
-            received.append(value.data)
-            subscription.close()
+        received.append((await subscription.get()).data)
         assert received == [1, 2, 3]
         assert subscription.dropped == 1
+        subscription.close()
+        with pytest.raises(HandleClosed):
+            await subscription.get()
         assert [message async for message in subscription] == []
 
 
@@ -126,7 +125,7 @@ async def test_waiting_iterators_end_when_the_subscription_is_closed(graph: Memo
     node = Node(graph, "n")
     ended: list[int] = []
     async with graph:
-        subscription = node.subscribe("/t", type="std_msgs/Int32")
+        subscription = node.topic("/t", type="std_msgs/Int32")
 
         async def read(number: int) -> None:
             async for _ in subscription:
@@ -144,8 +143,8 @@ async def test_waiting_iterators_end_when_the_subscription_is_closed(graph: Memo
 
 async def test_a_subscription_with_a_callback_cannot_be_iterated(graph: MemoryGraph) -> None:
     subscription = Node(graph, "n").subscribe("/t", lambda _: None)
-    with pytest.raises(RuntimeError, match="subscribe without one to iterate"):
-        subscription.samples()
+    with pytest.raises(RuntimeError, match="use `topic` to iterate"):
+        await anext(subscription)
     assert subscription.dropped == 0
     assert subscription.type is None
 
@@ -230,7 +229,7 @@ async def test_what_outlived_its_lifespan_in_a_queue_is_not_delivered(
 ) -> None:
     node = Node(graph, "n")
     publisher = node.advertise("/t", "std_msgs/Int32", qos=QoS(lifespan=1.0))
-    waiting = node.subscribe("/t")
+    waiting = node.topic("/t")
     publisher.publish({"data": 1})
     clock.advance(0.8)
     publisher.publish({"data": 2})

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_graph import NotFound, ParameterRejected
-from rwt_graph.parameters.tree import ParameterTree, Value
+from rwt_graph.parameters.tree import ParameterTree
+from rwt_program.messages import ParameterValue
 
 LEAVES = st.one_of(
     st.integers(), st.text(max_size=5), st.booleans(), st.none(), st.lists(st.integers(), max_size=3)
@@ -62,9 +63,9 @@ def test_an_empty_branch_is_a_value() -> None:
 
 def test_watches_see_values_before_they_are_stored_and_may_refuse() -> None:
     tree = ParameterTree()
-    seen: list[Value] = []
+    seen: list[ParameterValue] = []
 
-    def watch(value: Value) -> None:
+    def watch(value: ParameterValue) -> None:
         if value == "bad":
             raise ParameterRejected("no")
         seen.append(value)
@@ -86,7 +87,7 @@ def test_watches_see_values_before_they_are_stored_and_may_refuse() -> None:
 
 
 @given(st.lists(st.tuples(NAMES, LEAVES), max_size=12))
-def test_the_last_value_set_is_found_and_listed(plan: list[tuple[str, Value]]) -> None:
+def test_the_last_value_set_is_found_and_listed(plan: list[tuple[str, ParameterValue]]) -> None:
     tree = ParameterTree()
     for name, value in plan:
         tree.set(name, value)

@@ -8,16 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_graph import CallTimeout, GraphError, MemoryGraph, Message, Node, NotFound, ParameterRejected
-from rwt_graph.parameters.tree import Value
 from rwt_graph.parameters.values import ParameterType, coerce, decode, encode, type_of
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
+from rwt_program.messages import ParameterValue
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance
 
 INT64 = st.integers(-(2**63), 2**63 - 1)
-VALUES: st.SearchStrategy[Value] = st.one_of(
+VALUES: st.SearchStrategy[ParameterValue] = st.one_of(
     st.booleans(),
     INT64,
     st.floats(allow_nan=False),
@@ -32,7 +32,7 @@ VALUE_TYPE = Registry().message("rcl_interfaces/ParameterValue")
 
 
 @given(VALUES)
-def test_every_value_survives_its_message(value: Value) -> None:
+def test_every_value_survives_its_message(value: ParameterValue) -> None:
     message = Payload.from_value(VALUE_TYPE, encode(value)).value()
     again = decode(message)
     assert again == value
@@ -40,7 +40,7 @@ def test_every_value_survives_its_message(value: Value) -> None:
 
 
 @given(VALUES)
-def test_a_value_fits_its_own_type(value: Value) -> None:
+def test_a_value_fits_its_own_type(value: ParameterValue) -> None:
     assert coerce(value, type_of(value)) == value
 
 
@@ -56,7 +56,9 @@ def test_a_value_fits_its_own_type(value: Value) -> None:
         ([0, 255], ParameterType.BYTE_ARRAY, b"\x00\xff"),
     ],
 )
-def test_values_that_may_stand_for_another_type(value: Value, wanted: ParameterType, expected: Value) -> None:
+def test_values_that_may_stand_for_another_type(
+    value: ParameterValue, wanted: ParameterType, expected: ParameterValue
+) -> None:
     made = coerce(value, wanted)
     assert made == expected
     assert type(made) is type(expected)
@@ -72,20 +74,20 @@ def test_values_that_may_stand_for_another_type(value: Value, wanted: ParameterT
         ([], ParameterType.INTEGER, "Wrong parameter type, expected integer, got string array"),
     ],
 )
-def test_values_of_the_wrong_type(value: Value, wanted: ParameterType, text: str) -> None:
+def test_values_of_the_wrong_type(value: ParameterValue, wanted: ParameterType, text: str) -> None:
     with pytest.raises(ParameterRejected) as caught:
         coerce(value, wanted)
     assert str(caught.value) == text
 
 
 @pytest.mark.parametrize("value", [{"a": 1}, [1, "x"], [[1]], [True, 1], object()])
-def test_values_that_ros_2_does_not_have(value: Value) -> None:
+def test_values_that_ros_2_does_not_have(value: ParameterValue) -> None:
     with pytest.raises(ParameterRejected, match="a parameter must be a bool"):
         type_of(value)
 
 
 @pytest.mark.parametrize("value", [2**63, [-(2**63) - 1]])
-def test_integers_that_are_too_long(value: Value) -> None:
+def test_integers_that_are_too_long(value: ParameterValue) -> None:
     with pytest.raises(ParameterRejected, match="64 bits"):
         encode(value)
 
@@ -98,9 +100,9 @@ def test_a_message_of_an_unknown_type_is_refused() -> None:
 
 def test_declaring_and_setting(graph: MemoryGraph) -> None:
     node = Node(graph, "demo")
-    heard: list[Value] = []
+    heard: list[ParameterValue] = []
 
-    def on_change(value: Value) -> None:
+    def on_change(value: ParameterValue) -> None:
         if isinstance(value, float) and value > 10:
             raise ParameterRejected("too fast")
         heard.append(value)
@@ -132,7 +134,7 @@ def test_declaring_and_setting(graph: MemoryGraph) -> None:
 def test_an_on_change_that_breaks_refuses_and_is_logged(
     graph: MemoryGraph, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def on_change(_value: Value) -> None:
+    def on_change(_value: ParameterValue) -> None:
         raise ZeroDivisionError("oops")
 
     node = Node(graph, "demo")
@@ -151,26 +153,26 @@ async def test_parameters_of_any_node(graph: MemoryGraph) -> None:
         demo.parameters.declare("octets", b"\x01\x02")
         demo.parameters.declare("anything", None)
         name = "/robot/demo:max_speed"
-        assert await other.get_param(name) == 1.0
-        await other.set_param(name, 3)
+        assert await other.params.get(name) == 1.0
+        await other.params.set(name, 3)
         assert demo.parameters.get("max_speed") == 3.0
-        assert await other.get_param("/robot/demo:octets") == b"\x01\x02"
+        assert await other.params.get("/robot/demo:octets") == b"\x01\x02"
         with pytest.raises(ParameterRejected, match="expected double, got string"):
-            await other.set_param(name, "fast")
+            await other.params.set(name, "fast")
         with pytest.raises(ParameterRejected, match="was not declared"):
-            await other.set_param("/robot/demo:nope", 1)
+            await other.params.set("/robot/demo:nope", 1)
         with pytest.raises(ParameterRejected, match="because it is of a fixed type"):
-            await other.delete_param(name)
-        assert not await other.has_param("/robot/demo:anything")
-        await other.set_param("/robot/demo:anything", [1, 2])
-        assert await other.has_param("/robot/demo:anything")
-        await other.delete_param("/robot/demo:anything")
+            await other.params.delete(name)
+        assert not await other.params.has("/robot/demo:anything")
+        await other.params.set("/robot/demo:anything", [1, 2])
+        assert await other.params.has("/robot/demo:anything")
+        await other.params.delete("/robot/demo:anything")
         with pytest.raises(NotFound, match="parameter anything of node /robot/demo is not set"):
-            await other.delete_param("/robot/demo:anything")
+            await other.params.delete("/robot/demo:anything")
         with pytest.raises(NotFound, match="node /nobody is not there"):
-            await other.get_param("/nobody:x")
-        assert not await other.has_param("/nobody:x")
-        assert await other.list_params() == (
+            await other.params.get("/nobody:x")
+        assert not await other.params.has("/nobody:x")
+        assert await other.params.names() == (
             "/other:use_sim_time",
             "/robot/demo:max_speed",
             "/robot/demo:octets",
@@ -182,17 +184,17 @@ async def test_parameters_of_any_node(graph: MemoryGraph) -> None:
 async def test_names_without_a_node_are_kept_in_the_global_tree(graph: MemoryGraph) -> None:
     async with graph:
         node = Node(graph, "n", "/ns")
-        await node.set_param("/robot/gains", {"p": 1})
-        await node.set_param("relative", 5)
-        assert await node.get_param("/robot/gains/p") == 1
-        assert await node.has_param("/robot")
-        assert await node.list_params() == ("/ns/n:use_sim_time", "/ns/relative", "/robot/gains/p")
-        await node.delete_param("/robot")
+        await node.params.set("/robot/gains", {"p": 1})
+        await node.params.set("relative", 5)
+        assert await node.params.get("/robot/gains/p") == 1
+        assert await node.params.has("/robot")
+        assert await node.params.names() == ("/ns/n:use_sim_time", "/ns/relative", "/robot/gains/p")
+        await node.params.delete("/robot")
         with pytest.raises(NotFound, match="/robot/gains is not set"):
-            await node.get_param("/robot/gains")
+            await node.params.get("/robot/gains")
         with pytest.raises(NotFound):
-            await node.delete_param("/robot")
-        assert await node.get_param("/") == {"ns": {"relative": 5}}
+            await node.params.delete("/robot")
+        assert await node.params.get("/") == {"ns": {"relative": 5}}
 
 
 @pytest.mark.anyio
@@ -204,7 +206,7 @@ async def test_the_six_services(graph: MemoryGraph) -> None:
         node.parameters.declare("name", "x", read_only=True)
 
         async def call(service: str, request: Mapping[str, object]) -> Message:
-            return await node.call_service(f"/demo/{service}", request)
+            return await node.call(f"/demo/{service}", request)
 
         described = await call("describe_parameters", {"names": ["arm.gain", "nope"]})
         first, second = described.descriptors
@@ -229,7 +231,7 @@ async def test_the_six_services(graph: MemoryGraph) -> None:
         result = (await call("list_parameters", {})).result
         assert list(result.prefixes) == ["arm", "arm.deep"]
 
-        def parameter(name: str, value: Value) -> dict[str, object]:
+        def parameter(name: str, value: ParameterValue) -> dict[str, object]:
             return {"name": name, "value": encode(value)}
 
         both = {"parameters": [parameter("arm.gain", 0.9), parameter("name", "y")]}
@@ -254,7 +256,7 @@ async def test_changes_are_published(graph: MemoryGraph) -> None:
         node.parameters.declare("x", None)
         node.parameters.set("x", 1)
         node.parameters.set("x", 2)
-        await node.delete_param("/demo:x")
+        await node.params.delete("/demo:x")
         changes = [
             (event.node, [p.name for p in event.new_parameters], [p.name for p in event.changed_parameters],
              [p.name for p in event.deleted_parameters])
@@ -280,7 +282,7 @@ async def test_a_node_that_does_not_answer(graph: MemoryGraph, advance: Advance)
 
         async def ask() -> None:
             try:
-                await node.get_param("/mute:x")
+                await node.params.get("/mute:x")
             except CallTimeout:
                 outcomes.append("timeout")
 
@@ -292,30 +294,30 @@ async def test_a_node_that_does_not_answer(graph: MemoryGraph, advance: Advance)
 @pytest.mark.anyio
 async def test_on_ros_1_parameters_live_in_the_tree(noetic: MemoryGraph) -> None:
     async with noetic:
-        heard: list[Value] = []
+        heard: list[ParameterValue] = []
         node, other = Node(noetic, "demo_robot"), Node(noetic, "other")
-        await other.set_param("/demo_robot/preset", 7)
+        await other.params.set("/demo_robot/preset", 7)
         assert node.parameters.declare("preset", 1, on_change=heard.append) == 7
         assert node.parameters.declare("max_speed", 0.5, on_change=heard.append) == 0.5
         node.parameters.declare("gains", {"p": 1})
-        await other.set_param("/demo_robot/max_speed", 1)
-        await other.set_param("/demo_robot:max_speed", 0.75)
+        await other.params.set("/demo_robot/max_speed", 1)
+        await other.params.set("/demo_robot:max_speed", 0.75)
         assert heard == [7, 1.0, 0.75]
-        assert await other.get_param("/demo_robot/max_speed") == 0.75
+        assert await other.params.get("/demo_robot/max_speed") == 0.75
         assert node.parameters.get("max_speed") == 0.75
         with pytest.raises(ParameterRejected, match="expected double"):
-            await other.set_param("/demo_robot/max_speed", "fast")
+            await other.params.set("/demo_robot/max_speed", "fast")
         node.parameters.set("max_speed", 2.0)
-        assert await other.list_params() == (
+        assert await other.params.names() == (
             "/demo_robot/gains/p",
             "/demo_robot/max_speed",
             "/demo_robot/preset",
         )
         assert noetic.services() == ()
-        await other.delete_param("/demo_robot/max_speed")
+        await other.params.delete("/demo_robot/max_speed")
         with pytest.raises(NotFound):
             node.parameters.get("max_speed")
         heard.clear()
         node.close()
-        await other.set_param("/demo_robot/max_speed", "anything now")
+        await other.params.set("/demo_robot/max_speed", "anything now")
         assert heard == []

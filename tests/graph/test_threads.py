@@ -56,7 +56,7 @@ async def test_everything_that_is_no_coroutine_works_from_a_thread(graph: Memory
                 ):
                     publisher.publish({"data": "from a thread"})
                     with node.advertise_service("/s", "std_srvs/Trigger", lambda _: {"message": "ok"}):
-                        received.append(node.call_service_sync("/s", timeout=5.0).message)
+                        received.append(node.run_blocking(lambda: node.call("/s", timeout=5.0)).message)
                 node.create_timer(1.0, lambda: None).cancel()
                 node.log.info("hello")
                 received.append(str(node.parameters.get("speed")))
@@ -73,18 +73,18 @@ async def test_any_coroutine_can_be_run_from_a_thread(graph: MemoryGraph) -> Non
     async with graph:
         node = Node(graph, "n")
         node.parameters.declare("speed", 1.5)
-        assert await in_thread(lambda: node.run_blocking(lambda: node.get_param("/n:speed"))) == 1.5
+        assert await in_thread(lambda: node.run_blocking(lambda: node.params.get("/n:speed"))) == 1.5
         with pytest.raises(ProviderNotFound):
-            await in_thread(lambda: node.call_service_sync("/nope"))
+            await in_thread(lambda: node.run_blocking(lambda: node.call("/nope")))
 
 
 async def test_a_blocking_call_on_the_graphs_own_thread_is_refused(graph: MemoryGraph) -> None:
     node = Node(graph, "n")
     with pytest.raises(NotRunning, match="async with graph"):
-        node.call_service_sync("/s")
+        node.run_blocking(lambda: node.call("/s"))
     async with graph:
         with pytest.raises(WrongThread, match="await it instead"):
-            node.call_service_sync("/s")
+            node.run_blocking(lambda: node.call("/s"))
 
 
 async def test_a_blocking_call_ends_when_the_graph_is_left(graph: MemoryGraph) -> None:

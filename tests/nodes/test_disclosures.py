@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rwt_graph import ActionGoal, GoalAborted, MemoryGraph, Node
+from rwt_graph import GoalAborted, MemoryGraph, Node, ReceivedGoal
 from rwt_graph.disclosure import NOTHING, Disclosure, Lists, Reads, Writes
 from rwt_graph.parameters.services import DISCLOSURES as OF_PARAMETERS
 from rwt_interfaces import Payload
@@ -41,7 +41,7 @@ TYPES = {
 }
 
 
-async def count(goal: ActionGoal) -> dict[str, object]:
+async def count(goal: ReceivedGoal) -> dict[str, object]:
     raise GoalAborted({}, "nobody sends goals here")
 
 
@@ -76,7 +76,7 @@ async def answer(graph: MemoryGraph, service: str) -> Any:
     given = {**REQUEST, "type": kind}
     fields = [field.name for field in info.type.request.definition.fields]
     request = {name: given[name] for name in fields if name in given}
-    return await Node(graph, "client").call_service(service, request)
+    return await Node(graph, "client").call(service, request)
 
 
 async def test_every_service_declares_what_it_reveals(graph: MemoryGraph) -> None:

@@ -15,8 +15,7 @@ import pytest
 from rwt import BlockingNode, Server, Settings, SettingsError
 from rwt.server import Loop
 from rwt_client.blocking import connect
-from rwt_graph import CallTimeout, NotRunning, ServiceFailed, WrongThread
-from rwt_interfaces.errors import UnknownType
+from rwt_graph import NotFound, NotRunning, ServiceFailed, TimedOut, WrongThread
 
 URL = "ws://127.0.0.1:0"
 
@@ -49,8 +48,8 @@ def test_a_script_is_a_robot(loop: Loop) -> None:
 def test_a_script_is_also_a_client_of_its_own_graph(loop: Loop) -> None:
     with Server(URL, demo=True, loop=loop) as robot:
         assert robot.call("/add_two_ints", {"a": 1, "b": 2}).sum == 3
-        robot.set_param("/demo_robot:camera_rate", 2.5)
-        assert robot.get_param("/demo_robot:camera_rate") == 2.5
+        robot.params.set("/demo_robot:camera_rate", 2.5)
+        assert robot.params.get("/demo_robot:camera_rate") == 2.5
         with robot.topic("/odom") as places:
             assert [next(places).child_frame_id for _ in range(2)] == ["base_link"] * 2
 
@@ -63,9 +62,9 @@ def test_what_goes_wrong_is_raised_where_it_was_asked_for() -> None:
         robot.advertise_service("/fail", "std_srvs/Trigger", fail)
         with pytest.raises(ServiceFailed, match="no power"):
             robot.call("/fail")
-        with pytest.raises(CallTimeout, match=r"no message on /silence within 0\.01 s"):
+        with pytest.raises(TimedOut, match=r"no message came on /silence within 0\.01 s"):
             robot.once("/silence", "std_msgs/String", timeout=0.01)
-        with pytest.raises(UnknownType, match="/nothing has no type yet"):
+        with pytest.raises(NotFound, match="no topic /nothing that has a type"):
             robot.publish("/nothing", {"data": "x"})
         messages = robot.topic("/silence", "std_msgs/String")
         messages.close()
@@ -78,8 +77,8 @@ WAITS: dict[str, Callable[[BlockingNode], object]] = {
     "call": lambda robot: robot.call("/ask"),
     "once": lambda robot: robot.once("/x", "std_msgs/String"),
     "send_goal": lambda robot: robot.send_goal("/count"),
-    "get_param": lambda robot: robot.get_param("/robot:use_sim_time"),
-    "set_param": lambda robot: robot.set_param("/robot:use_sim_time", True),
+    "get_param": lambda robot: robot.params.get("/robot:use_sim_time"),
+    "set_param": lambda robot: robot.params.set("/robot:use_sim_time", True),
     "spin": lambda robot: robot.spin(),
 }
 

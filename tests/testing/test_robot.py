@@ -18,7 +18,7 @@ async def test_answers_in_turn_and_the_last_for_ever(graph: ObservedGraph) -> No
     async with graph:
         robot, caller = ScriptedRobot(graph), Node(graph, "caller")
         service = robot.on_service("/add", ADD).returns({"sum": 1}, {"sum": 2})
-        sums = [(await caller.call_service("/add", {"a": n})).sum for n in range(3)]
+        sums = [(await caller.call("/add", {"a": n})).sum for n in range(3)]
         assert sums == [1, 2, 2]
         assert [request.a for request in service.requests] == [0, 1, 2]
         assert len(await robot.until_called("/add", {"a": 1})) == 1
@@ -29,27 +29,27 @@ async def test_cases_come_before_the_answer_to_everything_else(graph: ObservedGr
         robot, caller = ScriptedRobot(graph), Node(graph, "caller")
         service = robot.on_service("/add", ADD).returns({"sum": -1})
         service.when({"a": 2}).returns({"sum": 2}).when(lambda request: request.b > 9).raises("too much")
-        assert (await caller.call_service("/add", {"a": 1})).sum == -1
-        assert (await caller.call_service("/add", {"a": 2})).sum == 2
+        assert (await caller.call("/add", {"a": 1})).sum == -1
+        assert (await caller.call("/add", {"a": 2})).sum == 2
         with pytest.raises(ServiceFailed, match="too much"):
-            await caller.call_service("/add", {"b": 10})
+            await caller.call("/add", {"b": 10})
         service.returns({"sum": -2})
-        assert (await caller.call_service("/add", {"a": 1})).sum == -2
-        assert (await caller.call_service("/add", {"a": 2})).sum == 2
+        assert (await caller.call("/add", {"a": 1})).sum == -2
+        assert (await caller.call("/add", {"a": 2})).sum == 2
 
 
 async def test_a_function_or_a_coroutine_answers(graph: ObservedGraph) -> None:
     async with graph:
         robot, caller = ScriptedRobot(graph), Node(graph, "caller")
         robot.on_service("/add", ADD).calls(lambda request: {"sum": request.a + request.b})
-        assert (await caller.call_service("/add", {"a": 1, "b": 2})).sum == 3
+        assert (await caller.call("/add", {"a": 1, "b": 2})).sum == 3
 
         async def add(request: object) -> dict[str, object]:
             await anyio.lowlevel.checkpoint()
             return {"sum": 7}
 
         robot.on_service("/add", ADD).calls(add)
-        assert (await caller.call_service("/add")).sum == 7
+        assert (await caller.call("/add")).sum == 7
 
 
 async def test_slow_and_silent_services_follow_the_robots_clock(
@@ -63,7 +63,7 @@ async def test_slow_and_silent_services_follow_the_robots_clock(
 
         async def call(service: str) -> None:
             try:
-                outcomes.append((await caller.call_service(service, timeout=5.0)).sum)
+                outcomes.append((await caller.call(service, timeout=5.0)).sum)
             except CallTimeout:
                 outcomes.append("timeout")
 
@@ -83,10 +83,10 @@ async def test_a_service_without_a_script_says_so(graph: ObservedGraph) -> None:
         robot, caller = ScriptedRobot(graph), Node(graph, "caller")
         robot.on_service("/add", ADD)
         with pytest.raises(ServiceFailed, match="nothing was scripted"):
-            await caller.call_service("/add")
+            await caller.call("/add")
         robot.on_service("/add", ADD).when({"a": 1}).returns({"sum": 1})
         with pytest.raises(ServiceFailed, match="none of its cases"):
-            await caller.call_service("/add")
+            await caller.call("/add")
 
 
 def test_what_does_not_fit_is_refused_where_it_is_written(graph: ObservedGraph) -> None:
@@ -111,7 +111,7 @@ async def test_a_rate_that_nothing_can_keep_up_with_leaves_others_their_turn() -
         robot.on_service("/add", ADD).returns({"sum": 1})
         topic = robot.publishes("/fast", "std_msgs/Int32", rate=1e12)
         with anyio.fail_after(20):
-            assert (await caller.call_service("/add")).sum == 1
+            assert (await caller.call("/add")).sum == 1
         topic.stop()
 
 
@@ -156,7 +156,7 @@ async def test_a_goal_gets_its_feedback_and_its_end(graph: ObservedGraph, clock:
         goal = await client.send_goal(
             "/fib",
             {"order": 3},
-            lambda message: feedback.append((clock.monotonic(), len(message.sequence))),
+            on_feedback=lambda message: feedback.append((clock.monotonic(), len(message.sequence))),
         )
         await advance(clock, 5.0)
         assert feedback == [(1.0, 1), (2.0, 2)]
@@ -182,13 +182,13 @@ async def test_goals_abort_are_rejected_canceled_or_stubborn(
         action.never_ends()
         goal = await client.send_goal("/fib")
         await settle()
-        await goal.cancel()
+        goal.cancel()
         assert (await goal.result())[0] is GoalStatus.CANCELED
 
         action.feedback({"sequence": [1]}, every=2.0).succeeds().ignores_cancel()
         goal = await client.send_goal("/fib")
         await settle()
-        await goal.cancel()
+        goal.cancel()
         await advance(clock, 2.0)
         assert (await goal.result())[0] is GoalStatus.SUCCEEDED
 
@@ -199,7 +199,7 @@ async def test_a_cancel_ends_the_wait_for_feedback(graph: ObservedGraph, clock: 
         robot.on_action("/fib", FIBONACCI).feedback({"sequence": [1]}, every=60.0)
         goal = await client.send_goal("/fib")
         await settle()
-        await goal.cancel()
+        goal.cancel()
         assert (await goal.result())[0] is GoalStatus.CANCELED
         assert clock.monotonic() == 0.0
 
@@ -210,11 +210,11 @@ async def test_parameters_are_those_of_any_node(graph: ObservedGraph) -> None:
         robot, other = ScriptedRobot(graph), Node(graph, "other")
         robot.has_parameter("max_speed", 0.5)
         name = "/robot:max_speed" if graph.distro.parameters_belong_to_nodes else "/robot/max_speed"
-        assert await other.get_param(name) == 0.5
-        await other.set_param(name, 0.7)
+        assert await other.params.get(name) == 0.5
+        await other.params.set(name, 0.7)
         assert robot.parameters.get("max_speed") == 0.7
         robot.has_parameter("max_speed", 0.5)
-        assert await other.get_param(name) == 0.5
+        assert await other.params.get(name) == 0.5
 
 
 def test_what_came_before_counts_and_what_the_robot_says_does_not(graph: ObservedGraph) -> None:

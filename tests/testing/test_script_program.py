@@ -79,10 +79,10 @@ async def test_a_robot_that_cannot_begin_anew_says_why(tmp_path: Path, graph: Ob
     text = "times = []\ndef robot(node):\n    times.append(1)\n    1 / (2 - len(times))\n"
     async with graph:
         control, listener = play(graph, tmp_path / "robot.py", text), Node(graph, "listener")
-        answer = await listener.call_service("/rwt_script/reset")
+        answer = await listener.call("/rwt_script/reset")
         assert not answer.success
         assert ":4: ZeroDivisionError" in answer.message
-        assert (await listener.call_service("/rwt_script/reset")).success
+        assert (await listener.call("/rwt_script/reset")).success
         control.close()
 
 
@@ -96,7 +96,7 @@ async def test_reset_ends_a_coroutine_and_begins_anew(
         listener.subscribe("/count", lambda message: seen.append(message.data), "std_msgs/Int32")
         play(graph, tmp_path / "robot.py", COUNTING)
         await advance(clock, 2.0)
-        await listener.call_service("/rwt_script/reset")
+        await listener.call("/rwt_script/reset")
         await advance(clock, 1.0)
         assert seen == [1, 2, 3, 1, 2]
 

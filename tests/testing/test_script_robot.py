@@ -80,10 +80,10 @@ async def test_the_first_case_that_matches_answers(tmp_path: Path, graph: Observ
             """,
         )
         caller = Node(graph, "caller")
-        assert (await caller.call_service("/add", {"a": 1, "b": 1})).sum == 2
-        assert [(await caller.call_service("/add", {"a": 1})).sum for _ in range(3)] == [10, 11, 11]
+        assert (await caller.call("/add", {"a": 1, "b": 1})).sum == 2
+        assert [(await caller.call("/add", {"a": 1})).sum for _ in range(3)] == [10, 11, 11]
         with pytest.raises(ServiceFailed, match="none of its cases"):
-            await caller.call_service("/add", {"a": 2})
+            await caller.call("/add", {"a": 2})
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ async def test_goals_that_are_rejected_or_go_on(tmp_path: Path, graph: ObservedG
         goal = await client.send_goal("/long")
         await settle()
         assert goal.status is GoalStatus.EXECUTING
-        await goal.cancel()
+        goal.cancel()
         assert (await goal.result())[0] is GoalStatus.CANCELED
 
 

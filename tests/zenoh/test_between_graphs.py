@@ -19,10 +19,10 @@ from rwt_graph import (
     QoS,
 )
 from rwt_graph.api import GoalEvents, ServerGoal, ServiceCall
-from rwt_graph.program.goals import ActionGoal
 from rwt_graph.zenoh import ZenohGraph, receive_queue
 from rwt_interfaces.payload import Payload
 from rwt_nodes.introspection import Introspection
+from rwt_program.goals import ReceivedGoal
 from rwt_program.qos import DEFAULT_QOS, History
 from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
 
@@ -150,7 +150,7 @@ async def test_a_coroutine_serves_many_calls_at_once(pair: Pair) -> None:
     sums: dict[int, int] = {}
 
     async def call(number: int) -> None:
-        sums[number] = (await caller.call_service("/add", {"a": number, "b": 1}, timeout=PATIENCE)).sum
+        sums[number] = (await caller.call("/add", {"a": number, "b": 1}, timeout=PATIENCE)).sum
 
     async with anyio.create_task_group() as tasks:
         for number in range(100):
@@ -168,7 +168,7 @@ async def test_ones_own_service_is_called_before_that_of_another_process(pair: P
         graph.node("same").advertise_service("/who", "std_srvs/Trigger", answer)
     await until(lambda: len([node for node in a.nodes() if node.name == "/same"]) == 1)
     for graph, name in ((a, "a"), (b, "b")):
-        assert (await graph.node("caller").call_service("/who", timeout=PATIENCE)).message == name
+        assert (await graph.node("caller").call("/who", timeout=PATIENCE)).message == name
 
 
 async def test_a_call_ends_when_the_providers_process_does() -> None:
@@ -178,7 +178,7 @@ async def test_a_call_ends_when_the_providers_process_does() -> None:
 
         async def call() -> None:
             try:
-                await a.node("caller").call_service("/never")
+                await a.node("caller").call("/never")
             except ProviderGone as gone:
                 failures.append(str(gone))
 
@@ -216,7 +216,7 @@ async def test_a_provider_forgets_the_calls_of_a_caller_that_is_gone() -> None:
 async def test_an_action_across_processes(pair: Pair) -> None:
     a, b = pair
 
-    async def execute(goal: ActionGoal) -> dict[str, list[int]]:
+    async def execute(goal: ReceivedGoal) -> dict[str, list[int]]:
         sequence = [0, 1]
         for _ in range(goal.request.order):
             sequence.append(sequence[-1] + sequence[-2])
@@ -237,12 +237,14 @@ async def test_an_action_across_processes(pair: Pair) -> None:
     client.subscribe(
         "/fib/_action/status", lambda m: states.append([status.status for status in m.status_list])
     )
-    goal = await client.send_goal("/fib", {"order": 3}, lambda message: heard.append(list(message.sequence)))
+    goal = await client.send_goal(
+        "/fib", {"order": 3}, on_feedback=lambda message: heard.append(list(message.sequence))
+    )
     status, result = await goal.result()
     assert (status, list(result.sequence)) == (GoalStatus.SUCCEEDED, [0, 1, 1, 2, 3])
     assert heard == [[0, 1, 1], [0, 1, 1, 2], [0, 1, 1, 2, 3]]
     waiting = await client.send_goal("/fib", {"order": 0})
-    await waiting.cancel()
+    waiting.cancel()
     status, result = await waiting.result()
     assert (status, list(result.sequence), waiting.reason) == (GoalStatus.CANCELED, [7], "as you wish")
     await until(lambda: [5] in states)
@@ -277,7 +279,7 @@ async def test_feedback_that_nobody_takes_is_not_sent(pair: Pair) -> None:
 async def test_introspection_does_not_say_twice_what_an_action_says_of_itself(pair: Pair) -> None:
     a, b = pair
 
-    async def execute(goal: ActionGoal) -> None:
+    async def execute(goal: ReceivedGoal) -> None:
         goal.publish_feedback({"sequence": [goal.request.order]})
 
     a.node("server").advertise_action("/fib", "example_interfaces/Fibonacci", execute)
@@ -287,7 +289,7 @@ async def test_introspection_does_not_say_twice_what_an_action_says_of_itself(pa
     ear = b.node("ear")
     ear.subscribe("/fib/_action/feedback", lambda message: heard.extend(message.feedback.sequence))
     for order in (1, 2):
-        await (await ear.send_goal("/fib", {"order": order}, lambda _: None)).result()
+        await (await ear.send_goal("/fib", {"order": order}, on_feedback=lambda _: None)).result()
     await until(lambda: heard[-1:] == [2])
     assert heard == [1, 2]
     introspection.close()
@@ -300,11 +302,11 @@ async def test_parameters_of_a_node_in_another_process(pair: Pair) -> None:
     arm.parameters.declare("serial", "x1", read_only=True)
     node = b.node("tool")
     await until(lambda: b.service("/arm/set_parameters") is not None)
-    assert await node.get_param("/arm:speed") == 1.5
-    await node.set_param("/arm:speed", 2.5)
+    assert await node.params.get("/arm:speed") == 1.5
+    await node.params.set("/arm:speed", 2.5)
     assert arm.parameters.get("speed") == 2.5
     with pytest.raises(ParameterRejected):
-        await node.set_param("/arm:serial", "x2")
+        await node.params.set("/arm:serial", "x2")
 
 
 async def test_nodes_of_both_processes_are_listed_with_what_they_take_part_in(pair: Pair) -> None:

@@ -92,7 +92,7 @@ async def test_a_cut_heals_by_itself(wire: tuple[ZenohGraph, ZenohGraph, Wire]) 
     link.mend()
     await until(lambda: heard == ["before", "meanwhile"])
     await until(lambda: b.service("/go") is not None and state.subscriber_count == 1)
-    assert (await page.call_service("/go", timeout=PATIENCE)).message == "gone"
+    assert (await page.call("/go", timeout=PATIENCE)).message == "gone"
     # Whoever subscribes now is given what was kept, too, and nobody anything twice.
     late: list[str] = []
     page.subscribe("/state", lambda message: late.append(message.data))
@@ -139,7 +139,7 @@ async def test_calls_that_are_open_when_the_link_is_cut_fail(
         with pytest.raises(
             ProviderGone, match=r"^Service /never (was unadvertised|went away without an answer)$"
         ):
-            await caller.call_service("/never")
+            await caller.call("/never")
 
 
 async def link_cut_after(started: anyio.Event, link: Wire) -> None:

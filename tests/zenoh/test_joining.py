@@ -104,7 +104,7 @@ async def test_what_is_there_before_the_graph_is_entered_is_known_to_others_then
         heard: list[str] = []
         other.node("ear").subscribe("/robot7/chatter", lambda message: heard.append(message.data))
         await until(lambda: heard == ["kept"])
-        response = await other.node("caller").call_service("/robot7/talker/go", timeout=PATIENCE)
+        response = await other.node("caller").call("/robot7/talker/go", timeout=PATIENCE)
         assert response.success
         with pytest.raises(NotRunning):
             await early.__aenter__()

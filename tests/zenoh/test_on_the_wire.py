@@ -233,7 +233,7 @@ async def test_a_call_is_a_query_to_all(graph: ZenohGraph, peer: zenoh.Session) 
     node = graph.node("caller")
     for _ in range(2):
         with pytest.raises(ServiceFailed, match=r"^not today$"):
-            await node.call_service("/go", timeout=PATIENCE)
+            await node.call("/go", timeout=PATIENCE)
     client = await seen(peer, "/SC/", "/caller/", "%go")
     assert [body for body, _ in asked] == [bytes.fromhex("0001000000")] * 2
     assert [(number, size, gid) for _, (number, _, size, gid) in asked] == [
@@ -349,7 +349,7 @@ async def test_a_service_of_another_definition_is_not_called(graph: ZenohGraph, 
     alive = declare(peer, "SS", "/go", "std_srvs::srv::dds_::Trigger_", "RIHS01_1")
     await until(lambda: graph.service("/go") is not None)
     with pytest.raises(Exception, match="Service /go defines std_srvs/srv/Trigger otherwise"):
-        await graph.node("caller").call_service("/go")
+        await graph.node("caller").call("/go")
     alive.undeclare()
 
 

@@ -109,14 +109,12 @@ async def test_a_service_of_pyzeros_is_called(graph: ZenohGraph, other: Any) -> 
     async with anyio.create_task_group() as tasks:
         tasks.start_soon(serve)
         with anyio.fail_after(PATIENCE):
-            response = await graph.node("caller").call_service(
-                "/demo/switch", {"data": True}, timeout=PATIENCE
-            )
+            response = await graph.node("caller").call("/demo/switch", {"data": True}, timeout=PATIENCE)
     assert (response.success, response.message) == (True, "done")
     server.close()
     await until(lambda: graph.service("/demo/switch") is None)
     with pytest.raises(ProviderNotFound):
-        await graph.node("late").call_service("/demo/switch")
+        await graph.node("late").call("/demo/switch")
 
 
 async def test_a_call_of_a_service_of_pyzeros_that_goes_away_fails(graph: ZenohGraph, other: Any) -> None:

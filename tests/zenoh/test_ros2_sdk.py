@@ -99,7 +99,7 @@ async def test_services_both_ways(graph: ZenohGraph) -> None:
 
     server = await in_thread(sdk.ROS2ServiceServer, "/their_switch", callback=serve, **SET_BOOL)
     await until(lambda: graph.service("/their_switch") is not None)
-    response = await node.call_service("/their_switch", {"data": True}, timeout=20)
+    response = await node.call("/their_switch", {"data": True}, timeout=20)
     assert (response.success, response.message) == (True, "theirs")
 
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any
-
-import anyio
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
 
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_program.errors import GoalAborted, GoalCanceled, InvalidMessage, RobotError, ServiceFailed
-from rwt_program.goals import GoalStatus
-from rwt_program.messages import Message, MessageLike, to_payload
+from rwt_program.goals import Execute, GoalStatus, ReceivedGoal
+from rwt_program.messages import MessageLike, to_payload
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,
@@ -31,39 +30,6 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 EXECUTE_FAILED = "the action failed; its program's log says why"
-
-
-class ReceivedGoal:
-    """A goal that this program works on.
-
-    Attributes:
-        request: the goal message.
-        id: its id on the wire.
-        canceled: set once somebody wants it to end early; wait for it with ``await goal.canceled.wait()``.
-    """
-
-    def __init__(self, offered: ActionServer, id: str | int | None, request: Message) -> None:
-        self.request = request
-        self.id = id
-        self.canceled = anyio.Event()
-        self._offered = offered
-
-    @property
-    def cancel_requested(self) -> bool:
-        """Whether somebody wants it to end early. To do so, raise :exc:`rwt_client.GoalCanceled`."""
-        return self.canceled.is_set()
-
-    def publish_feedback(self, message: MessageLike) -> None:
-        """Tell the client how far the goal has come (ACT-14).
-
-        Raises:
-            InvalidMessage: it does not fit the type.
-        """
-        self._offered.send_feedback(self.id, message)
-
-
-Execute = Callable[[ReceivedGoal], Awaitable[Any]]
-"""Works on a goal and returns its result; raises GoalCanceled or GoalAborted to end it otherwise."""
 
 
 class ActionServer:
@@ -124,7 +90,7 @@ class ActionServer:
 
     def _cancel_all(self) -> None:
         for goal in self._goals.values():
-            goal.canceled.set()
+            goal.cancel_event.set()
         self._goals.clear()
 
     # -- goals -----------------------------------------------------------------------------------------------
@@ -135,22 +101,23 @@ class ActionServer:
             request = request_of(self.type.goal, op.args)
         except InvalidMessage as error:
             raise ServiceFailed(f"not {self.type.goal.name}: {error}") from None
-        goal = self._goals[op.id] = ReceivedGoal(self, op.id, request)
+        goal = self._goals[op.id] = ReceivedGoal(op.id, request, partial(self._send_feedback, op.id))
         self._tasks.start_soon(self._run, goal)
 
     def on_cancel(self, op: CancelActionGoal) -> None:
         """Somebody wants a goal to end early (ACT-13)."""
         goal = self._goals.get(op.id)
         if goal is not None:
-            goal.canceled.set()
+            goal.cancel_event.set()
 
-    def send_feedback(self, id: str | int | None, message: MessageLike) -> None:
+    def _send_feedback(self, id: str | int | None, message: MessageLike) -> None:
         """Tell of a goal that still runs; of any other there is nothing to tell."""
         values = RawJson(to_payload(self.type.feedback, message).json())
         if id in self._goals:
             self._session.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
 
     async def _run(self, goal: ReceivedGoal) -> None:
+        result: object
         try:
             result, status = await self._execute(goal), GoalStatus.SUCCEEDED
         except GoalCanceled as ended:

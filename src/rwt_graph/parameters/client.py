@@ -12,10 +12,9 @@ from typing import TypeAlias
 
 from rwt_graph.api import Graph
 from rwt_graph.names import resolve, split_parameter
-from rwt_graph.parameters.tree import Value
 from rwt_graph.parameters.values import decode, encode
 from rwt_program.errors import NotFound, ParameterRejected, ProviderNotFound
-from rwt_program.messages import Message, MessageLike
+from rwt_program.messages import Message, MessageLike, ParameterValue
 
 #: How long a node may take to answer for one of its parameters, in seconds.
 ANSWER_TIMEOUT = 5.0
@@ -49,8 +48,24 @@ class ParameterClient:
         except ProviderNotFound:
             raise NotFound(f"node {node} is not there, or has no parameters") from None
 
-    async def get(self, name: str) -> Value:
-        """The value of a parameter. Raises :exc:`NotFound`, :exc:`CallFailed`."""
+    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:
+        """The value of a parameter: `/node:param`, or a name of the global tree.
+
+        Args:
+            default: what to return when there is no such parameter; None raises instead.
+
+        Raises:
+            NotFound: there is no such node, parameter or value, and there is no default.
+            CallFailed: the node did not answer.
+        """
+        try:
+            return await self._get(name)
+        except NotFound:
+            if default is None:
+                raise
+            return default
+
+    async def _get(self, name: str) -> ParameterValue:
         node, parameter = self._place(name)
         if not node:
             return self._graph.parameters.get(parameter)
@@ -60,13 +75,21 @@ class ParameterClient:
             raise NotFound(f"parameter {parameter} of node {node} is not set")
         return value
 
-    async def set(self, name: str, value: Value) -> None:
-        """Set a parameter. Raises :exc:`ParameterRejected`, :exc:`NotFound`, :exc:`CallFailed`."""
+    async def set(self, name: str, value: ParameterValue) -> None:
+        """Give a parameter a value.
+
+        Raises:
+            ParameterRejected: the node refused, and why, or is not there.
+            CallFailed: the node did not answer.
+        """
         node, parameter = self._place(name)
         if not node:
             self._graph.parameters.set(parameter, value)
-        else:
+            return
+        try:
             await self._set_remote(node, parameter, encode(value))
+        except NotFound as error:
+            raise ParameterRejected(str(error)) from None
 
     async def _set_remote(self, node: str, parameter: str, value: dict[str, object]) -> None:
         request = {"parameters": [{"name": parameter, "value": value}]}
@@ -75,7 +98,13 @@ class ParameterClient:
             raise ParameterRejected(response.results[0].reason)
 
     async def delete(self, name: str) -> None:
-        """Delete a parameter. Raises :exc:`NotFound`, :exc:`ParameterRejected`, :exc:`CallFailed`."""
+        """Remove a parameter.
+
+        Raises:
+            ParameterRejected: the node does not allow it.
+            NotFound: there is no such node or parameter.
+            CallFailed: the node did not answer.
+        """
         node, parameter = self._place(name)
         if not node:
             self._graph.parameters.delete(parameter)
@@ -85,12 +114,12 @@ class ParameterClient:
             await self._set_remote(node, parameter, encode(None))
 
     async def has(self, name: str) -> bool:
-        """Whether a parameter has a value. Raises :exc:`CallFailed`."""
+        """Whether a parameter has a value. Raises :exc:`CallFailed` when its node does not answer."""
         node, parameter = self._place(name)
         if not node:
             return self._graph.parameters.has(parameter)
         try:
-            await self.get(name)
+            await self._get(name)
         except NotFound:
             return False
         return True

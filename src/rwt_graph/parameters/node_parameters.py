@@ -14,19 +14,20 @@ from typing import Protocol, TypeAlias, TypeVar
 
 from rwt_graph.errors import GraphError
 from rwt_graph.names import parameter_name
-from rwt_graph.parameters.tree import ParameterTree, Value
+from rwt_graph.parameters.tree import ParameterTree
 from rwt_graph.parameters.values import ParameterType, coerce, type_of
 from rwt_program.errors import NotFound, ParameterRejected
+from rwt_program.messages import ParameterValue
 
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
 #: Called with a new value before it is stored; raises `ParameterRejected` to refuse it.
-OnChange: TypeAlias = Callable[[Value], None]
+OnChange: TypeAlias = Callable[[ParameterValue], None]
 
 #: Called with what was stored: name, old value (None when it is new), new value (None when it was deleted).
-OnStored: TypeAlias = Callable[[str, Value, Value], None]
+OnStored: TypeAlias = Callable[[str, ParameterValue, ParameterValue], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class Declaration:
     read_only: bool
     on_change: OnChange | None
 
-    def admitted(self, value: Value) -> Value:
+    def admitted(self, value: ParameterValue) -> ParameterValue:
         """The value as it will be stored, after the node has agreed.
 
         Raises:
@@ -68,7 +69,7 @@ class Store(ABC):
     """Where a node's parameters live; names are the node's own."""
 
     @abstractmethod
-    def declare(self, declaration: Declaration, default: Value) -> Value:
+    def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
         """Add a parameter; the value it has now."""
 
     @abstractmethod
@@ -76,11 +77,11 @@ class Store(ABC):
         """Remove a parameter."""
 
     @abstractmethod
-    def get(self, name: str) -> Value:
+    def get(self, name: str) -> ParameterValue:
         """The value of a parameter. Raises :exc:`NotFound`."""
 
     @abstractmethod
-    def set(self, declaration: Declaration, value: Value) -> None:
+    def set(self, declaration: Declaration, value: ParameterValue) -> None:
         """Set a parameter. Raises :exc:`ParameterRejected`."""
 
     @abstractmethod
@@ -92,10 +93,10 @@ class NodeStore(Store):
     """Parameters that live in the node (ROS 2)."""
 
     def __init__(self, on_stored: OnStored) -> None:
-        self._values: dict[str, Value] = {}
+        self._values: dict[str, ParameterValue] = {}
         self._on_stored = on_stored
 
-    def declare(self, declaration: Declaration, default: Value) -> Value:
+    def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
         """Add a parameter with its default."""
         value = default
         if declaration.type is not ParameterType.NOT_SET:
@@ -108,11 +109,11 @@ class NodeStore(Store):
         """Remove a parameter."""
         self._on_stored(name, self._values.pop(name), None)
 
-    def get(self, name: str) -> Value:
+    def get(self, name: str) -> ParameterValue:
         """The value of a parameter."""
         return self._values[name]
 
-    def set(self, declaration: Declaration, value: Value) -> None:
+    def set(self, declaration: Declaration, value: ParameterValue) -> None:
         """Set a parameter. Raises :exc:`ParameterRejected`."""
         value = declaration.admitted(value)
         old, self._values[declaration.name] = self._values[declaration.name], value
@@ -135,7 +136,7 @@ class TreeStore(Store):
     def _full(self, name: str) -> str:
         return f"{self._node}/{name}"
 
-    def declare(self, declaration: Declaration, default: Value) -> Value:
+    def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
         """Add a parameter, and watch it."""
         full = self._full(declaration.name)
         if self._tree.has(full):
@@ -149,11 +150,11 @@ class TreeStore(Store):
         """Stop watching; the value stays, as values of ROS 1 outlive their nodes."""
         self._unwatch.pop(name)()
 
-    def get(self, name: str) -> Value:
+    def get(self, name: str) -> ParameterValue:
         """The value of a parameter. Raises :exc:`NotFound` when it was deleted from the tree."""
         return self._tree.get(self._full(name))
 
-    def set(self, declaration: Declaration, value: Value) -> None:
+    def set(self, declaration: Declaration, value: ParameterValue) -> None:
         """Set a parameter. Raises :exc:`ParameterRejected`."""
         self._tree.set(self._full(declaration.name), value)
 
@@ -164,7 +165,7 @@ class TreeStore(Store):
         self._unwatch.clear()
 
 
-def _watch(declaration: Declaration, value: Value) -> None:
+def _watch(declaration: Declaration, value: ParameterValue) -> None:
     declaration.admitted(value)
 
 
@@ -195,12 +196,12 @@ class NodeParameters:
     def declare(
         self,
         name: str,
-        default: Value,
+        default: ParameterValue,
         *,
         description: str = "",
         on_change: OnChange | None = None,
         read_only: bool = False,
-    ) -> Value:
+    ) -> ParameterValue:
         """Add a parameter.
 
         Args:
@@ -223,14 +224,14 @@ class NodeParameters:
         kind = self._type_of(default)
         declaration = Declaration(name, kind, description, read_only, on_change)
 
-        def declare() -> Value:
+        def declare() -> ParameterValue:
             value = self._store.declare(declaration, default)
             self._declared[name] = declaration
             return value
 
         return self._run(declare)
 
-    def _type_of(self, default: Value) -> ParameterType:
+    def _type_of(self, default: ParameterValue) -> ParameterType:
         try:
             return type_of(default)
         except ParameterRejected:
@@ -259,12 +260,12 @@ class NodeParameters:
         """Whether the node declared a parameter."""
         return name in self._declared
 
-    def get(self, name: str) -> Value:
+    def get(self, name: str) -> ParameterValue:
         """The value of a parameter. Raises :exc:`NotFound`."""
         self.declaration(name)
         return self._store.get(name)
 
-    def set(self, name: str, value: Value) -> None:
+    def set(self, name: str, value: ParameterValue) -> None:
         """Set a parameter.
 
         Raises:
@@ -289,13 +290,13 @@ class NodeParameters:
             raise ParameterRejected(f"parameter {name} cannot be deleted because it is {why}")
         self.undeclare(name)
 
-    def set_all(self, values: Iterable[tuple[str, Value]]) -> None:
+    def set_all(self, values: Iterable[tuple[str, ParameterValue]]) -> None:
         """Set several parameters or none: when one is refused, those before it get their old values back.
 
         Raises:
             ParameterRejected: one was refused.
         """
-        done: list[tuple[str, Value]] = []
+        done: list[tuple[str, ParameterValue]] = []
         try:
             for name, value in values:
                 old = self._store.get(name) if name in self._declared else None

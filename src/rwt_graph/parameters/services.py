@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt_graph.disclosure import Disclosure, Lists, Reads, Writes
 from rwt_graph.parameters.node_parameters import NodeParameters
-from rwt_graph.parameters.tree import Value
 from rwt_graph.parameters.values import ParameterType, decode, encode, type_of
 from rwt_graph.program.endpoints import TopicPublisher
 from rwt_program.errors import NotFound, ParameterRejected
-from rwt_program.messages import Message
+from rwt_program.messages import Message, ParameterValue
 from rwt_program.qos import QoS
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ class ParameterServices:
         for service in _SERVICES:
             yield service.name, f"{_PACKAGE}/{service.type}", partial(service.handler, self)
 
-    def _value(self, name: str) -> Value:
+    def _value(self, name: str) -> ParameterValue:
         """The value, None when there is no such parameter (`NOT_SET` on the wire)."""
         try:
             return self._parameters.get(name)
@@ -152,7 +151,7 @@ class ParameterEvents:
         self._distro = distro
         self._publisher = publisher
 
-    def stored(self, name: str, old: Value, new: Value) -> None:
+    def stored(self, name: str, old: ParameterValue, new: ParameterValue) -> None:
         """A value was stored: `old` None is a new parameter, `new` None a deleted one."""
         if new is None and old is None:
             return  # Declared without a value.

@@ -11,15 +11,13 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TypeAlias
 
 from rwt_program.errors import NotFound
-
-#: A parameter's value: bool, int, float, str, bytes, lists, and on ROS 1 dictionaries and None.
-Value: TypeAlias = object
+from rwt_program.messages import ParameterValue
 
 #: Sees a value before it is stored; raises `ParameterRejected` to refuse it.
-Watch: TypeAlias = Callable[[Value], None]
+Watch: TypeAlias = Callable[[ParameterValue], None]
 
 
-def _copied(value: Value) -> Value:
+def _copied(value: ParameterValue) -> ParameterValue:
     """A value that shares nothing that can change with the one given."""
     if isinstance(value, Mapping):
         return {str(key): _copied(item) for key, item in value.items()}
@@ -32,7 +30,7 @@ def _parts(name: str) -> list[str]:
     return [part for part in name.split("/") if part]
 
 
-def _leaves(name: str, value: Value) -> Iterator[str]:
+def _leaves(name: str, value: ParameterValue) -> Iterator[str]:
     if isinstance(value, dict) and value:
         for key, item in value.items():
             yield from _leaves(f"{name}/{key}", item)
@@ -44,11 +42,11 @@ class ParameterTree:
     """Nested dictionaries behind slashed names, with watches."""
 
     def __init__(self) -> None:
-        self._root: dict[str, Value] = {}
+        self._root: dict[str, ParameterValue] = {}
         self._watches: dict[str, list[Watch]] = {}
 
-    def _find(self, name: str) -> Value:
-        value: Value = self._root
+    def _find(self, name: str) -> ParameterValue:
+        value: ParameterValue = self._root
         for part in _parts(name):
             if not isinstance(value, dict) or part not in value:
                 raise NotFound(f"parameter {name} is not set")
@@ -63,7 +61,7 @@ class ParameterTree:
             return False
         return True
 
-    def get(self, name: str) -> Value:
+    def get(self, name: str) -> ParameterValue:
         """The value, or a branch as a dictionary; a copy.
 
         Raises:
@@ -71,7 +69,7 @@ class ParameterTree:
         """
         return _copied(self._find(name))
 
-    def set(self, name: str, value: Value) -> None:
+    def set(self, name: str, value: ParameterValue) -> None:
         """Set a value; a dictionary replaces the branch.
 
         Raises:
@@ -93,7 +91,7 @@ class ParameterTree:
             branch = deeper
         branch[parts[-1]] = value
 
-    def _affected(self, name: str, value: Value) -> list[tuple[str, Value]]:
+    def _affected(self, name: str, value: ParameterValue) -> list[tuple[str, ParameterValue]]:
         """The watched names that `set` gives a value, and that value."""
         prefix = "/" + "/".join(_parts(name))
         affected = []
@@ -143,4 +141,4 @@ class ParameterTree:
         return unwatch
 
 
-__all__ = ["ParameterTree", "Value", "Watch"]
+__all__ = ["ParameterTree", "ParameterValue", "Watch"]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
-from rwt_graph.parameters.tree import Value
 from rwt_program.errors import ParameterRejected
-from rwt_program.messages import Message
+from rwt_program.messages import Message, ParameterValue
 
 INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
 
@@ -58,7 +57,7 @@ _ARRAYS: Mapping[frozenset[type], ParameterType] = {
 _LISTS = frozenset(_ARRAYS.values()) | {ParameterType.BYTE_ARRAY}
 
 
-def type_of(value: Value) -> ParameterType:
+def type_of(value: ParameterValue) -> ParameterType:
     """The type of a Python value; an empty list counts as strings.
 
     Raises:
@@ -84,7 +83,7 @@ def type_of(value: Value) -> ParameterType:
     return found
 
 
-def coerce(value: Value, wanted: ParameterType) -> Value:
+def coerce(value: ParameterValue, wanted: ParameterType) -> ParameterValue:
     """`value` as a parameter of the type `wanted`: integers may stand for doubles, lists of octets for bytes,
     and an empty list for any array.
 
@@ -110,7 +109,7 @@ def _named(kind: ParameterType) -> str:
     return kind.name.lower().replace("_", " ")
 
 
-def encode(value: Value) -> dict[str, object]:
+def encode(value: ParameterValue) -> dict[str, object]:
     """A value as the fields of `rcl_interfaces/ParameterValue`; None is NOT_SET.
 
     Raises:
@@ -124,7 +123,7 @@ def encode(value: Value) -> dict[str, object]:
     return {"type": int(kind), FIELDS[kind]: value}
 
 
-def decode(message: Message) -> Value:
+def decode(message: Message) -> ParameterValue:
     """The value in an `rcl_interfaces/ParameterValue`; None for NOT_SET.
 
     Raises:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 from collections import deque
 from collections.abc import Callable
@@ -10,7 +11,10 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from rwt_graph.api import Graph, Participant, Publisher, Sample, Subscription
+from rwt_graph import api
+from rwt_graph.api import Graph, Participant, Sample
+from rwt_program.errors import HandleClosed, TimedOut
+from rwt_program.handles import Publisher, Subscription
 from rwt_program.messages import Message, MessageCallback, MessageLike, is_coroutine_function, to_payload
 from rwt_program.qos import QoS
 
@@ -20,11 +24,11 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
-class TopicPublisher:
+class TopicPublisher(Publisher):
     """Publishes on one topic. `publish` may be called from any thread while the graph runs."""
 
-    def __init__(self, graph: Graph, publisher: Publisher) -> None:
-        self.topic = publisher.topic
+    def __init__(self, graph: Graph, publisher: api.Publisher) -> None:
+        self.name = publisher.topic
         self.type = publisher.type
         self._graph = graph
         self._publisher = publisher
@@ -56,12 +60,6 @@ class TopicPublisher:
             self._publisher.close()
         else:
             self._graph.run_on_graph(self._publisher.close)
-
-    def __enter__(self) -> TopicPublisher:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
 
 class SampleQueue:
@@ -107,27 +105,11 @@ class SampleQueue:
         self._wake()
 
 
-class Samples:
-    """Iterates over a queue until it is closed."""
-
-    def __init__(self, queue: SampleQueue) -> None:
-        self._queue = queue
-
-    def __aiter__(self) -> Samples:
-        return self
-
-    async def __anext__(self) -> Sample:
-        sample = await self._queue.get()
-        if sample is None:
-            raise StopAsyncIteration
-        return sample
-
-
-class TopicSubscription:
+class TopicSubscription(Subscription):
     """Receives one topic, through a callback or as an asynchronous iterator.
 
     Attributes:
-        topic: absolute name.
+        name: absolute name of the topic.
     """
 
     def __init__(
@@ -141,7 +123,7 @@ class TopicSubscription:
         qos: QoS,
         queue_size: int,
     ) -> None:
-        self.topic = topic
+        self.name = topic
         self._graph = graph
         self._has_callback = callback is not None
         self._queue: SampleQueue | None
@@ -151,7 +133,7 @@ class TopicSubscription:
             receive = self._queue.put
         else:
             self._queue = None
-        self._subscription: Subscription = participant.subscribe(topic, receive, interface, qos)
+        self._subscription: api.Subscription = participant.subscribe(topic, receive, interface, qos)
         if self._queue is not None and callback is not None:
             graph.spawn(partial(self._call_in_turn, self._queue, callback), f"subscriber of {topic}")
 
@@ -159,10 +141,10 @@ class TopicSubscription:
         while (sample := await queue.get()) is not None:
             try:
                 returned = callback(sample.payload.value())
-                if returned is not None:
+                if inspect.isawaitable(returned):
                     await returned
             except Exception:
-                logger.exception("a subscriber of %s failed", self.topic)
+                logger.exception("a subscriber of %s failed", self.name)
 
     @property
     def type(self) -> MessageType | None:
@@ -174,23 +156,31 @@ class TopicSubscription:
         """How many messages the queue of a coroutine callback or iterator had no room for."""
         return 0 if self._queue is None else self._queue.dropped
 
-    def __aiter__(self) -> TopicSubscription:
-        return self
+    async def get(self, timeout: float | None = None) -> Message:
+        """The next message.
 
-    async def __anext__(self) -> Message:
-        return (await anext(self.samples())).payload.value()
-
-    def samples(self) -> Samples:
-        """The samples themselves, undecoded, until the subscription is closed.
+        Args:
+            timeout: seconds of the graph's clock; None waits as long as it takes.
 
         Raises:
-            RuntimeError: the subscription has a callback, which receives them already.
+            TimedOut: none came in time.
+            HandleClosed: the subscription was closed.
+            RuntimeError: the subscription has a callback, which receives the messages already.
         """
+        with self._graph.clock.within(timeout):
+            try:
+                return await anext(self)
+            except StopAsyncIteration:
+                raise HandleClosed(f"the subscription to {self.name} was closed") from None
+        raise TimedOut(f"no message came on {self.name} within {timeout:g} s")
+
+    async def __anext__(self) -> Message:
         if self._queue is None or self._has_callback:
-            raise RuntimeError(
-                f"the subscription of {self.topic} has a callback; subscribe without one to iterate"
-            )
-        return Samples(self._queue)
+            raise RuntimeError(f"the subscription to {self.name} has a callback: use `topic` to iterate")
+        sample = await self._queue.get()
+        if sample is None:
+            raise StopAsyncIteration
+        return sample.payload.value()
 
     def close(self) -> None:
         """Leave the topic; no callback is begun after this, iterators end."""
@@ -200,12 +190,6 @@ class TopicSubscription:
         self._subscription.close()
         if self._queue is not None:
             self._queue.close()
-
-    def __enter__(self) -> TopicSubscription:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
 
 def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | None:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import anyio
-import anyio.lowlevel
 
 from rwt_graph.api import ClientGoal, GoalEvents, Graph, Participant, ServerGoal
-from rwt_graph.program.future import Outcome
+from rwt_graph.clock import Clock
 from rwt_graph.program.service_handlers import failure_text
 from rwt_interfaces.payload import Payload
 from rwt_program.errors import CallFailed, GoalAborted, GoalCanceled, GoalEnded
-from rwt_program.goals import GoalStatus
+from rwt_program.future import Future
+from rwt_program.goals import Execute, Goal, GoalResult, GoalStatus, ReceivedGoal
 from rwt_program.messages import Message, MessageLike, is_coroutine_function, to_payload
 
 if TYPE_CHECKING:
@@ -23,52 +23,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-
-class ActionGoal:
-    """One goal as an action's `execute` sees it.
-
-    Attributes:
-        id: 32 hex digits.
-        request: the goal's message.
-        cancel_event: set when a client asks to cancel; the goal may still finish otherwise.
-    """
-
-    def __init__(
-        self, goal: ServerGoal, request: Message, interface: ActionType, now: Callable[[], int]
-    ) -> None:
-        self.id = goal.id
-        self.request = request
-        self.cancel_event = anyio.Event()
-        self._goal = goal
-        self._interface = interface
-        self._now = now
-
-    @property
-    def status(self) -> GoalStatus:
-        """The state now."""
-        return self._goal.status
-
-    @property
-    def cancel_requested(self) -> bool:
-        """Whether a client asked to cancel."""
-        return self._goal.cancel_requested
-
-    @property
-    def feedback_wanted(self) -> bool:
-        """Whether a client takes feedback now; while False, feedback need not be computed."""
-        return self._goal.feedback_wanted
-
-    def publish_feedback(self, feedback: MessageLike) -> None:
-        """Send feedback to the client.
-
-        Raises:
-            InvalidMessage: it does not fit the action's type.
-        """
-        self._goal.feedback(to_payload(self._interface.feedback, feedback, self._now))
-
-
-#: Runs a goal as a task; what it returns is the result of a goal that succeeded, None one of defaults.
-Execute: TypeAlias = Callable[[ActionGoal], Awaitable["MessageLike | None"]]
 
 #: Looks at a goal's message before it is accepted: True accepts, False or a reason rejects.
 AcceptGoal: TypeAlias = Callable[[Message], "bool | str"]
@@ -120,7 +74,9 @@ class ActionFunction:
             goal.on_end = lambda _gone: scope.cancel()
             if goal.status.is_terminal:
                 return
-            running = ActionGoal(goal, request, self._interface, self._graph.clock.time_ns)
+            running = ReceivedGoal(
+                goal.id, request, partial(self._publish_feedback, goal), lambda: goal.feedback_wanted
+            )
             goal.on_cancel = running.cancel_event.set
             if goal.cancel_requested:
                 running.cancel_event.set()
@@ -133,6 +89,9 @@ class ActionFunction:
                 self._finish(goal, GoalStatus.ABORTED, None, failure_text(error))
             else:
                 self._finish(goal, GoalStatus.SUCCEEDED, result, "")
+
+    def _publish_feedback(self, goal: ServerGoal, feedback: MessageLike) -> None:
+        goal.feedback(to_payload(self._interface.feedback, feedback, self._graph.clock.time_ns))
 
     def _finish(self, goal: ServerGoal, status: GoalStatus, result: object, reason: str) -> None:
         if goal.status.is_terminal:
@@ -158,36 +117,35 @@ _END_STATUS: dict[type[GoalEnded], GoalStatus] = {
 }
 
 
-class GoalHandle:
-    """One goal as its client sees it.
+class SentGoal(Goal):
+    """A goal that a node has sent."""
 
-    Attributes:
-        id: 32 hex digits.
-        action: absolute name.
-    """
-
-    def __init__(self, action: str, on_feedback: Callable[[Message], None] | None) -> None:
-        self.action = action
-        self.id = ""
-        self._on_feedback = on_feedback
+    def __init__(self, clock: Clock, action: str, on_feedback: Callable[[Message], object] | None) -> None:
+        super().__init__(action, "", on_feedback, clock.within)
         self._goal: ClientGoal | None = None
-        self._accepted: Outcome[CallFailed | None] = Outcome()
-        self._ended: Outcome[tuple[GoalStatus, Payload | CallFailed]] = Outcome()
+        self._accepted: Future[None] = Future()
 
-    def send(self, participant: Participant, goal: Payload, goal_id: str | None) -> None:
-        """Send the goal. Called once, by :meth:`Node.send_goal`."""
-        on_feedback = None if self._on_feedback is None else self._feedback
-        events = GoalEvents(self._result, on_feedback, lambda: self._accepted.set(None))
+    async def send(self, participant: Participant, goal: Payload, goal_id: str | None) -> None:
+        """Send the goal, and wait until the server has taken it.
+
+        Raises:
+            CallFailed: it did not: GoalRejected, ProviderNotFound, ProviderGone.
+        """
+        events = GoalEvents(self._on_result, self._on_feedback_payload, lambda: self._accepted.set(None))
         self._goal = participant.send_goal(self.action, goal, events, goal_id)
         self.id = self._goal.id
+        await self._accepted.wait()
 
-    def _feedback(self, feedback: Payload) -> None:
-        if self._on_feedback is not None:
-            self._on_feedback(feedback.value())
+    def _on_feedback_payload(self, feedback: Payload) -> None:
+        self.take_feedback(feedback.value())
 
-    def _result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        self._ended.set((status, outcome))
-        self._accepted.set(outcome if isinstance(outcome, CallFailed) else None)
+    def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        if isinstance(outcome, CallFailed):
+            self.end(outcome)
+            self._accepted.set(outcome)
+        else:
+            self.end(GoalResult(status, outcome.value()))
+            self._accepted.set(None)
 
     @property
     def status(self) -> GoalStatus:
@@ -199,37 +157,15 @@ class GoalHandle:
         """Why the server ended the goal as it did; empty while it runs or when nothing was said."""
         return "" if self._goal is None else self._goal.reason
 
-    async def accepted(self) -> None:
-        """Wait until the server has taken the goal.
-
-        Raises:
-            CallFailed: it did not: GoalRejected, ProviderNotFound, ProviderGone.
-        """
-        failure = await self._accepted.wait()
-        if failure is not None:
-            raise failure
-
-    async def cancel(self) -> None:
+    def cancel(self) -> None:
         """Ask the server to cancel; the outcome comes as the result."""
         if self._goal is not None:
             self._goal.cancel()
-        await anyio.lowlevel.checkpoint()
 
     def abandon(self) -> None:
-        """Drop the goal's callbacks; the goal goes on running, and `result` never returns."""
+        """Hear nothing more of the goal; it goes on running, and `result` waits in vain."""
         if self._goal is not None:
             self._goal.abandon()
 
-    async def result(self) -> tuple[GoalStatus, Message]:
-        """The state in which the goal ended, and its result.
 
-        Raises:
-            ProviderGone: the server went away first.
-        """
-        status, outcome = await self._ended.wait()
-        if isinstance(outcome, CallFailed):
-            raise outcome
-        return status, outcome.value()
-
-
-__all__ = ["AcceptGoal", "ActionFunction", "ActionGoal", "Execute", "GoalHandle"]
+__all__ = ["AcceptGoal", "ActionFunction", "SentGoal"]

@@ -15,28 +15,32 @@ loop; from another thread, :meth:`Node.run_blocking` runs one there and waits fo
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rwt_graph.api import Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, Timer
-from rwt_graph.errors import NotRunning, WrongThread
+from rwt_graph.errors import NotRunning
 from rwt_graph.names import namespace_of, node_name, resolve
 from rwt_graph.parameters.client import ParameterClient
 from rwt_graph.parameters.node_parameters import NodeParameters, NodeStore, TreeStore
 from rwt_graph.parameters.services import EVENTS_QOS, ParameterEvents, ParameterServices
-from rwt_graph.parameters.tree import Value
 from rwt_graph.program import service_handlers
 from rwt_graph.program.actionlib import ActionlibServer
 from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
-from rwt_graph.program.goals import AcceptGoal, ActionFunction, Execute, GoalHandle
+from rwt_graph.program.goals import AcceptGoal, ActionFunction, SentGoal
 from rwt_graph.program.logs import NodeLog, rosout_qos
-from rwt_graph.program.service_handlers import ServiceFunction, ServiceHandler
+from rwt_graph.program.service_handlers import ServiceFunction
 from rwt_graph.program.timers import PeriodicTimer
-from rwt_program.errors import ProviderNotFound
-from rwt_program.messages import Message, MessageCallback, MessageLike, to_payload
+from rwt_program.blocking import BlockingRobot
+from rwt_program.errors import NotFound, ProviderNotFound, WrongThread
+from rwt_program.future import USUAL, Timeout
+from rwt_program.goals import Execute, Goal
+from rwt_program.handles import Handle
+from rwt_program.messages import Message, MessageCallback, MessageLike, ServiceHandler, to_payload, type_of
 from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, LATCHED, QoS
+from rwt_program.transforms import Transforms
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
@@ -47,15 +51,15 @@ T = TypeVar("T")
 
 
 class Closable(Protocol):
-    """What a :class:`Handle` holds."""
+    """A part of what a node offers."""
 
     def close(self) -> None:
         """Let go."""
         ...
 
 
-class Handle:
-    """A service or action that a node offers; `close` withdraws it, from any thread.
+class _Server(Handle):
+    """Something that a node offers by name.
 
     Attributes:
         name: absolute name.
@@ -67,7 +71,7 @@ class Handle:
         self._parts = parts
 
     def close(self) -> None:
-        """Withdraw it; calls and goals in flight end with :exc:`ProviderGone`."""
+        """Withdraw it, from any thread; calls and goals in flight end with :exc:`ProviderGone`."""
         if self._graph.on_graph_thread():
             self._close()
         else:
@@ -77,11 +81,27 @@ class Handle:
         for part in self._parts:
             part.close()
 
-    def __enter__(self) -> Handle:
-        return self
 
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+class ServiceServer(_Server):
+    """A service that a node offers."""
+
+
+class ActionServer(_Server):
+    """An action that a node offers."""
+
+
+class GraphThread:
+    """The thread of a graph; satisfies :class:`rwt_program.blocking.LoopThread`."""
+
+    def __init__(self, node: Node) -> None:
+        self.run = node.run
+        self.wait = node.run_blocking
+        self._graph = node.graph
+
+    @property
+    def here(self) -> bool:
+        """Whether this is the graph's thread, or no loop runs it."""
+        return self._graph.on_graph_thread()
 
 
 class Node:
@@ -91,34 +111,42 @@ class Node:
         graph: any backend.
         name: the node's own name (`talker`), or its absolute one.
         namespace: what relative names are relative to.
+        timeout: what every question waits by default, in seconds of the graph's clock; None, as in ROS, as
+            long as it takes.
 
     Attributes:
         name: absolute name.
         log: writes to `/rosout` and Python's logging.
-        parameters: the node's own; `get_param` and its like reach those of all nodes.
+        parameters: the node's own, which it declares.
+        params: those of all nodes.
 
     Raises:
         InvalidGraphName: the name or the namespace is not one that ROS allows.
     """
 
-    def __init__(self, graph: Graph, name: str, namespace: str = "/") -> None:
+    def __init__(
+        self, graph: Graph, name: str, namespace: str = "/", *, timeout: float | None = None
+    ) -> None:
         self.graph = graph
+        self._timeout = timeout
+        self._publishers: dict[str, TopicPublisher] = {}
+        self._tf: Transforms | None = None
         self.name = node_name(name, namespace)
         self.namespace = namespace_of(self.name)
-        self._participant = self._run(lambda: graph.participant(self.name))
+        self._participant = self.run(lambda: graph.participant(self.name))
         self._timers: set[PeriodicTimer] = set()
-        rosout = self.advertise("/rosout", graph.distro.rosout_type, rosout_qos(graph.distro))
+        rosout = self.advertise("/rosout", graph.distro.rosout_type, qos=rosout_qos(graph.distro))
         self.log = NodeLog(self.name, graph.distro, rosout)
         self.parameters = self._make_parameters()
-        self._remote = ParameterClient(graph, self.namespace, self.name, self.call_service)
+        self.params = ParameterClient(graph, self.namespace, self.name, self._call_within)
 
     def _make_parameters(self) -> NodeParameters:
         if not self.distro.parameters_belong_to_nodes:
             tree = TreeStore(self.graph.parameters, self.name)
-            return NodeParameters(self.name, tree, True, self._run)
-        publisher = self.advertise("/parameter_events", "rcl_interfaces/ParameterEvent", EVENTS_QOS)
+            return NodeParameters(self.name, tree, True, self.run)
+        publisher = self.advertise("/parameter_events", "rcl_interfaces/ParameterEvent", qos=EVENTS_QOS)
         events = ParameterEvents(self.name, self.distro, publisher)
-        parameters = NodeParameters(self.name, NodeStore(events.stored), False, self._run)
+        parameters = NodeParameters(self.name, NodeStore(events.stored), False, self.run)
         for name, interface, handler in ParameterServices(parameters).handlers():
             self.advertise_service(f"~/{name}", interface, handler)
         parameters.declare("use_sim_time", isinstance(self.clock, SimulatedClock), read_only=True)
@@ -146,18 +174,14 @@ class Node:
     # Topics
 
     def advertise(
-        self,
-        topic: str,
-        type: str,
-        qos: QoS | None = None,
-        latch: bool = False,
+        self, topic: str, type: str, *, qos: QoS | None = None, latch: bool = False
     ) -> TopicPublisher:
         """Become a publisher of a topic.
 
         Args:
             type: `std_msgs/String` or `std_msgs/msg/String`.
             qos: keep-last 10, reliable, volatile by default.
-            latch: keep the last message for whoever joins late; the same as `qos=LATCHED`.
+            latch: keep the last message for late joiners; the same as `qos=LATCHED`.
 
         Raises:
             UnknownType: no such message is known.
@@ -166,41 +190,108 @@ class Node:
         """
         name, message = self.resolve(topic), self.registry.message(type)
         wanted = qos or (LATCHED if latch else DEFAULT_QOS)
-        return self._run(
+        return self.run(
             lambda: TopicPublisher(self.graph, self._participant.advertise(name, message, wanted))
         )
+
+    def publish(
+        self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
+    ) -> TopicPublisher:
+        """Publish one message; the topic is advertised with the first, and stays so.
+
+        Args:
+            type: None takes that of the message's class, or the topic's own.
+            latch: of the first message: keep the last message for late joiners.
+
+        Raises:
+            InvalidMessage: the message does not fit the type.
+            NotFound: no type was given, and the topic has none.
+            UnknownType: no such message is known.
+            TypeConflict: the topic is established with another type.
+        """
+        name = self.resolve(topic)
+        publisher = self._publishers.get(name)
+        if publisher is None:
+            wanted = type or type_of(message, self.registry) or self._type_of(name)
+            publisher = self._publishers[name] = self.advertise(name, wanted, latch=latch)
+        elif type is not None and self.registry.message(type) is not publisher.type:
+            publisher = self.advertise(name, type)  # Raises what is wrong with it.
+        publisher.publish(message)
+        return publisher
+
+    def _type_of(self, topic: str) -> str:
+        info = self.graph.topic(topic)
+        if info is None or info.type is None:
+            raise NotFound(f"there is no topic {topic} that has a type; name its type if it will come")
+        return info.type.name
 
     def subscribe(
         self,
         topic: str,
-        callback: MessageCallback | None = None,
+        callback: MessageCallback,
         type: str | None = None,
-        qos: QoS = BEST_AVAILABLE,
-        queue_size: int = 10,
         *,
-        on_sample: Callable[[Sample], None] | None = None,
+        qos: QoS | None = None,
+        queue_size: int = 10,
     ) -> TopicSubscription:
-        """Become a subscriber of a topic.
+        """Call `callback` with each message of a topic.
 
         Args:
-            callback: called with each message. A plain function runs on the graph's thread, from within
-                `publish`; a coroutine function runs in one task, message after message. Without a callback,
-                iterate: `async for message in subscription`.
+            callback: a plain function runs on the graph's thread, from within `publish`; a coroutine function
+                runs in one task, message after message.
             type: None takes the topic's, as soon as it has one.
-            queue_size: how many messages wait for a coroutine or an iterator; the newest are kept.
-            on_sample: instead of `callback`, called with each undecoded :class:`Sample` on the graph's
-            thread.
+            qos: by default whatever the publishers offer.
+            queue_size: how many messages wait for a coroutine function; the newest are kept.
 
         Raises:
             UnknownType: no such message is known.
             TypeConflict: the topic is established with another type.
             InvalidGraphName: not a name that ROS allows.
         """
-        name = self.resolve(topic)
+        return self._subscribe(topic, type, qos, queue_size, callback=callback)
+
+    def subscribe_samples(
+        self,
+        topic: str,
+        on_sample: Callable[[Sample], None],
+        type: str | None = None,
+        *,
+        qos: QoS | None = None,
+    ) -> TopicSubscription:
+        """Call `on_sample`, on the graph's thread, with each undecoded sample; see :meth:`subscribe`."""
+        return self._subscribe(topic, type, qos, on_sample=on_sample)
+
+    def topic(
+        self, topic: str, type: str | None = None, *, qos: QoS | None = None, queue_size: int = 10
+    ) -> TopicSubscription:
+        """The messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
+        return self._subscribe(topic, type, qos, queue_size)
+
+    async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:
+        """The next message of a topic, or the one that it keeps for late joiners.
+
+        Raises:
+            TimedOut: none came in time.
+            UnknownType: no such message is known.
+            TypeConflict: the topic is established with another type.
+        """
+        with self.topic(topic, type) as messages:
+            return await messages.get(self._patience(timeout))
+
+    def _subscribe(
+        self,
+        topic: str,
+        type: str | None,
+        qos: QoS | None,
+        queue_size: int = 1,
+        callback: MessageCallback | None = None,
+        on_sample: Callable[[Sample], None] | None = None,
+    ) -> TopicSubscription:
+        name, wanted = self.resolve(topic), qos or BEST_AVAILABLE
         message = None if type is None else self.registry.message(type)
-        return self._run(
+        return self.run(
             lambda: TopicSubscription(
-                self.graph, self._participant, name, callback, on_sample, message, qos, queue_size
+                self.graph, self._participant, name, callback, on_sample, message, wanted, queue_size
             )
         )
 
@@ -211,7 +302,7 @@ class Node:
         service: str,
         type: str,
         handler: ServiceHandler,
-    ) -> Handle:
+    ) -> ServiceServer:
         """Offer a service; a provider of the same name is replaced.
 
         Args:
@@ -226,41 +317,45 @@ class Node:
         """
         name, interface = self.resolve(service), self.registry.service(type)
         function = ServiceFunction(self.graph, name, interface.response, handler)
-        return self._run(
-            lambda: Handle(self.graph, name, self._participant.advertise_service(name, interface, function))
+        return self.run(
+            lambda: ServiceServer(
+                self.graph, name, self._participant.advertise_service(name, interface, function)
+            )
         )
 
-    async def call_service(
+    async def call(
         self,
         service: str,
         request: MessageLike | None = None,
-        timeout: float | None = None,
+        type: str | None = None,
+        *,
+        timeout: Timeout = USUAL,
     ) -> Message:
         """Call a service and wait for its response.
 
         Args:
             request: None for one of defaults.
-            timeout: seconds; None waits for ever.
+            type: must be known if it is given; the request is checked by the type of the service itself.
+            timeout: seconds; None waits as long as it takes.
 
         Raises:
             ProviderNotFound: nobody offers it (a :exc:`CallFailed` and a :exc:`NotFound`).
             ServiceFailed: its provider says so; also CallTimeout and ProviderGone.
             InvalidMessage: the request does not fit the service's type.
+            UnknownType: no such service type is known.
         """
+        if type is not None:
+            self.registry.service(type)
         name = self.resolve(service)
         payload = self._request(name, request)
-        return (await service_handlers.call(self._participant, name, payload, timeout)).value()
+        answer = await service_handlers.call(self._participant, name, payload, self._patience(timeout))
+        return answer.value()
 
-    def call_service_sync(
-        self, service: str, request: MessageLike | None = None, timeout: float | None = None
-    ) -> Message:
-        """:meth:`call_service` for plain functions in threads: blocks until the response is there.
+    async def _call_within(self, service: str, request: MessageLike, seconds: float) -> Message:
+        return await self.call(service, request, timeout=seconds)
 
-        Raises:
-            WrongThread: called on the graph's own thread, which would wait for itself.
-            NotRunning: the graph is not on an event loop.
-        """
-        return self.run_blocking(lambda: self.call_service(service, request, timeout))
+    def _patience(self, timeout: Timeout) -> float | None:
+        return self._timeout if timeout is USUAL else timeout
 
     def _request(self, name: str, request: MessageLike | None) -> Payload:
         info = self.graph.service(name)
@@ -275,8 +370,9 @@ class Node:
         action: str,
         type: str,
         execute: Execute,
+        *,
         accept: AcceptGoal | None = None,
-    ) -> Handle:
+    ) -> ActionServer:
         """Offer an action; a server of the same name is replaced. On ROS 1 it is served over topics too
         (ALB-01).
 
@@ -294,16 +390,16 @@ class Node:
         name, interface = self.resolve(action), self.registry.action(type)
         function = ActionFunction(self.graph, name, interface, execute, accept)
 
-        def advertise() -> Handle:
+        def advertise() -> ActionServer:
             registration = self._participant.advertise_action(name, interface, function)
             if self.distro.action_transport == "services":
-                return Handle(self.graph, name, registration)
+                return ActionServer(self.graph, name, registration)
             topics = ActionlibServer(self.graph, self._participant, name, interface, self.create_timer)
-            return Handle(self.graph, name, registration, topics)
+            return ActionServer(self.graph, name, registration, topics)
 
-        return self._run(advertise)
+        return self.run(advertise)
 
-    def serve_over_topics(self, action: str, type: str) -> Handle:
+    def serve_over_topics(self, action: str, type: str) -> ActionServer:
         """Offer an action of this node over the topics of ROS 1 besides (ALB-01), for clients of actionlib.
 
         On ROS 1 :meth:`advertise_action` does so by itself. There the status always goes out; here it does
@@ -319,27 +415,30 @@ class Node:
         """
         name, interface = self.resolve(action), self.registry.action(type)
 
-        def serve() -> Handle:
+        def serve() -> ActionServer:
             topics = ActionlibServer(
                 self.graph, self._participant, name, interface, self.create_timer, idle_status=False
             )
-            return Handle(self.graph, name, topics)
+            return ActionServer(self.graph, name, topics)
 
-        return self._run(serve)
+        return self.run(serve)
 
     async def send_goal(
         self,
         action: str,
         goal: MessageLike | None = None,
-        on_feedback: Callable[[Message], None] | None = None,
+        type: str | None = None,
         *,
+        on_feedback: Callable[[Message], object] | None = None,
         goal_id: str | None = None,
-    ) -> GoalHandle:
+    ) -> Goal:
         """Send a goal, and wait until the server has taken it.
 
         Args:
             goal: None for one of defaults.
-            on_feedback: a plain function, called on the graph's thread with each feedback message.
+            type: must be known if it is given; the goal is checked by the type of the action itself.
+            on_feedback: a plain function, called on the graph's thread with each feedback message; without it
+                iterate over the goal.
             goal_id: 32 lower-case hex digits; made here by default.
 
         Raises:
@@ -347,62 +446,36 @@ class Node:
             GoalRejected: its server refuses.
             ProviderGone: its server went away meanwhile.
             InvalidMessage: the goal does not fit the action's type.
+            UnknownType: no such action type is known.
         """
+        if type is not None:
+            self.registry.action(type)
         name = self.resolve(action)
         info = self.graph.action(name)
         if info is None:
             raise ProviderNotFound(f"Action {name} does not exist")
         payload = to_payload(info.type.goal, {} if goal is None else goal, self.clock.time_ns)
-        handle = GoalHandle(name, on_feedback)
-        handle.send(self._participant, payload, goal_id)
-        await handle.accepted()
-        return handle
+        sent = SentGoal(self.clock, name, on_feedback)
+        await sent.send(self._participant, payload, goal_id)
+        return sent
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
         """Ask to cancel a goal that anybody sent, by its id; an unknown one is no error."""
         name = self.resolve(action)
-        self._run(lambda: self._participant.cancel_goal(name, goal_id))
+        self.run(lambda: self._participant.cancel_goal(name, goal_id))
 
-    # Parameters of any node
+    # Transforms and time
 
-    async def get_param(self, name: str) -> Value:
-        """The value of a parameter: `/node:param`, or a name of the global tree.
+    @property
+    def tf(self) -> Transforms:
+        """Where the frames are; listens to `/tf` and `/tf_static` from the first question on."""
+        if self._tf is None:
+            self._tf = Transforms(self.subscribe, self._timeout, self.clock.within)
+        return self._tf
 
-        Raises:
-            NotFound: there is no such node, parameter or value.
-            CallFailed: the node did not answer.
-        """
-        return await self._remote.get(name)
-
-    async def set_param(self, name: str, value: Value) -> None:
-        """Set a parameter.
-
-        Raises:
-            ParameterRejected: the node refused, and why.
-            NotFound: there is no such node.
-            CallFailed: the node did not answer.
-        """
-        await self._remote.set(name, value)
-
-    async def delete_param(self, name: str) -> None:
-        """Remove a parameter.
-
-        Raises:
-            ParameterRejected: the node does not allow it.
-            NotFound: there is no such node or parameter.
-            CallFailed: the node did not answer.
-        """
-        await self._remote.delete(name)
-
-    async def has_param(self, name: str) -> bool:
-        """Whether a parameter has a value. Raises :exc:`CallFailed` when its node does not answer."""
-        return await self._remote.has(name)
-
-    async def list_params(self) -> tuple[str, ...]:
-        """The full names of all parameters, sorted: `/node:param` on ROS 2, `/param` of the global tree."""
-        return await self._remote.names()
-
-    # Time
+    async def time_ns(self) -> int:
+        """The graph's time, nanoseconds since the epoch; `clock.time_ns()` does not wait."""
+        return self.clock.time_ns()
 
     def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
         """Call `callback` every `period` seconds of the graph's clock, first after one period.
@@ -417,15 +490,20 @@ class Node:
             raise ValueError(f"a timer's period must be positive, not {period} s")
         timer = PeriodicTimer(self.graph, period, callback, self._timers.discard)
         self._timers.add(timer)
-        self._run(timer.start)
+        self.run(timer.start)
         return timer
 
     # Threads
 
-    def run_blocking(self, function: Callable[[], Coroutine[object, object, T]]) -> T:
+    @property
+    def blocking(self) -> BlockingRobot[Node]:
+        """The same node for other threads: its verbs wait for their answers."""
+        return BlockingRobot(GraphThread(self), self)
+
+    def run_blocking(self, function: Callable[[], Awaitable[T]]) -> T:
         """Run a coroutine function on the graph's event loop, and wait for what it returns.
 
-        For threads: `node.run_blocking(lambda: node.get_param("/robot:speed"))`.
+        For threads: `node.run_blocking(lambda: node.params.get("/robot:speed"))`.
 
         Raises:
             WrongThread: called on the graph's own thread, which would wait for itself.
@@ -459,8 +537,8 @@ class Node:
         self.graph.run_on_graph(begin)
         return outcome.result()
 
-    def _run(self, function: Callable[[], T]) -> T:
-        """The result of `function`, run on the graph's thread; what it raises is raised here."""
+    def run(self, function: Callable[[], T]) -> T:
+        """What a plain function returns that is run on the graph's thread; what it raises is raised here."""
         if self.graph.on_graph_thread():
             return function()
         outcome: Future[T] = Future()
@@ -478,7 +556,7 @@ class Node:
 
     def close(self) -> None:
         """Leave the graph with everything that this node made."""
-        self._run(self._close)
+        self.run(self._close)
 
     def _close(self) -> None:
         for timer in tuple(self._timers):
@@ -493,4 +571,4 @@ class Node:
         self.close()
 
 
-__all__ = ["Handle", "Node"]
+__all__ = ["ActionServer", "Node", "ServiceServer"]

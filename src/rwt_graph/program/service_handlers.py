@@ -8,10 +8,10 @@ from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, TypeAlias
 
 from rwt_graph.api import Graph, Participant, ServiceCall
-from rwt_graph.program.future import Outcome
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import CallFailed, ServiceFailed
-from rwt_program.messages import Message, MessageLike, is_coroutine_function, to_payload
+from rwt_program.errors import ServiceFailed
+from rwt_program.future import Future
+from rwt_program.messages import MessageLike, ServiceHandler, is_coroutine_function, to_payload
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Answer: TypeAlias = "MessageLike | Awaitable[MessageLike | None] | None"
-
-#: Takes the request and gives the response; None stands for a response of defaults.
-ServiceHandler: TypeAlias = Callable[[Message], Answer]
 
 
 def failure_text(error: Exception) -> str:
@@ -90,15 +87,12 @@ async def call(participant: Participant, service: str, request: Payload, seconds
     Raises:
         CallFailed: with the reason, by its subclass.
     """
-    outcome: Outcome[Payload | CallFailed] = Outcome()
-    pending = participant.call_service(service, request, outcome.set, seconds)
+    answer: Future[Payload] = Future()
+    pending = participant.call_service(service, request, answer.set, seconds)
     try:
-        answer = await outcome.wait()
+        return await answer.wait()
     finally:
         pending.cancel()
-    if isinstance(answer, CallFailed):
-        raise answer
-    return answer
 
 
-__all__ = ["ServiceFunction", "ServiceHandler", "call", "failure_text"]
+__all__ = ["ServiceFunction", "call", "failure_text"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from rwt_graph import ActionGoal, GoalCanceled, Node
+from rwt_graph import GoalCanceled, Node, ReceivedGoal
 from rwt_nodes.demo.messages import Message
 
 #: As many numbers, from 0 on, fit the message's int32.
@@ -41,7 +41,7 @@ class Fibonacci:
             return True
         return f"order must be 0 to {highest}, where int32 ends, got {request.order}"
 
-    async def _execute(self, goal: ActionGoal) -> Message:
+    async def _execute(self, goal: ReceivedGoal) -> Message:
         request: FibonacciRequest = goal.request
         count = request.order + self._surplus
         sequence = [0, 1][:count]

@@ -53,7 +53,7 @@ class CloudDecimator:
         self._source = source
         STRIDE.declare(self._node, stride, self._set_stride)
         VOXEL.declare(self._node, voxel, self._set_voxel)
-        clouds = self._node.advertise(topic or f"{source}/decimated", _CLOUD, SENSOR_DATA)
+        clouds = self._node.advertise(topic or f"{source}/decimated", _CLOUD, qos=SENSOR_DATA)
         self._work: LatestOnly[Payload] = LatestOnly(self._node, clouds, self._thin, self._listen)
 
     def close(self) -> None:
@@ -67,7 +67,7 @@ class CloudDecimator:
         self._voxel = metres
 
     def _listen(self) -> tuple[Closable, ...]:
-        subscription = self._node.subscribe(
+        subscription = self._node.subscribe_samples(
             self._source,
             type=_CLOUD,
             qos=SENSOR_DATA,

@@ -78,7 +78,7 @@ class DepthCloudEncoder:
         MAX_DEPTH_PER_TILE.declare(self._node, max_depth_per_tile, self._set_depth_per_tile)
         self._slop_ns = round(slop * NANOSECONDS)
         self._latest: dict[str, tuple[int, Payload]] = {}
-        pictures = self._node.advertise(topic, _IMAGE, SENSOR_DATA)
+        pictures = self._node.advertise(topic, _IMAGE, qos=SENSOR_DATA)
         self._work: LatestOnly[tuple[Payload, Payload]] = LatestOnly(
             self._node, pictures, self._encode, self._listen
         )
@@ -99,7 +99,9 @@ class DepthCloudEncoder:
     def _listen(self) -> tuple[Closable, ...]:
         self._latest.clear()
         return tuple(
-            self._node.subscribe(topic, type=_IMAGE, qos=SENSOR_DATA, on_sample=partial(self._take, topic))
+            self._node.subscribe_samples(
+                topic, type=_IMAGE, qos=SENSOR_DATA, on_sample=partial(self._take, topic)
+            )
             for topic in self._topics
         )
 

@@ -60,7 +60,7 @@ class LatestOnly(Generic[T]):
         self._next = item
         if not self._busy:
             self._busy = True
-            self._node.graph.spawn(self._run, f"work for {self._topic.topic}")
+            self._node.graph.spawn(self._run, f"work for {self._topic.name}")
 
     async def _run(self) -> None:
         try:
@@ -82,7 +82,7 @@ class LatestOnly(Generic[T]):
         now = self._node.clock.monotonic()
         if now - self._complained >= _COMPLAIN_EVERY:
             self._complained = now
-            line = f"nothing on {self._topic.topic}: {text}"
+            line = f"nothing on {self._topic.name}: {text}"
             self._node.log.warning(line)
 
     def _look(self) -> None:

@@ -51,7 +51,7 @@ class MarkerTopics:
         self._parts = ExitStack()
         hold = self._parts.enter_context
         self._updates = [
-            hold(node.advertise(f"{base}/{topic}", f"{_TYPE}Update", _DEPTH))
+            hold(node.advertise(f"{base}/{topic}", f"{_TYPE}Update", qos=_DEPTH))
             for topic in ("update", "tunneled/update")
         ]
         hold(
@@ -59,7 +59,7 @@ class MarkerTopics:
                 f"{base}/tunneled/get_init", "demo_interactive_markers/GetInit", self._get_init
             )
         )
-        hold(closing(node.subscribe(f"{base}/feedback", on_feedback, f"{_TYPE}Feedback", _DEPTH)))
+        hold(closing(node.subscribe(f"{base}/feedback", on_feedback, f"{_TYPE}Feedback", qos=_DEPTH)))
         self._full = None
         if node.distro.marker_state == "topic":
             self._full = hold(node.advertise(f"{base}/update_full", f"{_TYPE}Init", latch=True))

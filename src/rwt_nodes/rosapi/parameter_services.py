@@ -21,14 +21,14 @@ _DESCRIPTION = "robot_description"
 
 async def get_param_names(node: Node, _: Any) -> Answer:
     """The names of all parameters."""
-    return {"names": sorted(await node.list_params())}
+    return {"names": sorted(await node.params.names())}
 
 
 async def get_param(node: Node, request: Any) -> Answer:
     """One value; if there is none, the request's default, and without that null (API-07)."""
     default = request.default_value if node.distro.rosapi_reports_failures else request.default
     try:
-        value = await node.get_param(await _full_name(node, request.name))
+        value = await node.params.get(await _full_name(node, request.name))
     except RobotError as error:
         if default or not node.distro.rosapi_reports_failures:
             return {"value": default or "null", **_done(node)}
@@ -43,11 +43,11 @@ async def _full_name(node: Node, name: str) -> str:
     """
     above, _, last = name.rpartition("/")
     in_nodes = node.distro.parameters_belong_to_nodes
-    if not in_nodes or last != _DESCRIPTION or await node.has_param(name):
+    if not in_nodes or last != _DESCRIPTION or await node.params.has(name):
         return name
     found = [
         known
-        for known in await node.list_params()
+        for known in await node.params.names()
         if known.startswith(f"{above}/") and known.endswith(f":{_DESCRIPTION}")
     ]
     return found[0] if len(found) == 1 else name
@@ -60,7 +60,7 @@ async def set_param(node: Node, request: Any) -> Answer:
     except (ValueError, RecursionError):
         return _failed(node, f"set_param: value of {request.name} is not JSON: {request.value[:80]!r}")
     try:
-        await node.set_param(request.name, value)
+        await node.params.set(request.name, value)
     except RobotError as error:
         return _failed(node, str(error))
     return _done(node)
@@ -69,7 +69,7 @@ async def set_param(node: Node, request: Any) -> Answer:
 async def has_param(node: Node, request: Any) -> Answer:
     """Whether a parameter is there."""
     try:
-        return {"exists": await node.has_param(request.name)}
+        return {"exists": await node.params.has(request.name)}
     except RobotError:
         return {"exists": False}
 
@@ -77,7 +77,7 @@ async def has_param(node: Node, request: Any) -> Answer:
 async def delete_param(node: Node, request: Any) -> Answer:
     """Remove one parameter."""
     try:
-        await node.delete_param(request.name)
+        await node.params.delete(request.name)
     except RobotError as error:
         return _failed(node, str(error))
     return _done(node)
@@ -86,7 +86,7 @@ async def delete_param(node: Node, request: Any) -> Answer:
 async def search_param(node: Node, request: Any) -> Answer:
     """The full name of the first parameter whose last part is the one asked for; empty if none is."""
     wanted = request.name.strip("/")
-    for name in sorted(await node.list_params()):
+    for name in sorted(await node.params.names()):
         if wanted in (name.rpartition(":")[2], name.strip("/"), name.rpartition("/")[2]):
             return {"global_name": name}
     return {"global_name": ""}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 import anyio
 
-from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node, ServiceFailed
+from rwt_graph import GoalAborted, GoalCanceled, Node, ReceivedGoal, ServiceFailed
 from rwt_interfaces.times import NANOSECONDS
 from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
@@ -82,7 +82,7 @@ class Tf2WebRepublisher:
             return str(error)
         return True
 
-    async def _run_goal(self, goal: ActionGoal) -> None:
+    async def _run_goal(self, goal: ReceivedGoal) -> None:
         """Send feedback until the goal is canceled (TFR-08), or no client has taken any for a while."""
         request = Request.read(goal.request)
         number = self._make_room()
@@ -110,13 +110,15 @@ class Tf2WebRepublisher:
         if timeout < 0:
             raise ServiceFailed(f"timeout must not be negative, got {timeout:g} s")
         number = self._make_room()
-        publisher = self._node.advertise(f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", TopicStream.QOS)
+        publisher = self._node.advertise(
+            f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", qos=TopicStream.QOS
+        )
         filter_ = make_filter(request, self._missing())
         ended = partial(self._streams.pop, number, None)
         stream = TopicStream(self._node, self._buffer, filter_, self._budget(), publisher, timeout, ended)
         self._streams[number] = stream
         stream.start(request.period)
-        return {"topic_name": publisher.topic}
+        return {"topic_name": publisher.name}
 
     def _make_room(self) -> int:
         """The number of a new stream; where there are too many the oldest ends."""

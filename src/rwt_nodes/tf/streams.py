@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from rwt_graph import ActionGoal, Durability, Node, QoS, Timer, TopicPublisher
+from rwt_graph import Durability, Node, QoS, ReceivedGoal, Timer, TopicPublisher
 from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.transform_filters import TransformFilter
 from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
@@ -48,7 +48,7 @@ class GoalStream:
         buffer: Buffer,
         filter_: TransformFilter,
         budget: CpuBudget,
-        goal: ActionGoal,
+        goal: ReceivedGoal,
         end: Callable[[], None],
     ) -> None:
         self.reason = ""

@@ -140,7 +140,7 @@ class Broadcast:
         self._over = False
         node.graph.spawn(self._run, f"pictures of {request.topic}")
         # Last: what is kept for late joiners comes at once.
-        self._subscription = node.subscribe(request.topic, qos=request.qos, on_sample=self._take)
+        self._subscription = node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take)
 
     def join(self) -> Viewer:
         """A new viewer, who gets the last picture at once if there is one."""

@@ -16,8 +16,8 @@ from rwt_testing.script.program import ProgramRobot, read_program
 from rwt_testing.script.robot import SteppedTopic, TomlRobot, inject
 
 if TYPE_CHECKING:
-    from rwt_graph.parameters.tree import Value
-    from rwt_graph.program.node import Handle
+    from rwt_program.handles import Handle
+    from rwt_program.messages import ParameterValue
     from rwt_testing.observed_graph import ObservedGraph
     from rwt_testing.script.file import FaultScript
     from rwt_testing.scripted.robot import ScriptedRobot
@@ -141,7 +141,7 @@ class ScriptControl:
         return True, json.dumps(received, ensure_ascii=False)
 
 
-def _by_name(entries: Mapping[str, tuple[Received, ...]]) -> dict[str, list[Value]]:
+def _by_name(entries: Mapping[str, tuple[Received, ...]]) -> dict[str, list[ParameterValue]]:
     """What clients have sent, as they see it."""
     chosen = {
         name: [json.loads(entry.json) for entry in kept if entry.node in _CLIENTS]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from rwt_graph.program.goals import ActionGoal, Execute
 from rwt_program.errors import GoalAborted, GoalCanceled
+from rwt_program.goals import Execute, ReceivedGoal
 from rwt_program.messages import Message, MessageLike, to_payload
 from rwt_testing.errors import ScriptError
 from rwt_testing.journal import Kind, Received
@@ -71,7 +71,7 @@ class ScriptedAction:
         """End goals as aborted. Raises :exc:`ScriptError` as `feedback`."""
         self._check(self.type.result, (result,))
 
-        async def abort(goal: ActionGoal) -> MessageLike | None:
+        async def abort(goal: ReceivedGoal) -> MessageLike | None:
             await self._wait(goal, after)
             raise GoalAborted(result, reason)
 
@@ -85,7 +85,7 @@ class ScriptedAction:
     def never_ends(self) -> ScriptedAction:
         """Leave goals executing until they are canceled."""
 
-        async def go_on(goal: ActionGoal) -> MessageLike | None:
+        async def go_on(goal: ReceivedGoal) -> MessageLike | None:
             await goal.cancel_event.wait()
             self._end_if_canceled(goal)
             await anyio.sleep_forever()
@@ -109,7 +109,7 @@ class ScriptedAction:
         self._journal.add(Received(Kind.GOAL, self.name, payload, "", self._clock.time_ns()))
         return True if self._refusal is None else self._refusal
 
-    async def execute(self, goal: ActionGoal) -> MessageLike | None:
+    async def execute(self, goal: ReceivedGoal) -> MessageLike | None:
         """Run one goal."""
         if self._execute is not None:
             return await self._execute(goal)
@@ -124,13 +124,13 @@ class ScriptedAction:
         return self
 
     def _succeeding(self, result: MessageLike | None, after: float = 0.0) -> Execute:
-        async def succeed(goal: ActionGoal) -> MessageLike | None:
+        async def succeed(goal: ReceivedGoal) -> MessageLike | None:
             await self._wait(goal, after)
             return result
 
         return succeed
 
-    async def _wait(self, goal: ActionGoal, seconds: float) -> None:
+    async def _wait(self, goal: ReceivedGoal, seconds: float) -> None:
         """Let time go by, ended early when the goal is to be canceled."""
         if not self._cancels:
             await self._clock.sleep(seconds)
@@ -147,7 +147,7 @@ class ScriptedAction:
                 tasks.cancel_scope.cancel()
         self._end_if_canceled(goal)
 
-    def _end_if_canceled(self, goal: ActionGoal) -> None:
+    def _end_if_canceled(self, goal: ReceivedGoal) -> None:
         if self._cancels and goal.cancel_requested:
             raise GoalCanceled
 

@@ -16,7 +16,7 @@ from rwt_testing.scripted.service import ScriptedService
 from rwt_testing.scripted.topic import ScriptedTopic
 
 if TYPE_CHECKING:
-    from rwt_graph.parameters.tree import Value
+    from rwt_program.messages import ParameterValue
     from rwt_testing.matching import Matching
     from rwt_testing.observed_graph import ObservedGraph
 
@@ -112,11 +112,11 @@ class ScriptedRobot(Node):
         scripted = self._actions.get(name)
         if scripted is None or scripted.type is not interface:
             scripted = ScriptedAction(name, interface, self.clock, self.journal)
-            self.advertise_action(name, type, scripted.execute, scripted.accept)
+            self.advertise_action(name, type, scripted.execute, accept=scripted.accept)
             self._actions[name] = scripted
         return scripted
 
-    def has_parameter(self, name: str, value: Value) -> None:
+    def has_parameter(self, name: str, value: ParameterValue) -> None:
         """Have a parameter with this value, declared if it was not yet.
 
         Raises:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from rwt_graph.program.service_handlers import Answer, ServiceHandler
+from rwt_graph.program.service_handlers import Answer
 from rwt_program.errors import ServiceFailed
-from rwt_program.messages import Message, MessageLike, to_payload
+from rwt_program.messages import Message, MessageLike, ServiceHandler, to_payload
 from rwt_testing.errors import ScriptError
 from rwt_testing.journal import Kind, Received
 from rwt_testing.matching import Matching, mismatch

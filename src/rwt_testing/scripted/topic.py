@@ -32,7 +32,7 @@ class ScriptedTopic:
     """
 
     def __init__(self, graph: Graph, publisher: TopicPublisher) -> None:
-        self.name = publisher.topic
+        self.name = publisher.name
         self._graph = graph
         self._publisher = publisher
         self._playing: _Playing | None = None

@@ -39,13 +39,13 @@ async def in_map(lab: Any) -> tuple[float, float, float]:
 
 
 async def test_it_adds(lab: Any) -> None:
-    answer = await lab.user.call_service("/add_two_ints", {"a": 2**40, "b": -1})
+    answer = await lab.user.call("/add_two_ints", {"a": 2**40, "b": -1})
     assert answer.sum == 2**40 - 1
 
 
 async def test_a_sum_that_does_not_fit_fails_with_the_reason(lab: Any) -> None:
     with pytest.raises(ServiceFailed, match="does not fit an int64"):
-        await lab.user.call_service("/add_two_ints", {"a": 2**63 - 1, "b": 1})
+        await lab.user.call("/add_two_ints", {"a": 2**63 - 1, "b": 1})
 
 
 async def test_fibonacci_counts_up_with_feedback(lab: Any) -> None:
@@ -63,7 +63,7 @@ async def test_fibonacci_counts_up_with_feedback(lab: Any) -> None:
 async def test_fibonacci_can_be_canceled(lab: Any) -> None:
     handle = await lab.user.send_goal("/fibonacci", {"order": 40})
     await lab.pass_time(1.2)
-    await handle.cancel()
+    handle.cancel()
     await lab.pass_time(0.6)
     status, result = await handle.result()
     assert status is GoalStatus.CANCELED
@@ -123,7 +123,7 @@ async def test_a_canceled_goal_stops_the_robot(lab: Any) -> None:
     await lab.settle()
     lab.clock.advance(2.0)
     assert odometry[-1].twist.twist.linear.x > 0.5
-    await handle.cancel()
+    handle.cancel()
     await lab.pass_time(1.0)
     status, _ = await handle.result()
     assert status is GoalStatus.CANCELED
@@ -145,7 +145,7 @@ async def test_disabling_the_motors_aborts(lab: Any) -> None:
     handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
     await lab.settle()
     lab.clock.advance(1.0)
-    await lab.user.call_service("/enable_motors", {"data": False})
+    await lab.user.call("/enable_motors", {"data": False})
     lab.clock.advance(0.1)
     assert (await handle.result())[0] is GoalStatus.ABORTED
     again = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
@@ -177,7 +177,7 @@ async def test_reset_aborts_the_trip(lab: Any) -> None:
     handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
     await lab.settle()
     lab.clock.advance(1.0)
-    await lab.user.call_service("/reset", {})
+    await lab.user.call("/reset", {})
     assert (await handle.result())[0] is GoalStatus.ABORTED
 
 
@@ -197,7 +197,7 @@ async def test_a_goal_can_be_canceled_while_somebody_drives(lab: Any) -> None:
     handle = await lab.user.send_goal(NAVIGATE, pose(0.5, -2.5))
     await lab.settle()
     lab.command(angular=1.0, seconds=1.0)
-    await handle.cancel()
+    handle.cancel()
     lab.command(angular=1.0, seconds=0.2)
     assert (await handle.result())[0] is GoalStatus.CANCELED
 

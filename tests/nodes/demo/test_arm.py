@@ -103,7 +103,7 @@ async def test_the_topic_moves_it_too_and_says_what_is_wrong(lab: Any) -> None:
 async def test_cancel_stops_it_where_it_is(lab: Any) -> None:
     handle = await lab.user.send_goal(ACTION, _goal(_point(2.0, [1.0, *REST[1:]])))
     await lab.pass_time(1.0)
-    await handle.cancel()
+    handle.cancel()
     await lab.pass_time(0.2)
     assert (await handle.result())[0] is GoalStatus.CANCELED
     positions, velocities = _arm(lab.latest("/joint_states"))
@@ -120,7 +120,7 @@ async def test_the_newest_goal_wins_and_a_reset_ends_it(lab: Any) -> None:
     status, result = await first.result()
     assert (status, result.error_string) == (GoalStatus.ABORTED, "a newer trajectory took its place")
     await lab.pass_time(0.5)
-    await lab.user.call_service("/reset", {})
+    await lab.user.call("/reset", {})
     assert (await second.result())[1].error_string == "the robot was reset"
     await lab.pass_time(0.1)
     assert _arm(lab.latest("/joint_states"))[0] == list(REST)

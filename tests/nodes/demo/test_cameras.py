@@ -123,7 +123,7 @@ async def test_pictures_come_at_the_rate_and_only_while_somebody_listens(lab: An
     infos.clear()
     await lab.pass_time(1.0)
     assert len(infos) == 20  # the clock is advanced in twenty steps, and missed ticks are skipped
-    await lab.user.set_param(lab.parameter("camera_rate"), 10.0)
+    await lab.user.params.set(lab.parameter("camera_rate"), 10.0)
     infos.clear()
     await lab.pass_time(1.0)
     assert len(infos) == 10

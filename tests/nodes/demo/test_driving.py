@@ -105,11 +105,11 @@ async def test_a_command_that_is_not_a_number_is_ignored(lab: Any) -> None:
 
 async def test_without_motors_it_stands(lab: Any) -> None:
     odometry = lab.watch("/odom")
-    answer = await lab.user.call_service("/enable_motors", {"data": False})
+    answer = await lab.user.call("/enable_motors", {"data": False})
     assert answer.success
     lab.command(linear=0.5, seconds=1.0)
     assert odometry[-1].pose.pose.position.x == 0.0
-    await lab.user.call_service("/enable_motors", {"data": True})
+    await lab.user.call("/enable_motors", {"data": True})
     lab.command(linear=0.5, seconds=1.0)
     assert odometry[-1].pose.pose.position.x > 0.3
 
@@ -117,7 +117,7 @@ async def test_without_motors_it_stands(lab: Any) -> None:
 async def test_reset_brings_it_back(lab: Any) -> None:
     odometry, battery = lab.watch("/odom"), lab.watch("/battery_state")
     lab.command(linear=0.5, angular=0.3, seconds=2.0)
-    await lab.user.call_service("/reset", {})
+    await lab.user.call("/reset", {})
     lab.clock.advance(1.0)
     assert odometry[-1].pose.pose.position.x == 0.0
     assert yaw(odometry[-1].pose.pose.orientation) == 0.0
@@ -131,7 +131,9 @@ def recorded(world: World | None = None) -> list[dict[str, Any]]:
     robot, user = DemoRobot(graph, world), Node(graph, "user")
     heard: list[dict[str, Any]] = []
     for topic in ("/odom", "/scan"):
-        user.subscribe(topic, on_sample=lambda sample: heard.append(json.loads(bytes(sample.payload.json()))))
+        user.subscribe_samples(
+            topic, on_sample=lambda sample: heard.append(json.loads(bytes(sample.payload.json())))
+        )
     stick = user.advertise("/cmd_vel", "geometry_msgs/Twist")
     for _ in range(30):
         stick.publish({"linear": {"x": 0.4}, "angular": {"z": 0.2}})

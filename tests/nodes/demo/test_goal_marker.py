@@ -32,7 +32,7 @@ class Hand:
 
     async def choose(self, title: str) -> None:
         """An entry of the menu, by what it says."""
-        [marker] = (await self._lab.user.call_service("/goal_marker/tunneled/get_init")).msg.markers
+        [marker] = (await self._lab.user.call("/goal_marker/tunneled/get_init")).msg.markers
         [number] = [entry.id for entry in marker.menu_entries if entry.title == title]
         await self.send(Event.MENU_SELECT, menu_entry_id=number)
 
@@ -49,7 +49,7 @@ def place(lab: Lab) -> tuple[float, float]:
 
 
 async def test_it_begins_where_the_robot_does(lab: Lab) -> None:
-    [marker] = (await lab.user.call_service("/goal_marker/tunneled/get_init")).msg.markers
+    [marker] = (await lab.user.call("/goal_marker/tunneled/get_init")).msg.markers
     assert (marker.header.frame_id, marker.pose.position.x, marker.pose.position.y) == ("map", -3.4, -2.5)
 
 

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.anyio
 
 
 async def test_the_scan_sees_walls_at_their_distances(lab: Any) -> None:
-    await lab.user.set_param(lab.parameter("scan_noise"), 0.0)
+    await lab.user.params.set(lab.parameter("scan_noise"), 0.0)
     scan = lab.latest("/scan")
     assert scan.header.frame_id == "laser"
     assert len(scan.ranges) == 360
@@ -40,7 +40,7 @@ async def test_scans_come_at_the_rate_of_the_parameter(lab: Any) -> None:
     scans = lab.watch("/scan")
     lab.clock.advance(1.0)
     assert len(scans) == 10
-    await lab.user.set_param(lab.parameter("scan_rate"), 4.0)
+    await lab.user.params.set(lab.parameter("scan_rate"), 4.0)
     scans.clear()
     lab.clock.advance(1.0)
     assert len(scans) == 4
@@ -93,16 +93,16 @@ async def test_the_description_is_kept_as_topic_and_as_parameter(lab: Any) -> No
     assert ET.fromstring(message.data).get("name") == "demo_robot"
     await lab.settle()
     if not lab.graph.distro.parameters_belong_to_nodes:
-        assert await lab.user.get_param("/robot_description") == message.data
+        assert await lab.user.params.get("/robot_description") == message.data
     else:
-        assert await lab.user.get_param("/demo_robot:robot_description") == message.data
+        assert await lab.user.params.get("/demo_robot:robot_description") == message.data
         with pytest.raises(ParameterRejected):
-            await lab.user.set_param("/demo_robot:robot_description", "<robot/>")
+            await lab.user.params.set("/demo_robot:robot_description", "<robot/>")
 
 
 async def test_diagnostics_report_each_part_once_a_second(lab: Any) -> None:
     reports = lab.watch("/diagnostics")
-    await lab.user.call_service("/enable_motors", {"data": False})
+    await lab.user.call("/enable_motors", {"data": False})
     lab.clock.advance(3.0)
     assert len(reports) == 3
     levels = {status.name: (int(status.level), status.message) for status in reports[-1].status}

@@ -107,8 +107,8 @@ async def test_parameters_are_changed_while_it_works(studio: Any) -> None:
     separator = ":" if studio.graph.distro.parameters_belong_to_nodes else "/"
     name = f"/depthcloud_encoder{separator}"
     pictures = await _heard(studio)
-    await studio.viewer.set_param(f"{name}max_depth_per_tile", 3.0)
-    await studio.viewer.set_param(f"{name}target_resolution", 6)
+    await studio.viewer.params.set(f"{name}max_depth_per_tile", 3.0)
+    await studio.viewer.params.set(f"{name}target_resolution", 6)
     camera.depth(4.5)
     camera.colour(7)
     await studio.until(lambda: pictures)
@@ -120,8 +120,8 @@ async def test_parameters_are_changed_while_it_works(studio: Any) -> None:
         ("crop_size", 5000, "must be a whole number from 2 to 4096, got 5000"),
     ):
         with pytest.raises(ParameterRejected, match=reason):
-            await studio.viewer.set_param(f"{name}{parameter}", value)
-    assert await studio.viewer.get_param(f"{name}max_depth_per_tile") == 3.0
+            await studio.viewer.params.set(f"{name}{parameter}", value)
+    assert await studio.viewer.params.get(f"{name}max_depth_per_tile") == 3.0
 
 
 def test_numbers_that_cannot_be_are_refused_at_the_start(studio: Any) -> None:
@@ -238,7 +238,7 @@ async def test_a_decimated_cloud(studio: Any) -> None:
     assert (thin[0].height, thin[0].width, thin[0].row_step, thin[0].is_dense) == (2, 2, 24, False)
     assert np.frombuffer(thin[0].data, "<f4")[::3].tolist() == [0, 2, 8, 10]
     separator = ":" if studio.graph.distro.parameters_belong_to_nodes else "/"
-    await studio.viewer.set_param(f"/cloud_decimator{separator}voxel", 5.0)
+    await studio.viewer.params.set(f"/cloud_decimator{separator}voxel", 5.0)
     clouds.publish(_points([(n, 0, np.nan if n == 4 else 0) for n in range(16)], height=4))
     await studio.until(lambda: len(thin) == 2)
     assert (thin[1].height, thin[1].width, thin[1].is_dense) == (1, 3, True)

@@ -31,7 +31,7 @@ class Lab:
 
     async def init(self) -> Any:
         """What ros3djs asks for when it begins."""
-        return (await self.viewer.call_service("/marks/tunneled/get_init")).msg
+        return (await self.viewer.call("/marks/tunneled/get_init")).msg
 
     def send(self, event: Event, marker: str = "goal", **fields: object) -> None:
         """Feedback of a viewer."""

@@ -112,7 +112,7 @@ async def test_who_begins_later_gets_everything_with_its_number(lab: Lab) -> Non
         [full] = lab.watch("update_full")
         assert full == everything
     else:
-        answer = await lab.viewer.call_service("/marks/get_interactive_markers")
+        answer = await lab.viewer.call("/marks/get_interactive_markers")
         assert (answer.sequence_number, answer.markers) == (2, everything.markers)
 
 

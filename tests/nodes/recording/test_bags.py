@@ -73,7 +73,7 @@ def plays(recording: Recording, graph: MemoryGraph, clock: SimulatedClock) -> No
     heard: list[tuple[int, object, str]] = []
     modes: list[str] = []
     with Player(graph, recording), Node(graph, "listener") as node:
-        node.subscribe(
+        node.subscribe_samples(
             "/levels",
             on_sample=lambda sample: heard.append(
                 (sample.stamp_ns, list(sample.payload.value().levels), sample.payload.value().header.frame_id)  # type: ignore[attr-defined]  # a Levels

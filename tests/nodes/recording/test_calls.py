@@ -9,7 +9,7 @@ from typing import Any
 import anyio
 import pytest
 
-from rwt_graph import ActionGoal, MemoryGraph, Message, Node, ServiceFailed, SimulatedClock
+from rwt_graph import MemoryGraph, Message, Node, ReceivedGoal, ServiceFailed, SimulatedClock
 from rwt_interfaces import NOETIC, Registry
 from rwt_nodes.introspection import Introspection, NotObservable
 from rwt_nodes.playback import Player, PlayOptions
@@ -37,12 +37,12 @@ async def test_a_call_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
             node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
             node.subscribe(EVENTS, told.append, "example_interfaces/srv/AddTwoInts_Event")
             clock.advance(1.0)
-            await node.call_service("/add", {"a": 1, "b": 2})
+            await node.call("/add", {"a": 1, "b": 2})
             with pytest.raises(ServiceFailed):
-                await node.call_service("/add", {"a": -1, "b": 2})
+                await node.call("/add", {"a": -1, "b": 2})
             introspection.close()
             introspection.close()
-            await node.call_service("/add", {"a": 5, "b": 5})
+            await node.call("/add", {"a": 5, "b": 5})
     found = [
         (each.info.event_type, [r.a for r in each.request], [r.sum for r in each.response]) for each in told
     ]
@@ -59,7 +59,7 @@ async def test_topics_go_with_their_service() -> None:
             before = len(graph.topics())
             for index in range(5):
                 service = node.advertise_service(f"/add{index}", "example_interfaces/AddTwoInts", add)
-                await node.call_service(f"/add{index}")
+                await node.call(f"/add{index}")
                 assert graph.topic(f"/add{index}/_service_event") is not None
                 service.close()
             clock.advance(1.0)
@@ -73,7 +73,7 @@ async def test_a_service_that_comes_back_with_another_type_is_told_of() -> None:
         with Node(graph, "robot") as node, closing(Introspection(graph)):
             for name, request in (("std_srvs/Trigger", {}), ("std_srvs/SetBool", {"data": True})):
                 service = node.advertise_service("/do", name, lambda _: {"success": True})
-                await node.call_service("/do", request)
+                await node.call("/do", request)
                 topic = graph.topic("/do/_service_event")
                 assert topic is not None and topic.type is not None
                 assert topic.type.name == f"{name}_Event"
@@ -87,7 +87,7 @@ async def test_a_topic_that_somebody_else_has_stops_nothing(caplog: pytest.LogCa
         with Node(graph, "robot") as node, closing(Introspection(graph)):
             node.advertise(EVENTS, "std_msgs/String")
             node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
-            assert (await node.call_service("/add", {"a": 1, "b": 2})).sum == 3
+            assert (await node.call("/add", {"a": 1, "b": 2})).sum == 3
             clock.advance(5.0)
             node.advertise_service("/later", "std_srvs/Trigger", lambda _: {})
             clock.advance(1.0)
@@ -111,22 +111,22 @@ async def test_recorded_calls_are_answered_again(tmp_path: Path) -> None:
             node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
             node.advertise_service("/total", "example_interfaces/AddTwoInts", lambda _: {"sum": next(totals)})
             for numbers in ({"a": 1, "b": 2}, {"a": 3, "b": 4}):
-                await node.call_service("/add", numbers)
+                await node.call("/add", numbers)
             for _ in range(2):
-                await node.call_service("/total")
+                await node.call("/total")
             introspection.close()
     assert len(of_topic(rows(path), EVENTS)) == 4
     with open_recording([path]) as recording:
         graph = MemoryGraph(clock=SimulatedClock(recording.start_ns))
         async with graph:
             with Player(graph, recording), Node(graph, "client") as node:
-                assert (await node.call_service("/add", {"a": 3, "b": 4})).sum == 7
-                assert (await node.call_service("/add", {"a": 1, "b": 2})).sum == 3
-                assert [(await node.call_service("/total")).sum for _ in range(3)] == [10, 20, 20]
+                assert (await node.call("/add", {"a": 3, "b": 4})).sum == 7
+                assert (await node.call("/add", {"a": 1, "b": 2})).sum == 3
+                assert [(await node.call("/total")).sum for _ in range(3)] == [10, 20, 20]
                 with pytest.raises(
                     ServiceFailed, match="the recording has no call of /add with this request"
                 ):
-                    await node.call_service("/add", {"a": 9, "b": 9})
+                    await node.call("/add", {"a": 9, "b": 9})
             with Player(graph, recording, PlayOptions(answer_services=False)):
                 assert graph.service("/add") is None
 
@@ -136,7 +136,7 @@ async def test_a_goal_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     graph, _ = graph_at()
 
-    async def execute(goal: ActionGoal) -> dict[str, object]:
+    async def execute(goal: ReceivedGoal) -> dict[str, object]:
         goal.publish_feedback({"sequence": [0, 1]})
         return {"sequence": [0, 1, 1]}
 
@@ -145,9 +145,9 @@ async def test_a_goal_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
         with Node(graph, "robot") as node, Recorder(graph, path, OWN) as recorder:
             introspection = Introspection(graph, on_topic=recorder.look)
             accept = lambda goal: goal.order > 0 or "too small"  # noqa: E731 - said here what it is for
-            node.advertise_action("/fibonacci", "example_interfaces/Fibonacci", execute, accept)
+            node.advertise_action("/fibonacci", "example_interfaces/Fibonacci", execute, accept=accept)
             with anyio.fail_after(10):
-                handle = await node.send_goal("/fibonacci", {"order": 3}, heard.append)
+                handle = await node.send_goal("/fibonacci", {"order": 3}, on_feedback=heard.append)
                 await handle.result()
                 with pytest.raises(Exception, match="too small"):
                     await node.send_goal("/fibonacci", {"order": 0})

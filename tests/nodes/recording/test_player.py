@@ -64,7 +64,7 @@ def playing(path: Path, options: PlayOptions | None = None, *, paused: bool = Fa
             heard = Heard(player, clock, graph, node)
 
             def listen(topic: str) -> None:
-                node.subscribe(
+                node.subscribe_samples(
                     topic,
                     on_sample=lambda sample: heard.messages.append(
                         (topic, (sample.stamp_ns - START) / SECOND, sample.payload.value().data)  # type: ignore[attr-defined]  # a number or a text
@@ -165,7 +165,7 @@ async def test_a_long_burst_gives_others_their_turn(path: Path, monkeypatch: pyt
             answers: list[Any] = []
 
             async def burst() -> None:
-                answers.append(await heard.node.call_service("/rosbag2_player/burst", {"num_messages": 0}))
+                answers.append(await heard.node.call("/rosbag2_player/burst", {"num_messages": 0}))
 
             async with anyio.create_task_group() as tasks:
                 tasks.start_soon(burst)
@@ -236,7 +236,7 @@ async def test_rosbag2s_services_control_the_player(path: Path) -> None:
 
             async def call(name: str, request: dict[str, object] | None = None) -> Any:
                 with anyio.fail_after(10):
-                    return await heard.node.call_service(f"/rosbag2_player/{name}", request)
+                    return await heard.node.call(f"/rosbag2_player/{name}", request)
 
             assert (await call("is_paused")).paused
             assert (await call("play_next")).success
@@ -265,7 +265,7 @@ async def test_a_playback_clock_gives_every_message_its_own_stamp_and_plays_in_r
         async with MemoryGraph(clock=clock) as graph:
             stamps: list[int] = []
             with Node(graph, "listener") as node, Player(graph, recording, PlayOptions(rate=100.0)) as player:
-                node.subscribe("/count", on_sample=lambda sample: stamps.append(sample.stamp_ns))
+                node.subscribe_samples("/count", on_sample=lambda sample: stamps.append(sample.stamp_ns))
                 with anyio.fail_after(20):
                     await player.finished.wait()
                 assert stamps == [START + index * SECOND for index in range(5)]

@@ -8,7 +8,7 @@ from typing import Any, Final, Protocol
 
 import anyio
 
-from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, Node
+from rwt_graph import GoalAborted, GoalCanceled, Node, ReceivedGoal
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.arm.kinematics import ARM, Arm
 from rwt_nodes.demo.arm.trajectory import Angles, Trajectory, Waypoint
@@ -53,7 +53,7 @@ class TrajectoryRefused(ValueError):
 class _ActiveTrajectory:
     """One trajectory being followed."""
 
-    def __init__(self, trajectory: Trajectory, began: float, goal: ActionGoal | None) -> None:
+    def __init__(self, trajectory: Trajectory, began: float, goal: ReceivedGoal | None) -> None:
         self.trajectory = trajectory
         self.began = began
         self.goal = goal
@@ -103,7 +103,7 @@ class ArmController:
             run.reason = reason
             run.ended.set()
 
-    def _begin(self, message: TrajectoryMessage, goal: ActionGoal | None) -> _ActiveTrajectory:
+    def _begin(self, message: TrajectoryMessage, goal: ReceivedGoal | None) -> _ActiveTrajectory:
         trajectory = self._read(message)
         self.abort("a newer trajectory took its place")
         wait = max(0, stamp_ns(message.header.stamp) - self._node.clock.time_ns()) / 1e9
@@ -125,7 +125,7 @@ class ArmController:
             return str(error)
         return True
 
-    async def _execute(self, goal: ActionGoal) -> messages.Message:
+    async def _execute(self, goal: ReceivedGoal) -> messages.Message:
         request: TrajectoryGoal = goal.request
         try:
             run = self._begin(request.trajectory, goal)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwt_graph import CallFailed, GoalHandle, GoalStatus, Message, Node
+from rwt_graph import CallFailed, Goal, GoalStatus, Message, Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.frames import MAP, frame
 from rwt_nodes.demo.world.pose import Pose
@@ -39,7 +39,7 @@ class GoalMarker:
         self._node = node
         self._start = start
         self._grabbed_at: Message | None = None
-        self._goal: GoalHandle | None = None
+        self._goal: Goal | None = None
         self._markers = InteractiveMarkerServer(node, NAMESPACE)
         menu = Menu()
         menu.add("Drive here", self._drive)
@@ -75,7 +75,7 @@ class GoalMarker:
 
     async def _stop(self, feedback: Feedback) -> None:
         if self._goal is not None:
-            await self._goal.cancel()
+            self._goal.cancel()
 
     def _fetch(self, feedback: Feedback) -> None:
         self._markers.set_pose(_NAME, _pose(self._start))

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import anyio
 
-from rwt_graph import ActionGoal, GoalAborted, GoalCanceled, GoalStatus, Node
+from rwt_graph import GoalAborted, GoalCanceled, GoalStatus, Node, ReceivedGoal
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
 from rwt_nodes.demo.frames import MAP, ODOM, frame
@@ -49,7 +49,7 @@ class NavigateRequest(Protocol):
 class _NavigationTask:
     """One goal under way: its path and its progress."""
 
-    goal: ActionGoal
+    goal: ReceivedGoal
     follower: PathFollower
     started: float
     ended: anyio.Event = field(default_factory=anyio.Event)
@@ -153,7 +153,7 @@ class Navigation:
             frame(self._node, BASE): self._drive.pose,
         }
 
-    async def _execute(self, goal: ActionGoal) -> messages.Message:
+    async def _execute(self, goal: ReceivedGoal) -> messages.Message:
         self.abort("a newer goal took its place")
         request: NavigateRequest = goal.request
         origin = self._frames()[_bare(request.pose.header.frame_id)]

@@ -44,14 +44,16 @@ class CameraPublisher:
         self._period = 1 / 30
         self._shots = 0
         self._timer: Timer | None = None
-        self._colours = node.advertise("camera/image_raw", "sensor_msgs/Image", SENSOR_DATA)
+        self._colours = node.advertise("camera/image_raw", "sensor_msgs/Image", qos=SENSOR_DATA)
         self._jpegs = node.advertise(
-            "camera/image_raw/compressed", "sensor_msgs/CompressedImage", SENSOR_DATA
+            "camera/image_raw/compressed", "sensor_msgs/CompressedImage", qos=SENSOR_DATA
         )
-        self._infos = node.advertise("camera/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
-        self._depths = node.advertise("camera/depth/image_raw", "sensor_msgs/Image", SENSOR_DATA)
-        self._depth_infos = node.advertise("camera/depth/camera_info", "sensor_msgs/CameraInfo", SENSOR_DATA)
-        self._points = node.advertise("camera/depth/points", "sensor_msgs/PointCloud2", SENSOR_DATA)
+        self._infos = node.advertise("camera/camera_info", "sensor_msgs/CameraInfo", qos=SENSOR_DATA)
+        self._depths = node.advertise("camera/depth/image_raw", "sensor_msgs/Image", qos=SENSOR_DATA)
+        self._depth_infos = node.advertise(
+            "camera/depth/camera_info", "sensor_msgs/CameraInfo", qos=SENSOR_DATA
+        )
+        self._points = node.advertise("camera/depth/points", "sensor_msgs/PointCloud2", qos=SENSOR_DATA)
 
     def set_rate(self, rate: float) -> None:
         """Publish `rate` pictures a second from now on."""

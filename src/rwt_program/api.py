@@ -1,0 +1,202 @@
+"""The verbs that a program has for a robot, whether it is a node of the graph or a client of a server.
+
+What tells the robot something is a plain function: `advertise`, `publish`, `subscribe`, `topic`,
+`advertise_service`, `advertise_action`. What asks it something is a coroutine: `call`, `once`, `send_goal`,
+parameters, transforms. So no `await` can be forgotten without its answer being missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from rwt_program.future import USUAL, Timeout
+from rwt_program.goals import Execute, Goal
+from rwt_program.handles import Handle, Publisher, Subscription
+from rwt_program.messages import Message, MessageCallback, MessageLike, ParameterValue, ServiceHandler
+from rwt_program.qos import QoS
+from rwt_program.transforms import Transforms
+
+
+class Parameters(Protocol):
+    """The parameters of all nodes: `/node:name` on ROS 2, `/name` on ROS 1."""
+
+    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:
+        """The value of a parameter.
+
+        Args:
+            default: what to return when there is no such parameter; None raises instead.
+
+        Raises:
+            NotFound: there is none, and there is no default.
+            CallFailed: its node did not answer.
+        """
+
+    async def set(self, name: str, value: ParameterValue) -> None:
+        """Give a parameter a value; returns once its node has taken it.
+
+        Raises:
+            ParameterRejected: the node does not take it, or there is none of that name; says why.
+            CallFailed: its node did not answer.
+        """
+
+    async def has(self, name: str) -> bool:
+        """Whether there is such a parameter. Raises :exc:`CallFailed`."""
+
+    async def delete(self, name: str) -> None:
+        """Remove a parameter.
+
+        Raises:
+            NotFound: there is none of that name.
+            ParameterRejected: its node does not allow it.
+            CallFailed: its node did not answer.
+        """
+
+    async def names(self) -> tuple[str, ...]:
+        """The names of all parameters, sorted. Raises :exc:`CallFailed`."""
+
+
+class RobotApi(Protocol):
+    """A robot as a program sees it: :class:`rwt_graph.Node` and :class:`rwt_client.Robot` are such."""
+
+    @property
+    def params(self) -> Parameters:
+        """The parameters of all nodes."""
+
+    @property
+    def tf(self) -> Transforms:
+        """Where the frames are."""
+
+    def advertise(self, topic: str, type: str, *, qos: QoS | None = None, latch: bool = False) -> Publisher:
+        """Become a publisher of a topic.
+
+        Args:
+            type: `std_msgs/String` or `std_msgs/msg/String`.
+            qos: keep-last 10, reliable, volatile by default.
+            latch: keep the last message for late joiners; the same as `qos=LATCHED`.
+
+        Raises:
+            UnknownType: no such message is known; of a client, from the first `publish`, or when awaited.
+        """
+
+    def publish(
+        self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
+    ) -> Publisher:
+        """Publish one message; the topic is advertised with the first, and stays so.
+
+        Args:
+            type: None takes that of the message's class, or the topic's own.
+            latch: of the first message: keep the last message for late joiners.
+
+        Raises:
+            InvalidMessage: the message does not fit the type.
+            NotFound: no type was given and the topic has none; of a client, when awaited.
+        """
+
+    def subscribe(
+        self,
+        topic: str,
+        callback: MessageCallback,
+        type: str | None = None,
+        *,
+        qos: QoS | None = None,
+        queue_size: int = ...,
+    ) -> Handle:
+        """Call `callback` with each message of a topic.
+
+        Args:
+            callback: a plain function is called at once and should be quick. A coroutine function is called
+                with one message after the other; while it is busy the newest `queue_size` messages wait.
+            type: None takes the topic's own.
+            qos: by default whatever the publishers offer.
+
+        Raises:
+            UnknownType: no such message is known; of a client, when awaited.
+        """
+
+    def topic(
+        self, topic: str, type: str | None = None, *, qos: QoS | None = None, queue_size: int = ...
+    ) -> Subscription:
+        """The messages of a topic from now on, as an asynchronous iterator; arguments as for `subscribe`."""
+
+    async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:
+        """The next message of a topic, or the one that it keeps for late joiners.
+
+        Raises:
+            TimedOut: none came in time.
+            UnknownType: no such message is known.
+        """
+
+    async def call(
+        self,
+        service: str,
+        request: MessageLike | None = None,
+        type: str | None = None,
+        *,
+        timeout: Timeout = USUAL,
+    ) -> Message:
+        """Call a service and wait for its response.
+
+        Args:
+            request: None for one of defaults.
+            type: the service's type; None asks the robot for it.
+
+        Raises:
+            ProviderNotFound: nobody offers it.
+            ServiceFailed: its provider says so.
+            CallTimeout: no answer came in time.
+            CallFailed: base of these, and of whatever else ended it: ProviderGone, ConnectionLost.
+            InvalidMessage: the request does not fit the service's type.
+        """
+
+    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> Handle:
+        """Offer a service; a provider of the same name in this program is replaced.
+
+        Args:
+            handler: takes the request and gives the response. It raises
+                :exc:`~rwt_program.errors.ServiceFailed` to tell the caller why there is none; any other
+                exception is logged and fails the call, too. Calls of a coroutine function may overlap.
+
+        Raises:
+            UnknownType: no such service is known; of a client, when awaited.
+        """
+
+    async def send_goal(
+        self,
+        action: str,
+        goal: MessageLike | None = None,
+        type: str | None = None,
+        *,
+        on_feedback: Callable[[Message], object] | None = None,
+    ) -> Goal:
+        """Send a goal to an action.
+
+        Args:
+            goal: None for one of defaults.
+            type: the action's type; None asks the robot for it.
+            on_feedback: called with each feedback; without it iterate over the goal.
+
+        Raises:
+            ProviderNotFound: nobody offers the action; where the robot does not say so at once, from the
+                goal's `result`.
+            GoalRejected: its server refuses; from `result`, too, where the robot does not say so at once.
+            InvalidMessage: the goal does not fit the action's type.
+        """
+
+    def advertise_action(self, action: str, type: str, execute: Execute) -> Handle:
+        """Offer an action; a server of the same name in this program is replaced.
+
+        Args:
+            execute: a coroutine function that works on one goal and returns its result; goals run side by
+                side. It raises GoalCanceled or GoalAborted to end a goal otherwise than by success.
+
+        Raises:
+            UnknownType: no such action is known; of a client, when awaited.
+        """
+
+    async def time_ns(self) -> int:
+        """The robot's time, nanoseconds since the epoch; simulated where the robot is.
+
+        Raises:
+            CallFailed: the robot does not tell.
+        """
