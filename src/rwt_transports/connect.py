@@ -50,7 +50,8 @@ class OutgoingConnection:
 
     def begin(self, link: Link, address: str, port: int) -> Connection:
         """Messages can flow."""
-        self.connection = self.state.attach(link, address, port)
+        self.connection = Connection(self.state, link, address, port)
+        self.state.add(self.connection, link)
         self.opened.set()
         return self.connection
 

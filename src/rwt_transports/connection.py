@@ -1,26 +1,24 @@
-"""One accepted connection, without I/O: HTTP until an upgrade where the transport has it, then a wire's
-messages."""
+"""One connection that carries messages, without I/O, and what all those of a listener share."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import anyio
 
 from rwt_protocol.transport import Accept, Buffer, Endpoint, PeerInfo
-from rwt_transports.api import FlowControlled, Link, OversizeAware, Wire, WireEvents
+from rwt_transports.api import DriverCallbacks, FlowControlled, Framing, Link, OversizeAware, Wire, WireEvents
 from rwt_transports.background import TaskStarter
 from rwt_transports.errors import Refused, log_exception
-from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from rwt_transports.websocket.deflate import deflate_server
 from rwt_transports.websocket.extensions import DeflateTerms
-from rwt_transports.websocket.handshake import HandshakeAnswer
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports")
@@ -31,6 +29,26 @@ MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
 """Makes the wire of one new connection."""
 
 
+class PeerConnection(DriverCallbacks, Protocol):
+    """What stands behind one peer's link, as its listener sees it: HTTP, or a wire's messages."""
+
+    def begin(self) -> None:
+        """Start, with the link at hand."""
+
+    def tick(self, now: float) -> None:
+        """Check the time-outs; `now` is monotonic, in seconds."""
+
+    def close(self, code: int, reason: str) -> None:
+        """Begin to close."""
+
+    def abort(self) -> None:
+        """Cut the connection."""
+
+
+MakeConnection = Callable[["ListenerState", Link, str, int], PeerConnection]
+"""Makes what serves a new peer: the state, its link, its address and its port."""
+
+
 @dataclass(slots=True)
 class ListenerState:
     """What all connections of one listener share.
@@ -38,7 +56,7 @@ class ListenerState:
     Attributes:
         accept: makes the endpoint of a new peer.
         make_wire: makes its wire.
-        routes: plain HTTP on the same port; None for transports that begin with messages at once.
+        http: makes what serves a new peer until its upgrade; None for transports without HTTP.
         transport: the URL scheme, for :class:`~rwt_protocol.transport.PeerInfo`.
         single: whether everything ends with the one peer that there is.
         idle_seconds: silence after which a peer counts as gone; 0 for never.
@@ -51,7 +69,7 @@ class ListenerState:
     accept: Accept
     make_wire: MakeWire
     limits: Limits
-    routes: Routes | None
+    http: MakeConnection | None
     transport: str
     single: bool = False
     idle_seconds: float = 0.0
@@ -59,17 +77,28 @@ class ListenerState:
     tasks: TaskStarter | None = None
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
-    connections: set[Connection] = field(default_factory=set)
+    connections: set[PeerConnection] = field(default_factory=set)
     closing: bool = False
     _empty: anyio.Event | None = None
 
-    def attach(self, link: Link, address: str, port: int) -> Connection:
-        """A new peer has connected, or an outgoing connection is past its handshake."""
-        connection = Connection(self, link, address, port)
+    def attach(self, link: Link, address: str, port: int) -> None:
+        """A new peer has connected."""
+        self.add((self.http or Connection)(self, link, address, port), link)
+
+    def add(self, connection: PeerConnection, link: Link) -> None:
+        """Let a connection have its link, and begin."""
         self.connections.add(connection)
         link.set_callbacks(connection)
-        connection.begin()
-        return connection
+        if self.closing or len(self.connections) > 2 * self.limits.connections:
+            connection.abort()
+        else:
+            connection.begin()
+
+    def replace(self, former: PeerConnection, connection: PeerConnection, link: Link) -> None:
+        """Let `connection`, which has begun already, take over the link of `former`."""
+        self.connections.discard(former)
+        self.connections.add(connection)
+        link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
         """Check the time-outs of every connection; `now` is monotonic, in seconds."""
@@ -108,7 +137,7 @@ class ListenerState:
             self._empty = anyio.Event()
             await self._empty.wait()
 
-    def detach(self, connection: Connection) -> None:
+    def detach(self, connection: PeerConnection) -> None:
         """A connection has ended."""
         self.connections.discard(connection)
         if not self.connections and self._empty is not None:
@@ -124,7 +153,6 @@ class Connection:
         "_address",
         "_alive",
         "_closed_with",
-        "_conversation",
         "_deadline",
         "_ending",
         "_endpoint",
@@ -132,26 +160,27 @@ class Connection:
         "_link",
         "_pinged",
         "_port",
-        "_read",
-        "_scope",
         "_state",
         "_wire",
         "outbox",
         "take",
     )
 
-    def __init__(self, state: ListenerState, link: Link, address: str, port: int) -> None:
+    def __init__(
+        self, state: ListenerState, link: Link, address: str, port: int, terms: DeflateTerms | None = None
+    ) -> None:
         self._state = state
         self._link = link
         self._address = address
         self._port = port
-        self._wire = state.make_wire(self, state.limits, state.buffers)
-        self.outbox = Outbox(
-            self._wire.framing, state.limits, link.wake, self._overflow, self.close, self._replace
+        limits = state.limits
+        self._wire = (
+            state.make_wire(self, limits, state.buffers)
+            if terms is None
+            else deflate_server(terms, self, limits, state.buffers)
         )
+        self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
         self.take: Callable[[], Buffer | None] = self.outbox.take
-        self._conversation: HttpConversation | None = None
-        self._read: Callable[[bytes], None] = self._wire.feed
         self._endpoint: Endpoint | None = None
         self._closed_with: tuple[int, str] | None = None
         self._ending = False
@@ -159,28 +188,17 @@ class Connection:
         self._heard: float | None = None
         self._alive = True
         self._pinged = False
-        self._scope: anyio.CancelScope | None = None
 
     def begin(self) -> None:
-        """Start with HTTP, or open at once where the transport has no handshake."""
+        """Open at once, where the transport has no handshake."""
         state = self._state
-        if state.closing or len(state.connections) > 2 * state.limits.connections:
-            self._link.abort()
-        elif state.routes is not None:
-            self._conversation = HttpConversation(state.routes, state.limits, self, self._address)
-            self._read = self._conversation.feed
-        elif len(state.connections) > state.limits.connections:
+        peer = PeerInfo(state.transport, self._address, self._port, max_message_size=state.max_message_size)
+        if len(state.connections) > state.limits.connections:
             logger.warning("no room for %s: %d connections", self, state.limits.connections)
             self._link.abort()
-        else:
-            self._open_at_once()
-
-    def _open_at_once(self) -> None:
+            return
         try:
-            state = self._state
-            self._open(
-                PeerInfo(state.transport, self._address, self._port, max_message_size=state.max_message_size)
-            )
+            self.open(peer)
         except Refused as refused:
             self.close(POLICY, refused.reason)
         except Exception:
@@ -194,7 +212,7 @@ class Connection:
         self._alive = True
         self.outbox.received += len(data)
         try:
-            self._read(data)
+            self._wire.feed(data)
         except Exception:
             self._broken_inside()
 
@@ -217,9 +235,6 @@ class Connection:
 
     def eof(self) -> None:
         """The peer will send nothing more."""
-        if self._conversation is not None:
-            self._conversation.eof()
-            return
         self._end_endpoint(ABNORMAL, "the peer went away without a word")
         self._ending = True
         # A peer that only closed its sending side still gets the answers made so far.
@@ -228,11 +243,8 @@ class Connection:
     def lost(self) -> None:
         """The link is gone."""
         self._state.detach(self)
-        self._conversation = None
         self._ending = True
         self.outbox.discard()
-        if self._scope is not None:
-            self._scope.cancel()
         self._end_endpoint(ABNORMAL, "the connection was lost")
 
     # -- the endpoint's side -------------------------------------------------------------------------------
@@ -240,10 +252,6 @@ class Connection:
     def close(self, code: int = 1000, reason: str = "") -> None:
         """Close after what is queued in the control lane; a second call does nothing."""
         if self._ending:
-            return
-        if self._conversation is not None:
-            if not self._conversation.busy or self._conversation.streaming:
-                self.hang_up()
             return
         self._ending = True
         self._closed_with = (code, reason)
@@ -271,19 +279,14 @@ class Connection:
         if not self._ending:
             self.outbox.when_empty(callback)
 
-    def _overflow(self, reason: str) -> None:
+    def overflow(self, reason: str) -> None:
+        """Close, since the peer leaves too many replies unread."""
         logger.warning("closing %s: %s", self, reason)
-        if self._conversation is not None:
-            self._link.abort()
-            return
         self.outbox.stop_sending()
         self.close(POLICY, reason)
 
     def _broken_inside(self) -> None:
-        log_exception("an endpoint, a route or a wire failed; closing %s", self)
-        if self._conversation is not None:
-            self._link.abort()
-            return
+        log_exception("an endpoint or a wire failed; closing %s", self)
         self.close(INTERNAL_ERROR, "internal error")
 
     # -- what the wire reports (WireEvents) ----------------------------------------------------------------
@@ -313,69 +316,10 @@ class Connection:
         self._end_endpoint(*(self._closed_with or (code, reason)))
         self.outbox.when_empty(self._link.close if agreed else self._link.finish)
 
-    # -- what HTTP asks (HttpEvents) -----------------------------------------------------------------------
-
-    def upgrade(self, request: HttpRequest, answer: HandshakeAnswer, rest: bytes) -> HttpResponse | None:
-        """Become a WebSocket, if the listener and the accept function have it."""
-        state = self._state
-        if state.closing:
-            return HttpResponse(b"this server is closing\n", 503)
-        if len(state.connections) > state.limits.connections:
-            text = f"all {state.limits.connections} connections of this server are taken (connections)\n"
-            return HttpResponse(text.encode(), 503)
-        self._agree(answer.deflate)
-        target = f"{request.path}?{request.query}" if request.query else request.path
-        refusal = self._open_after(
-            PeerInfo(state.transport, self._address, self._port, target, request.headers), answer.head
-        )
-        if refusal is None and rest:
-            self._read(rest)
-        return refusal
-
-    def _agree(self, terms: DeflateTerms | None) -> None:
-        """Use the extensions that the handshake has agreed on; nothing has gone through the wire yet."""
-        state = self._state
-        if terms is not None:
-            self._wire = deflate_server(terms, self, state.limits, state.buffers)
-        self.outbox.set_framing(self._wire.framing)
-
-    def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
-        """Run an HTTP handler in a task that ends with the connection."""
-        tasks = self._state.tasks
-        if tasks is None:
-            raise RuntimeError("the listener is not open")
-        tasks.start_soon(self._in_scope, work)
-
-    async def drained(self) -> None:
-        """Wait until everything sent so far has been taken."""
-        empty = anyio.Event()
-        if not self._ending:
-            self.outbox.when_empty(empty.set)
-        await empty.wait()
-
-    def overrun(self) -> None:
-        """The peer sends requests and does not wait for their answers."""
-        self._overflow("too many requests before the answer to the first (http_body_bytes)")
-
-    def hang_up(self) -> None:
-        """Close once everything is sent."""
-        self._ending = True
-        self.outbox.when_empty(self._link.close)
-
-    async def _in_scope(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
-        with anyio.CancelScope() as self._scope:
-            if self._ending:
-                self._scope.cancel()
-            try:
-                await work()
-            except Exception:
-                log_exception("an HTTP answer failed; cutting %s", self)
-                self._link.abort()
-        self._scope = None
-
     # -- life ----------------------------------------------------------------------------------------------
 
-    def _open(self, peer: PeerInfo) -> None:
+    def open(self, peer: PeerInfo) -> None:
+        """Ask the accept function for an endpoint. Raises what that raises."""
         self._set_endpoint(self._state.accept(self.outbox, peer))
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:
@@ -386,30 +330,12 @@ class Connection:
         if not self._ending:
             self._wire.message = endpoint.receive
 
-    def _replace(self, endpoint: Endpoint) -> None:
+    def hand_over(self, endpoint: Endpoint) -> None:
+        """Let `endpoint` take the place of the present one."""
         if self._endpoint is None:
             endpoint.closed(*(self._closed_with or (ABNORMAL, "the connection was lost")))
         else:
             self._set_endpoint(endpoint)
-
-    def _open_after(self, peer: PeerInfo, head: bytes) -> HttpResponse | None:
-        """Open with `head` in front of what the endpoint may send at once; the response is a refusal."""
-        mark = self.outbox.mark()
-        conversation, self._conversation = self._conversation, None
-        try:
-            self._open(peer)
-        except Refused as refused:
-            refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
-        except Exception:
-            log_exception("the accept function failed for %s", self)
-            refusal = HttpResponse(b"internal error\n", 500)
-        else:
-            self._read = self._wire.feed
-            self.outbox.insert(mark, head)
-            return None
-        self.outbox.roll_back(mark)
-        self._conversation = conversation
-        return refusal
 
     def _end_endpoint(self, code: int, reason: str) -> None:
         """Call the endpoint's `closed`, once."""
@@ -430,8 +356,6 @@ class Connection:
                 self._deadline = now + limits.close_seconds
             elif now >= self._deadline:
                 self._link.abort()
-        elif self._conversation is not None:
-            self._conversation.tick(now)
         elif self._state.idle_seconds and silent >= self._state.idle_seconds:
             self._forget(f"silent for {silent:.0f} s")
         elif limits.ping_seconds and silent >= limits.ping_seconds:
@@ -456,3 +380,23 @@ class Connection:
 
     def __repr__(self) -> str:
         return f"<{self._state.transport} connection {self._address}:{self._port}>"
+
+
+class _ConnectionSink(Outbox):
+    """The outbox of a connection, as its endpoint sees it; satisfies :class:`rwt_protocol.transport.Sink`."""
+
+    __slots__ = ("_connection",)
+
+    def __init__(
+        self, connection: Connection, framing: Framing, limits: Limits, wake: Callable[[], None]
+    ) -> None:
+        super().__init__(framing, limits, wake, connection.overflow)
+        self._connection = connection
+
+    def close(self, code: int = 1000, reason: str = "") -> None:
+        """Close the connection after what is queued in the control lane; data still queued is not sent."""
+        self._connection.close(code, reason)
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        """Feed `endpoint` from the next message on."""
+        self._connection.hand_over(endpoint)

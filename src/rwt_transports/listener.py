@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import partial
 from ssl import SSLContext
 
 import anyio
@@ -15,6 +16,7 @@ from rwt_transports.background import TaskStarter
 from rwt_transports.connection import ListenerState
 from rwt_transports.errors import BadUrl
 from rwt_transports.http import Routes
+from rwt_transports.http_connection import HttpConnection
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import parse_listen_url
 from rwt_transports.websocket.close_codes import GOING_AWAY
@@ -81,7 +83,7 @@ async def listen(
         accept,
         make_wire,
         chosen,
-        (routes or Routes()) if scheme.http else None,
+        partial(HttpConnection, routes or Routes()) if scheme.http else None,
         target.name,
         single=scheme.single,
         idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,

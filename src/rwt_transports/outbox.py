@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from time import time_ns
 
-from rwt_protocol.transport import AS_MANY_AS_FIT, Buffer, DropReason, Endpoint, FlowRules, Frame, Traffic
+from rwt_protocol.transport import AS_MANY_AS_FIT, Buffer, DropReason, FlowRules, Frame, Traffic
 from rwt_transports.api import Framing
 from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.limits import Limits
@@ -85,15 +85,13 @@ class OutboxFlow:
 
 
 class Outbox:
-    """The sending side of one connection; satisfies :class:`rwt_protocol.transport.Sink`.
+    """The sending side of one connection.
 
     Args:
         framing: how a frame becomes bytes.
         limits: the bounds of the two lanes.
         wake: called when there is something to take and there was nothing before.
         overflow: called once with a reason when the control lane is full.
-        hang_up: what :meth:`close` asks the connection to do.
-        replace: what :meth:`hand_over` asks it to do.
 
     Attributes:
         ready: bytes that go out next.
@@ -105,8 +103,8 @@ class Outbox:
     """
 
     __slots__ = (
-        "_closed", "_control", "_control_bytes", "_current", "_data", "_framing", "_hang_up", "_large",
-        "_limits", "_on_empty", "_overflow", "_replace", "_taken", "messages", "ready", "received", "room",
+        "_closed", "_control", "_control_bytes", "_current", "_data", "_framing", "_large",
+        "_limits", "_on_empty", "_overflow", "_taken", "messages", "ready", "received", "room",
         "small", "wake", "whole",
     )  # fmt: skip
 
@@ -116,15 +114,13 @@ class Outbox:
         limits: Limits,
         wake: Callable[[], None],
         overflow: Callable[[str], None],
-        hang_up: Callable[[int, str], None],
-        replace: Callable[[Endpoint], None],
     ) -> None:
         self._limits = limits
-        self.set_framing(framing)
+        self._framing = framing
+        self.whole = framing.whole
+        self.small = min(ALONE_BYTES, limits.outgoing_bytes + 1) if framing.shared else 0
         self.wake = wake
         self._overflow = overflow
-        self._hang_up = hang_up
-        self._replace = replace
         self.ready: list[Buffer] = []
         self._large = 0  # how many of them are not to be joined
         self.room = READY_BYTES
@@ -146,12 +142,6 @@ class Outbox:
             self.send_at_once(frame)
         elif not self._closed:
             self._queue_control(frame)
-
-    def set_framing(self, framing: Framing) -> None:
-        """Turn frames into bytes with `framing` from now on."""
-        self._framing = framing
-        self.whole = framing.whole
-        self.small = min(ALONE_BYTES, self._limits.outgoing_bytes + 1) if framing.shared else 0
 
     def flow(
         self,
@@ -199,14 +189,6 @@ class Outbox:
         if rules.depth is not None:
             self._data.cut(queue, max(rules.depth, 1))
 
-    def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close the connection after what is queued in the control lane; data still queued is not sent."""
-        self._hang_up(code, reason)
-
-    def hand_over(self, endpoint: Endpoint) -> None:
-        """Feed `endpoint` from the next message on; see :meth:`rwt_protocol.transport.Sink.hand_over`."""
-        self._replace(endpoint)
-
     @property
     def backlog(self) -> int:
         """Bytes queued and not yet handed to the network."""
@@ -252,7 +234,7 @@ class Outbox:
 
     # -- the connection's side -----------------------------------------------------------------------------
 
-    def push(self, data: bytes) -> None:
+    def push(self, data: Buffer) -> None:
         """Queue bytes of the protocol itself, in front of the lanes: a handshake, a page."""
         if self.room < -self._limits.control_bytes:
             self._overflow(f"answers wait unread; the limit is {self._limits.control_bytes} (control_bytes)")
@@ -267,23 +249,6 @@ class Outbox:
         """Queue bytes of the protocol itself that may be left out while the peer does not read."""
         if self.room > -READY_BYTES and not self._closed:
             self.push(data)
-
-    def mark(self) -> int:
-        """A place in front of what will be sent next; valid until the driver takes."""
-        return len(self.ready)
-
-    def insert(self, mark: int, data: bytes) -> None:
-        """Put `data` in front of what was sent since :meth:`mark`."""
-        self.ready.insert(mark, data)
-        self.wake()
-
-    def roll_back(self, mark: int) -> None:
-        """Take back what was sent since :meth:`mark`."""
-        self._discard_lanes()
-        del self.ready[mark:]
-        self._large = sum(len(piece) >= ALONE_BYTES for piece in self.ready)
-        self._closed = False
-        self.room = READY_BYTES
 
     def finish(self, last: bytes) -> None:
         """Queue `last` after the control lane and let nothing follow: data still queued is dropped."""

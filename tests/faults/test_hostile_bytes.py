@@ -11,6 +11,7 @@ import tracemalloc
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 
@@ -23,6 +24,7 @@ from rwt_protocol.session import Refusal, Session
 from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import Limits, Routes
 from rwt_transports.connection import ListenerState, MakeWire
+from rwt_transports.http_connection import HttpConnection
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp
@@ -113,7 +115,8 @@ class Told:
 
 
 def _pipe(told: Told, make_wire: MakeWire, routes: Routes | None) -> MemoryPipe:
-    state = ListenerState(told.accept, make_wire, Limits(message_bytes=MIB), routes, "test")
+    http = None if routes is None else partial(HttpConnection, routes)
+    state = ListenerState(told.accept, make_wire, Limits(message_bytes=MIB), http, "test")
     return MemoryPipe(state.attach, "memory", 0)
 
 
@@ -133,7 +136,7 @@ def test_a_message_of_a_gigabyte_is_passed_over() -> None:
 def test_a_compressed_message_is_inflated_up_to_the_limit_and_no_further() -> None:
     told = Told()
     limits = Limits(message_bytes=MIB, deflate=Deflate.SHARED)
-    state = ListenerState(told.accept, websocket_server, limits, Routes(), "test")
+    state = ListenerState(told.accept, websocket_server, limits, partial(HttpConnection, Routes()), "test")
     pipe = MemoryPipe(state.attach, "memory", 0)
     pipe.send(REQUEST[:-2] + b"Sec-WebSocket-Extensions: permessage-deflate\r\n\r\n")
     (bomb,) = deflated([bytes(100 * MIB)], keep=False)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 from rwt_transports import Limits, Routes
 from rwt_transports.api import Wire, WireEvents
 from rwt_transports.connection import ListenerState
 from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http_connection import HttpConnection
 from rwt_transports.websocket.deflate import DeflateWire
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import WebSocketWire, websocket_server
@@ -175,7 +177,7 @@ def http(data: bytes) -> None:
     routes.get("/", _page)
     routes.add("/", _page, "POST")
     limits = Limits(message_bytes=LARGEST, http_header_bytes=500, http_body_bytes=500)
-    state = ListenerState(_accept, websocket_server, limits, routes, "ws")
+    state = ListenerState(_accept, websocket_server, limits, partial(HttpConnection, routes), "ws")
     pipe = MemoryPipe(state.attach, "memory", 0)
     received = 0
     for piece in _pieces(data[1:], data[0] or 256):

@@ -6,12 +6,14 @@ import base64
 import logging
 import struct
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 
 from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, Refused, Routes
 from rwt_transports.connection import ListenerState
+from rwt_transports.http_connection import HttpConnection
 from rwt_transports.websocket.wire import CLIENT_FRAMING, websocket_server
 from tests.memory_pipe import MemoryPipe
 
@@ -31,7 +33,9 @@ class Host:
     """A listener without a driver: pipes are attached by hand, time passes when told."""
 
     def __init__(self, accept: Accept, limits: Limits | None = None, routes: Routes | None = None) -> None:
-        self.state = ListenerState(accept, websocket_server, limits or Limits(), routes or Routes(), "ws")
+        self.state = ListenerState(
+            accept, websocket_server, limits or Limits(), partial(HttpConnection, routes or Routes()), "ws"
+        )
 
     def pipe(self) -> MemoryPipe:
         return MemoryPipe(self.state.attach, "10.0.0.7", 4321)
@@ -286,6 +290,28 @@ def test_a_message_too_large_for_an_endpoint_that_cannot_be_told() -> None:
     pipe.send(text(b"x" * 1001))
     assert [code for code, _ in accept.closings] == [1009]
     assert b"message_bytes" in pipe.receive()
+
+
+@pytest.mark.parametrize("refuse", [True, False])
+def test_a_page_that_is_still_unread_goes_in_front_of_the_handshake(refuse: bool) -> None:
+    def accept(sink: Sink, peer: PeerInfo) -> Endpoint:
+        for _ in range(3):
+            sink.send(Frame(b"early"))
+        if refuse:
+            raise Refused(403, "not you")
+        return Endpoints()
+
+    page = b"p" * 1_000_000
+    routes = Routes()
+    routes.get("/", lambda request: HttpResponse(page))
+    pipe = Host(accept, routes=routes).pipe()
+    pipe.stalled = True
+    pipe.send(b"GET / HTTP/1.1\r\nHost: r2\r\n\r\n" + REQUEST)
+    pipe.stalled = False
+    before, _, after = pipe.receive().partition(page)
+    assert before.startswith(b"HTTP/1.1 200 ")
+    assert after.startswith(b"HTTP/1.1 403 " if refuse else b"HTTP/1.1 101 ")
+    assert after.count(b"\x81\x05early") == (0 if refuse else 3)
 
 
 # -- handing over ------------------------------------------------------------------------------------------

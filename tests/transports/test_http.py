@@ -3,17 +3,41 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from functools import partial
+from typing import Unpack
 
 import anyio
 import anyio.lowlevel
 import pytest
 
-from rwt_transports.http import HttpConversation, HttpRequest, HttpResponse, Routes
+from rwt_protocol.transport import Endpoint, PeerInfo, Sink
+from rwt_transports.background import Arguments, TaskStarter
+from rwt_transports.connection import ListenerState
+from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_transports.http_connection import HttpConnection
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.handshake import HandshakeAnswer
+from rwt_transports.websocket.wire import websocket_server
+from tests.memory_pipe import MemoryPipe
 
 pytestmark = pytest.mark.asyncio_only
+
+
+class KeptTasks(TaskStarter):
+    """Keeps the handlers that wait until a test runs them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.work: list[Callable[[], Awaitable[None]]] = []
+
+    def start_soon(
+        self, function: Callable[[Unpack[Arguments]], Coroutine[object, object, None]], *arguments: *Arguments
+    ) -> None:
+        self.work.append(partial(function, *arguments))
+
+
+def nobody(sink: Sink, peer: PeerInfo) -> Endpoint:
+    raise AssertionError("nothing here upgrades")
 
 
 class Browser:
@@ -21,32 +45,39 @@ class Browser:
 
     def __init__(self, routes: Routes | None = None, limits: Limits | None = None) -> None:
         self.sent = b""
-        self.hung_up = False
-        self.work: list[Callable[[], Coroutine[object, object, None]]] = []
-        self.http = HttpConversation(routes or pages(), limits or Limits(), self, "10.0.0.1")
+        self.tasks = KeptTasks()
+        http = partial(HttpConnection, routes or pages())
+        state = ListenerState(nobody, websocket_server, limits or Limits(), http, "ws", tasks=self.tasks)
+        self.pipe = MemoryPipe(state.attach, "10.0.0.1", 4321)
 
-    def answer(self, data: bytes) -> None:
-        self.sent += data
+    @property
+    def hung_up(self) -> bool:
+        return self.pipe.closed
 
-    def upgrade(self, request: HttpRequest, answer: HandshakeAnswer, rest: bytes) -> HttpResponse | None:
-        raise AssertionError("nothing here upgrades")
+    def send(self, data: bytes) -> None:
+        self.pipe.send(data)
+        self.sent += self.pipe.receive()
 
-    def spawn(self, work: Callable[[], Coroutine[object, object, None]]) -> None:
-        self.work.append(work)
+    async def work(self) -> None:
+        """Run the handler that waits to its end, and read what it sends."""
+        (handler,) = self.tasks.work
+        done = anyio.Event()
 
-    async def drained(self) -> None:
-        """The network is endlessly fast."""
+        async def run() -> None:
+            await handler()
+            done.set()
 
-    def overrun(self) -> None:
-        self.hung_up = True
-
-    def hang_up(self) -> None:
-        self.hung_up = True
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(run)
+            while not done.is_set():
+                await anyio.lowlevel.checkpoint()
+                self.sent += self.pipe.receive()
+        self.sent += self.pipe.receive()
 
     def get(self, data: bytes) -> tuple[int, dict[str, str], bytes]:
         """Status, headers and body of the answer to `data`."""
         self.sent = b""
-        self.http.feed(data)
+        self.send(data)
         head, _, body = self.sent.partition(b"\r\n\r\n")
         first, *lines = head.decode().split("\r\n")
         headers = dict(line.lower().split(": ", 1) for line in lines)
@@ -120,7 +151,7 @@ def test_a_body_in_chunks_and_one_announced() -> None:
     chunked = request("POST /set", "Transfer-Encoding: chunked", body=b"3\r\nabc\r\n2\r\nde\r\n0\r\n\r\n")
     assert Browser().get(chunked)[2] == b"abcde"
     browser = Browser()
-    browser.http.feed(request("POST /set", "Content-Length: 3", "Expect: 100-continue"))
+    browser.send(request("POST /set", "Content-Length: 3", "Expect: 100-continue"))
     assert browser.sent.startswith(b"HTTP/1.1 100 ")
     assert browser.get(b"abc")[2] == b"abc"
 
@@ -130,7 +161,7 @@ def test_cuts_do_not_matter(cut: int) -> None:
     browser = Browser()
     data = request("GET /") * 3
     for at in range(0, len(data), cut):
-        browser.http.feed(data[at : at + cut])
+        browser.send(data[at : at + cut])
     assert browser.sent.count(b"home\n") == 3
 
 
@@ -152,7 +183,7 @@ def test_what_is_refused(data: bytes, status: int) -> None:
     assert answered == status and headers["connection"] == "close" and body.endswith(b"\n")
     assert browser.hung_up
     browser.sent = b""
-    browser.http.feed(request("GET /"))
+    browser.send(request("GET /"))
     assert browser.sent == b""
 
 
@@ -177,10 +208,9 @@ async def test_a_handler_that_waits_delays_only_what_follows_it() -> None:
     routes = pages()
     routes.get("/slow", slow)
     browser = Browser(routes)
-    browser.http.feed(request("GET /slow") + request("GET /"))
-    assert browser.sent == b"" and browser.http.busy
-    (work,) = browser.work
-    await work()
+    browser.send(request("GET /slow") + request("GET /"))
+    assert browser.sent == b""
+    await browser.work()
     assert browser.sent.index(b"slow\n") < browser.sent.index(b"home\n")
 
 
@@ -192,13 +222,13 @@ async def test_requests_behind_a_slow_one_are_bounded() -> None:
     routes = Routes()
     routes.get("/slow", slow)
     browser = Browser(routes, Limits(http_header_bytes=1000, http_body_bytes=1000))
-    browser.http.feed(request("GET /slow"))
+    browser.send(request("GET /slow"))
     for _ in range(20):
         assert not browser.hung_up
-        browser.http.feed(b"x" * 100)
-    browser.http.feed(b"x")
+        browser.send(b"x" * 100)
+    browser.send(b"x")
     assert browser.hung_up
-    await browser.work[0]()
+    await browser.work()
     assert browser.sent == b""
 
 
@@ -211,8 +241,8 @@ async def test_a_streamed_body_that_fails_ends_the_connection(caplog: pytest.Log
     routes = Routes()
     routes.get("/stream", lambda request: HttpResponse(chunks()))
     browser = Browser(routes)
-    browser.http.feed(request("GET /stream"))
-    await browser.work[0]()
+    browser.send(request("GET /stream"))
+    await browser.work()
     assert b"first" in browser.sent and not browser.sent.endswith(b"0\r\n\r\n")
     assert browser.hung_up and "secret" in caplog.text
 
@@ -238,13 +268,10 @@ async def test_a_peer_that_has_sent_everything_gets_its_answer_but_no_stream(str
     routes = Routes()
     routes.get("/page", page)
     browser = Browser(routes)
-    browser.http.feed(request("GET /page"))
+    browser.send(request("GET /page"))
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(browser.work[0])
+        tasks.start_soon(browser.work)
         await at_work.wait()
-        assert browser.http.busy and browser.http.streaming is streamed
-        browser.http.eof()
+        browser.pipe.send_eof()
         assert browser.hung_up is streamed
-        if streamed:
-            tasks.cancel_scope.cancel()
     assert browser.sent.endswith(b"slow\n") is not streamed

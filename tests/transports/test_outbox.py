@@ -26,18 +26,12 @@ class Queue:
     limits: Limits = field(default_factory=Limits)
     wakes: int = 0
     overflows: list[str] = field(default_factory=list)
-    hangups: list[tuple[int, str]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.outbox = Outbox(
-            SERVER_FRAMING, self.limits, self.wake, self.overflows.append, self.hang_up, print
-        )
+        self.outbox = Outbox(SERVER_FRAMING, self.limits, self.wake, self.overflows.append)
 
     def wake(self) -> None:
         self.wakes += 1
-
-    def hang_up(self, code: int, reason: str) -> None:
-        self.hangups.append((code, reason))
 
     def control(self, payload: bytes) -> None:
         self.outbox.send(Frame(payload))
@@ -51,7 +45,7 @@ class Box(Outbox):
     """An outbox with the flows of a bridge, that counts what they lose."""
 
     def __init__(self, limits: Limits) -> None:
-        super().__init__(SERVER_FRAMING, limits, lambda: None, print, print, print)
+        super().__init__(SERVER_FRAMING, limits, lambda: None, print)
         self.flows: dict[str, Flow] = {}
         self.drops: Counter[tuple[str, DropReason]] = Counter()
         self.now_ns = 0
@@ -478,34 +472,6 @@ def test_when_empty_is_called_once_and_after_the_last_byte() -> None:
     queue.control(b"y")
     drain(queue.outbox)
     assert calls == [0]
-
-
-def test_close_is_the_connections_affair() -> None:
-    queue = Queue()
-    queue.outbox.close(4000, "bye")
-    assert queue.hangups == [(4000, "bye")]
-
-
-@pytest.mark.parametrize("sent", [[], [b"early"], [b"early", b"x" * 50_000]])
-def test_a_handshake_goes_in_front_of_what_the_endpoint_sends_at_once(sent: list[bytes]) -> None:
-    box = outbox()
-    box.push(b"<response>")
-    mark = box.mark()
-    for payload in sent:
-        box.send(Frame(payload))
-    box.insert(mark, b"<101>")
-    assert drain(box) == b"<response><101>" + framed(*sent)
-
-
-def test_rolling_back_forgets_what_a_refused_endpoint_sent() -> None:
-    box = outbox()
-    box.push(b"<response>")
-    mark = box.mark()
-    for _ in range(3):
-        box.send(Frame(b"x" * 100_000))
-    box.roll_back(mark)
-    box.push(b"<403>")
-    assert drain(box) == b"<response><403>"
 
 
 def test_the_servers_own_notes_take_nobodys_place() -> None:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from anyio.from_thread import start_blocking_portal
@@ -23,6 +24,7 @@ from rwt_transports.api import Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
+from rwt_transports.http_connection import HttpConnection
 from rwt_transports.listener import OpenListener
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
@@ -165,7 +167,9 @@ def check(case: Case, seen: Seen) -> None:
 def in_memory(site: str, request: bytes, pieces: Sequence[bytes], done: Done | None) -> tuple[bytes, bool]:
     """A pipe without sockets, loop or time."""
     chosen = SITES[site]
-    state = ListenerState(chosen.accept, websocket_server, chosen.limits, Routes(), "ws")
+    state = ListenerState(
+        chosen.accept, websocket_server, chosen.limits, partial(HttpConnection, Routes()), "ws"
+    )
     pipe = MemoryPipe(state.attach, "memory", 0)
     pipe.send(request)
     for piece in pieces:

@@ -1,0 +1,385 @@
+"""Plain HTTP on one connection, up to its upgrade to a WebSocket, without I/O (on h11)."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Mapping
+from email.utils import formatdate
+from http import HTTPStatus
+
+import anyio
+import h11
+
+from rwt_protocol.transport import Buffer, PeerInfo
+from rwt_transports.api import Link
+from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.errors import Refused, log_exception
+from rwt_transports.http import Handler, HttpRequest, HttpResponse, Routes
+from rwt_transports.outbox import Outbox
+from rwt_transports.websocket.handshake import HandshakeAnswer, answer_handshake, wants_websocket
+from rwt_transports.websocket.wire import SERVER_FRAMING
+
+logger = logging.getLogger("rwt_transports.http")
+
+
+class HttpConnection:
+    """One connection's HTTP, request after request (RFC 9112), until it is closed or becomes a WebSocket.
+
+    A :class:`~rwt_transports.connection.Connection` then takes over its link.
+
+    Args:
+        routes: what is served.
+        state: what all connections of the listener share.
+        link: the driver's side.
+        address: the peer's address.
+        port: the peer's port.
+    """
+
+    def __init__(self, routes: Routes, state: ListenerState, link: Link, address: str, port: int) -> None:
+        self._routes = routes
+        self._state = state
+        self._limits = limits = state.limits
+        self._link = link
+        self._address = address
+        self._port = port
+        self.outbox = Outbox(SERVER_FRAMING, limits, link.wake, self._overflow)
+        self.take: Callable[[], Buffer | None] = self.outbox.take
+        self._h11 = h11.Connection(h11.SERVER, max_incomplete_event_size=limits.http_header_bytes)
+        self._request: h11.Request | None = None
+        self._body = bytearray()
+        self._busy = False  # a handler is at work, or a body is being sent
+        self._streaming = False  # that body comes piece by piece, and may have no end
+        self._ahead = 0  # bytes that came while an answer was being made
+        self._over = False
+        self._served = False
+        self._deadline: float | None = None
+        self._scope: anyio.CancelScope | None = None
+
+    # -- the driver's side ---------------------------------------------------------------------------------
+
+    def receive(self, data: bytes) -> None:
+        """Bytes arrived."""
+        if self._over:
+            return
+        self.outbox.received += len(data)
+        if self._busy:
+            self._ahead += len(data)
+            if self._ahead > self._limits.http_header_bytes + self._limits.http_body_bytes:
+                self._overflow("too many requests before the answer to the first (http_body_bytes)")
+                return
+        try:
+            self._h11.receive_data(data)
+            self._take_requests()
+        except Exception:
+            log_exception("a route or the handshake failed; cutting %s", self)
+            self.abort()
+
+    def get_buffer(self) -> None:
+        """A request is received anywhere."""
+
+    def buffer_updated(self, count: int) -> None:
+        """Never called, since there is no buffer."""
+
+    def progress(self) -> None:
+        """The network took bytes again."""
+
+    def eof(self) -> None:
+        """The peer will send nothing more. An answer under way is still sent; a stream is ended, since a
+        browser that leaves it half-closes the connection and no more."""
+        if not self._busy or self._streaming:
+            self._end()
+
+    def lost(self) -> None:
+        """The link is gone."""
+        self._over = True
+        self._state.detach(self)
+        self.outbox.discard()
+        if self._scope is not None:
+            self._scope.cancel()
+
+    # -- the listener's side -------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Wait for a request."""
+
+    def close(self, code: int, reason: str) -> None:
+        """Close, once an answer that is being made has been sent; a stream is ended."""
+        if not self._busy or self._streaming:
+            self._end()
+
+    def abort(self) -> None:
+        """Cut the connection."""
+        self._over = True
+        self._link.abort()
+
+    def tick(self, now: float) -> None:
+        """Check the time-outs; `now` is monotonic, in seconds. Bytes that trickle in extend nothing."""
+        if self._busy and not self._over:
+            return
+        limits = self._limits
+        if self._deadline is None:
+            usual = limits.idle_http_seconds if self._served else limits.handshake_seconds
+            self._deadline = now + (limits.close_seconds if self._over else usual)
+        elif now >= self._deadline:
+            if self._over:
+                self._link.abort()
+            else:
+                self._timed_out()
+
+    def _timed_out(self) -> None:
+        if self._h11.trailing_data[0] or self._request is not None:
+            self._fail(408)
+        self._end()
+
+    def _overflow(self, reason: str) -> None:
+        logger.warning("closing %s: %s", self, reason)
+        self.abort()
+
+    # -- reading -------------------------------------------------------------------------------------------
+
+    def _take_requests(self) -> None:
+        try:
+            self._next_events()
+        except h11.RemoteProtocolError as error:
+            self._fail(error.error_status_hint)
+
+    def _next_events(self) -> None:
+        while not self._busy and not self._over:
+            event = self._h11.next_event()
+            if event is h11.NEED_DATA:
+                self._continue_if_asked()
+                return
+            if isinstance(event, h11.Request):
+                self._request = event
+                self._body = bytearray()
+                if _size(event) > self._limits.http_header_bytes:
+                    self._fail(431)
+            elif isinstance(event, h11.Data):
+                self._body += event.data
+                if len(self._body) > self._limits.http_body_bytes:
+                    self._fail(413)
+            elif isinstance(event, h11.EndOfMessage) and self._request is not None:
+                self._requested(self._request)
+            else:
+                self._end()
+
+    def _continue_if_asked(self) -> None:
+        if self._h11.they_are_waiting_for_100_continue:
+            self._send(h11.InformationalResponse(status_code=100, headers=[]))
+
+    def _requested(self, raw: h11.Request) -> None:
+        target = raw.target.decode("latin-1")
+        pairs = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in raw.headers]
+        headers: dict[str, str] = {}
+        for name, value in pairs:
+            headers[name] = f"{headers[name]}, {value}" if name in headers else value
+        path, _, query = target.partition("?")
+        method = raw.method.decode("latin-1")
+        request = HttpRequest(method, path, query, headers, bytes(self._body), self._address)
+        if wants_websocket(pairs):
+            if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; a proxy's default, more often than not
+                self._respond_text(426, "a WebSocket needs HTTP/1.1, this request is HTTP/1.0\n")
+            else:
+                self._upgrade(request, target, pairs)
+            return
+        found = self._routes.find(method, path)
+        self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
+
+    def _upgrade(self, request: HttpRequest, target: str, pairs: list[tuple[str, str]]) -> None:
+        answer = answer_handshake(target, pairs, self._limits.deflate) if request.method == "GET" else None
+        if answer is None or answer.status != 101:
+            reason = answer.reason if answer else "a WebSocket is opened with GET"
+            self._respond_text(
+                answer.status if answer else 405, f"{reason}\n", {"Sec-WebSocket-Version": "13"}
+            )
+            return
+        refusal = self._open(request, target, answer)
+        if refusal is not None:
+            self._respond(refusal)
+
+    def _open(self, request: HttpRequest, target: str, answer: HandshakeAnswer) -> HttpResponse | None:
+        """Become a WebSocket, if the listener and the accept function allow it; the response is a refusal."""
+        state = self._state
+        if state.closing:
+            return HttpResponse(b"this server is closing\n", 503)
+        if len(state.connections) > state.limits.connections:
+            text = f"all {state.limits.connections} connections of this server are taken (connections)\n"
+            return HttpResponse(text.encode(), 503)
+        peer = PeerInfo(state.transport, self._address, self._port, target, request.headers)
+        connection = Connection(state, self._link, self._address, self._port, answer.deflate)
+        # In front of what the endpoint sends at once.
+        unsent: list[Buffer] = []
+        while (data := self.take()) is not None:
+            unsent.append(data)
+        for data in (*unsent, answer.head):
+            connection.outbox.push(data)
+        try:
+            connection.open(peer)
+        except Refused as refused:
+            refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+        except Exception:
+            log_exception("the accept function failed for %s", self)
+            refusal = _INTERNAL_ERROR
+        else:
+            self._over = True
+            state.replace(self, connection, self._link)
+            rest = self._h11.trailing_data[0]
+            connection.outbox.received = self.outbox.received - len(rest)
+            if rest:
+                connection.receive(rest)
+            return None
+        for data in unsent:
+            self.outbox.push(data)
+        return refusal
+
+    # -- answering -----------------------------------------------------------------------------------------
+
+    def _call(self, handler: Handler, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+        try:
+            return handler(request)
+        except Exception:
+            logger.exception("the handler of %s %s failed", request.method, request.path)
+            return _INTERNAL_ERROR
+
+    def _respond(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
+        if isinstance(response, HttpResponse) and isinstance(response.body, bytes):
+            self._send_whole(response, response.body)
+            self._responded()
+        else:
+            tasks = self._state.tasks
+            if tasks is None:
+                raise RuntimeError("the listener is not open")
+            self._busy = True
+            tasks.start_soon(self._respond_in_scope, response)
+
+    async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
+        """Respond, in a task that ends with the connection."""
+        with anyio.CancelScope() as self._scope:
+            if self._over:
+                self._scope.cancel()
+            try:
+                await self._respond_later(response)
+            except Exception:
+                log_exception("an HTTP answer failed; cutting %s", self)
+                self.abort()
+        self._scope = None
+
+    async def _respond_later(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
+        if not isinstance(response, HttpResponse):
+            response = await _awaited(response)
+        if isinstance(response.body, bytes):
+            self._send_whole(response, response.body)
+        else:
+            await self._stream(response, response.body)
+        self._busy = False
+        self._ahead = 0
+        self._responded()
+        self._take_requests()
+
+    async def _stream(self, response: HttpResponse, chunks: AsyncIterator[bytes]) -> None:
+        self._send_head(response, None)
+        self._streaming = True
+        try:
+            if not self._is_head():
+                async for chunk in chunks:
+                    self._send(h11.Data(data=chunk))
+                    await self._drained()
+        except Exception:
+            logger.exception("a streamed body failed")
+            self._end()
+        else:
+            self._send(h11.EndOfMessage())
+        finally:
+            self._streaming = False
+            await _close_iterator(chunks)
+
+    async def _drained(self) -> None:
+        """Wait until everything sent so far has been taken."""
+        empty = anyio.Event()
+        if not self._over:
+            self.outbox.when_empty(empty.set)
+        await empty.wait()
+
+    def _is_head(self) -> bool:
+        return self._request is not None and self._request.method == b"HEAD"
+
+    def _send_whole(self, response: HttpResponse, body: bytes) -> None:
+        # A response that never has a body must not announce a size (RFC 9110 section 8.6).
+        self._send_head(response, None if response.status in (204, 304) else len(body))
+        if body and not self._is_head():
+            self._send(h11.Data(data=body))
+        self._send(h11.EndOfMessage())
+
+    def _send_head(self, response: HttpResponse, size: int | None) -> None:
+        headers = [("Date", formatdate(usegmt=True)), ("Content-Type", response.content_type)]
+        if size is not None:
+            headers.append(("Content-Length", str(size)))
+        headers.extend(response.headers.items())
+        phrase = HTTPStatus(response.status).phrase
+        self._send(h11.Response(status_code=response.status, headers=headers, reason=phrase))
+
+    def _send(self, event: h11.Event) -> None:
+        if self._over:
+            return
+        data = self._h11.send(event)
+        if data:
+            self.outbox.push(data)
+
+    def _responded(self) -> None:
+        """The answer is complete: wait for the next request, or close."""
+        self._request = None
+        self._served = True
+        self._deadline = None
+        if self._over:
+            return
+        if self._h11.our_state is h11.DONE and self._h11.their_state is h11.DONE:
+            self._h11.start_next_cycle()
+        else:
+            self._end()
+
+    def _respond_text(self, status: int, text: str, headers: Mapping[str, str] | None = None) -> None:
+        self._respond(HttpResponse(text.encode(), status, headers=headers or {}))
+
+    def _fail(self, status: int) -> None:
+        """Answer a broken request, if an answer is still possible, and close."""
+        if self._h11.our_state in (h11.IDLE, h11.SEND_RESPONSE):
+            text = _BROKEN.get(status, _BROKEN[400])
+            self._send_whole(HttpResponse(text, status, headers={"Connection": "close"}), text)
+        self._end()
+
+    def _end(self) -> None:
+        if not self._over:
+            self._over = True
+            self._deadline = None
+            self.outbox.when_empty(self._link.close)
+
+    def __repr__(self) -> str:
+        return f"<{self._state.transport} connection {self._address}:{self._port}>"
+
+
+_INTERNAL_ERROR = HttpResponse(b"internal error\n", 500)
+_BROKEN = {
+    400: b"this is not a valid HTTP request\n",
+    408: b"the request did not arrive in time (handshake_seconds)\n",
+    413: b"the request body is too large (http_body_bytes)\n",
+    431: b"the request's headers are too large (http_header_bytes)\n",
+}
+
+
+def _size(request: h11.Request) -> int:
+    """Bytes of the request line and the headers; h11 bounds only what arrives in pieces."""
+    return len(request.target) + sum(len(name) + len(value) + 4 for name, value in request.headers)
+
+
+async def _awaited(response: Awaitable[HttpResponse]) -> HttpResponse:
+    try:
+        return await response
+    except Exception:
+        logger.exception("a route's handler failed")
+        return _INTERNAL_ERROR
+
+
+async def _close_iterator(chunks: AsyncIterator[bytes]) -> None:
+    """Let a generator run its clean-up now, and not when it is collected."""
+    if isinstance(chunks, AsyncGenerator):
+        await chunks.aclose()
