@@ -69,6 +69,8 @@ async def graph(distro: str) -> AsyncIterator[MemoryGraph]:
                 node.advertise_service(f"/{name}_service", "std_srvs/Trigger", lambda _: {"success": True})
                 node.advertise_action(f"/{name}_action", "example_interfaces/Fibonacci", execute)
                 node.parameters.declare(f"{name}_param", 1.0)
+                if name == "open":  # A visible node has a hidden service.
+                    node.advertise_service(f"/{HIDDEN}_door", "std_srvs/Empty", lambda _: {})
             yield graph
 
 
@@ -178,7 +180,7 @@ def _about(graph: Graph) -> list[str]:
 def _requests(type: Any, word: str) -> Iterator[dict[str, object]]:
     """Requests in which each text names something called `word`, of every kind."""
     fields = msgspec.structs.fields(type.request.struct)
-    for suffix in ("topic", "heard", "service", "action", "node", "param"):
+    for suffix in ("topic", "heard", "service", "action", "node", "param", "door"):
         for name in (f"/{word}_{suffix}", f"{word}_{suffix}", f"/{word}_node:{word}_param"):
             request: dict[str, object] = {}
             for field in fields:

@@ -85,18 +85,10 @@ def service_type(node: Node, request: Any) -> Answer:
 
 
 def service_providers(node: Node, request: Any) -> Answer:
-    """The nodes that offer services of a type; the field of the request is named for the service."""
+    """The nodes that offer services of a type, which the request has in its field `service`."""
     wanted = _two_part(request.service)
-    name = _absolute(request.service)
-    return {
-        "providers": sorted(
-            {
-                service.node
-                for service in node.graph.services()
-                if wanted == service.type.name or name == service.name
-            }
-        )
-    }
+    found = {service.node for service in node.graph.services() if service.type.name == wanted}
+    return {"providers": sorted(found)}
 
 
 def service_node(node: Node, request: Any) -> Answer:
