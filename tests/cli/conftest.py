@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any
 import pytest
 
 from rwt_cli import main
+from tests.processes import running, rwt_command
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,14 +44,8 @@ Rwt = Callable[..., Ended]
 @contextmanager
 def demo_server(*options: str, url: str = "ws://127.0.0.1:0") -> Iterator[str]:
     """The demo robot in another process, by its URL."""
-    command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", url, *options]
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("RWT_")}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        try:
-            assert process.stdout is not None
-            yield process.stdout.readline().removeprefix("listening on ").strip()
-        finally:
-            process.terminate()
+    with running("serve", "--demo", url, *options, stderr=subprocess.DEVNULL) as (_, listening):
+        yield listening
 
 
 @pytest.fixture(scope="session")
@@ -82,7 +76,11 @@ def rwt(demo: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
 def process(*words: str, url: str, **options: Any) -> subprocess.Popen[str]:
     """`rwt …` in a process of its own."""
     environment = {**os.environ, "RWT_URL": url, "PYTHONUNBUFFERED": "1"}
-    command = [sys.executable, "-m", "rwt_cli", *words]
     return subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, **options
+        rwt_command(*words),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        **options,
     )

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import signal
-import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
@@ -19,27 +16,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from tests.processes import ended, running
+
 _TOKEN = "0123456789abcdef"
-
-
-def _command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "rwt_cli", *arguments]
-
-
-@contextmanager
-def _running(*arguments: str, says: str, **variables: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A command, and what its first line says after `says`."""
-    with subprocess.Popen(
-        _command(*arguments), stdout=subprocess.PIPE, text=True, env={**os.environ, **variables}
-    ) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline().strip()
-            assert line.startswith(says), line
-            yield process, line.removeprefix(says).strip()
-        finally:
-            process.terminate()
-    assert process.returncode == 0
 
 
 @contextmanager
@@ -65,9 +44,13 @@ def _add(wire: ClientConnection, a: int, b: int) -> object:
 
 
 def test_a_robot_behind_a_hub() -> None:
-    with _running("hub", "ws://127.0.0.1:0", "--token", _TOKEN, says="listening on") as (hub, url):
+    with running("hub", "ws://127.0.0.1:0", "--token", _TOKEN) as (hub, url):
         robot_url = f"{url}/robots/rosie"
-        robot = _running(*("serve", "--demo", "--dial", robot_url), says="dialing", RWT_DIAL__TOKEN=_TOKEN)
+        robot = running(
+            *("serve", "--demo", "--dial", robot_url),
+            ready="dialing",
+            environment={"RWT_DIAL__TOKEN": _TOKEN},
+        )
         with robot as (process, said):
             assert said == robot_url
             with _client(f"{url}/rosie") as one, _client(f"{url}/rosie") as two:
@@ -87,9 +70,9 @@ def test_a_robot_behind_a_hub() -> None:
 
 def test_a_robot_may_listen_as_well() -> None:
     with (
-        _running("hub", "ws://127.0.0.1:0", says="listening on") as (_, hub),
-        _running(
-            *("serve", "ws://127.0.0.1:0", "--demo", "--dial", f"{hub}/robots/rosie"), says="listening on"
+        running("hub", "ws://127.0.0.1:0") as (_, hub),
+        running(
+            *("serve", "ws://127.0.0.1:0", "--demo", "--dial", f"{hub}/robots/rosie"), ready="listening on"
         ) as (_, near),
         _client(f"{hub}/rosie") as through,
         connect(near) as direct,
@@ -100,7 +83,7 @@ def test_a_robot_may_listen_as_well() -> None:
 
 
 def _fails(*arguments: str) -> tuple[int, str]:
-    done = subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=20, check=False)
+    done = ended(*arguments)
     assert re.fullmatch(r"rwt: [^\n]+\n", done.stderr), done.stderr
     return done.returncode, done.stderr
 
@@ -132,7 +115,7 @@ def test_what_cannot_be_done_is_one_line(arguments: list[str], code: int, says: 
 def test_tokens_from_a_file(tmp_path: Path) -> None:
     tokens = tmp_path / "tokens"
     tokens.write_text(f"{_TOKEN}\nanother-long-token\n")
-    with _running("hub", "ws://127.0.0.1:0", "--token-file", str(tokens), says="listening on") as (_, url):
+    with running("hub", "ws://127.0.0.1:0", "--token-file", str(tokens)) as (_, url):
         for headers, status in (({}, 401), ({"Authorization": "Bearer another-long-tokem"}, 401)):
             with pytest.raises(InvalidStatus) as refused:
                 connect(f"{url}/robots/rosie", additional_headers=headers)
@@ -142,11 +125,5 @@ def test_tokens_from_a_file(tmp_path: Path) -> None:
 
 
 def test_the_dial_token_is_not_shown() -> None:
-    done = subprocess.run(
-        _command("config", "show", "--set", f"dial.token={_TOKEN}"),
-        capture_output=True,
-        text=True,
-        timeout=20,
-        check=True,
-    )
+    done = ended("config", "show", "--set", f"dial.token={_TOKEN}")
     assert _TOKEN not in done.stdout

@@ -7,8 +7,6 @@ import json
 import re
 import socket
 import ssl
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +17,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 from websockets.sync.client import connect
+
+from tests.processes import ended, running
 
 _CALL = b'{"op":"call_service","id":"1","service":"/rosapi/get_time"}'
 
@@ -45,21 +45,13 @@ def pem(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return certfile, keyfile
 
 
-def _command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "rwt_cli", "serve", *arguments]
-
-
 @contextmanager
 def _serving(*arguments: str, count: int) -> Iterator[list[str]]:
-    with subprocess.Popen(_command(*arguments), stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            lines = [process.stdout.readline() for _ in range(count)]
-            assert all(line.startswith("listening on ") for line in lines), lines
-            yield [line.removeprefix("listening on ").strip() for line in lines]
-        finally:
-            process.terminate()
-    assert process.returncode == 0
+    with running("serve", *arguments) as (process, first):
+        assert process.stdout is not None
+        others = [process.stdout.readline() for _ in range(count - 1)]
+        assert all(line.startswith("listening on ") for line in others), others
+        yield [first, *(line.removeprefix("listening on ").strip() for line in others)]
 
 
 def _port(url: str) -> int:
@@ -139,7 +131,7 @@ def test_a_reply_that_does_not_fit_a_datagram_says_so() -> None:
 
 
 def _fails(*arguments: str) -> str:
-    done = subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=20, check=False)
+    done = ended("serve", *arguments)
     assert done.returncode == 1
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     return done.stderr

@@ -6,7 +6,6 @@ import errno
 import io
 import json
 import logging
-import subprocess
 import sys
 from collections.abc import Iterator
 
@@ -15,6 +14,7 @@ from websockets.sync.client import connect
 
 from rwt_cli import main
 from rwt_cli.console.logs import JsonFormatter, SteadyHandler
+from tests.processes import running
 
 logger = logging.getLogger("tests.log")
 
@@ -83,10 +83,7 @@ def test_a_full_disk_costs_lines_and_says_how_many(
 
 
 def test_the_command_logs_json_with_the_clients_number() -> None:
-    command = [sys.executable, "-m", "rwt_cli", "serve", "ws://127.0.0.1:0", "--log-format", "json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        url = process.stdout.readline().split()[-1]
+    with running("serve", "ws://127.0.0.1:0", "--log-format", "json") as (process, url):
         with connect(url) as wire:
             wire.send('{"op":"unsubscribe","topic":"/x","id":"u:1"}')
             wire.send('{"op":"call_service","service":"/nowhere","id":"c:1"}')
@@ -101,18 +98,18 @@ def test_the_command_logs_json_with_the_clients_number() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/dev/full is a Linux device")
 def test_the_server_lives_on_when_stderr_is_on_a_full_disk() -> None:
-    command = [sys.executable, "-m", "rwt_cli", "serve", "ws://127.0.0.1:0", "-v"]
-    with open("/dev/full", "w") as full:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=full, text=True)
-    with process:
-        assert process.stdout is not None
-        url = process.stdout.readline().split()[-1]
+    with (
+        open("/dev/full", "w") as full,
+        running("serve", "ws://127.0.0.1:0", "-v", stderr=full.fileno()) as (
+            _,
+            url,
+        ),
+    ):
         for _ in range(2):
             with connect(url) as wire:
                 wire.send("no JSON")
                 wire.send('{"op":"call_service","service":"/nowhere","id":"c:1"}')
                 assert json.loads(wire.recv(timeout=10))["id"] == "c:1"
-        process.kill()
 
 
 def test_the_log_of_a_command_ends_with_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,9 @@ from rwt_client.blocking import connect
 from rwt_interfaces import JAZZY
 from rwt_nodes.recording import RecordingWriter, open_recording
 from rwt_nodes.recording.mcap_files import McapRecording
+from tests import processes
+
+running = partial(processes.running, stderr=subprocess.STDOUT)
 
 OWN = (
     "--exclude",
@@ -42,29 +45,6 @@ def logging_as_before() -> Iterator[None]:
     level = own.level
     yield
     own.setLevel(level)
-
-
-@contextmanager
-def running(*arguments: str, ready: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """`rwt` as a process, and the rest of the line of its output that begins with `ready`."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rwt_cli", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        seen = []
-        for line in process.stdout:
-            seen.append(line)
-            if line.startswith(ready):
-                yield process, line.removeprefix(ready).strip()
-                return
-        raise AssertionError("".join(seen))
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def rows(path: Path) -> list[tuple[Any, ...]]:
@@ -88,14 +68,14 @@ def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
     tmp_path: Path, distro: str, encoding: str
 ) -> None:
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
-    with running("serve", "ws://127.0.0.1:0", "--demo", "--distro", distro, ready="listening on ") as (
+    with running("serve", "ws://127.0.0.1:0", "--demo", "--distro", distro) as (
         _,
         url,
     ):
         arguments = (url, "-o", str(first), "--encoding", encoding, "--max-seconds", "1.2", *OWN)
         assert main(["record", *arguments]) == 0
     player_arguments = ("play", str(first), "ws://127.0.0.1:0", "--paused", "--speed", "4")
-    with running(*player_arguments, ready="listening on ") as (player, url):
+    with running(*player_arguments) as (player, url):
         again = ("record", url, "-o", str(second), "--encoding", encoding, "--no-reconnect", *OWN)
         with running(*again, ready="recording ") as (recorder, _):
             with connect(url) as robot:
@@ -113,7 +93,7 @@ def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
 def test_a_recording_survives_kill_9(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, whole = tmp_path / "run.mcap", tmp_path / "whole.mcap"
     with (
-        running("serve", "ws://127.0.0.1:0", "--demo", ready="listening on ") as (_, url),
+        running("serve", "ws://127.0.0.1:0", "--demo") as (_, url),
         running("record", url, "-o", str(path), *OWN, ready="recording ") as (recorder, _),
     ):
         began = path.stat().st_size
@@ -136,7 +116,7 @@ def test_a_recording_survives_kill_9(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, how: signal.Signals) -> None:
     path = tmp_path / "run.mcap"
     with (
-        running("serve", "ws://127.0.0.1:0", "--demo", ready="listening on ") as (_, url),
+        running("serve", "ws://127.0.0.1:0", "--demo") as (_, url),
         running("record", url, "-o", str(path), "--topics", "/odom", "tf*", ready="recording ") as (
             recorder,
             _,
@@ -155,14 +135,14 @@ def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, how: signal.Signals) 
 def test_serve_records_topics_and_calls(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     arguments = ("serve", "ws://127.0.0.1:0", "--demo", "--record", str(path))
-    with running(*arguments, ready="listening on ") as (server, url):
+    with running(*arguments) as (server, url):
         with connect(url) as robot:
             assert robot.call("/add_two_ints", {"a": 20, "b": 22}).sum == 42
         server.send_signal(signal.SIGINT)
         server.communicate(timeout=10)
         assert server.returncode == 0
     with (
-        running("play", str(path), "ws://127.0.0.1:0", "--paused", ready="listening on ") as (_, url),
+        running("play", str(path), "ws://127.0.0.1:0", "--paused") as (_, url),
         connect(url) as robot,
     ):
         assert robot.call("/add_two_ints", {"a": 20, "b": 22}).sum == 42
@@ -173,7 +153,7 @@ def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(tmp
     serve = ("serve", "ws://127.0.0.1:0", "--demo", "--introspection")
     record = ("--topics", "/late", "/add_two_ints/*", "--services")
     with (
-        running(*serve, ready="listening on ") as (_, url),
+        running(*serve) as (_, url),
         running("record", url, "-o", str(path), *record, ready="recording ") as (recorder, _),
         connect(url) as robot,
     ):
@@ -193,7 +173,7 @@ def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(tmp
 def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
     path, there = tmp_path / "run.mcap", tmp_path / "there.mcap"
     there.touch()
-    with running("serve", "ws://127.0.0.1:0", "--demo", ready="listening on ") as (_, url):
+    with running("serve", "ws://127.0.0.1:0", "--demo") as (_, url):
         # The shell's limit on a file's size stands for a full disk: the kernel refuses to write.
         limited = f"ulimit -f 40; exec {sys.executable} -m rwt_cli record {url} --compression none -o {path}"
         full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=25)
@@ -211,7 +191,7 @@ def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
 
 
 def test_a_robot_without_rosapi_cannot_be_recorded(tmp_path: Path) -> None:
-    with running("serve", "ws://127.0.0.1:0", "--set", "nodes=[]", ready="listening on ") as (_, url):
+    with running("serve", "ws://127.0.0.1:0", "--set", "nodes=[]") as (_, url):
         command = [sys.executable, "-m", "rwt_cli", "record", url, "-o", str(tmp_path / "run.mcap")]
         done = subprocess.run(command, capture_output=True, text=True, timeout=25)
     assert done.returncode == 1
@@ -222,7 +202,7 @@ def test_a_robot_without_rosapi_cannot_be_recorded(tmp_path: Path) -> None:
 def test_a_recording_of_topics_that_are_not_there_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with running("serve", "ws://127.0.0.1:0", ready="listening on ") as (_, url):
+    with running("serve", "ws://127.0.0.1:0") as (_, url):
         seconds = ("--max-seconds", "0.1")
         assert main(("record", url, "-o", str(tmp_path / "a.mcap"), "--topics", "/odm", *seconds)) == 0
     assert "no message came on the topics that were asked for" in capsys.readouterr().err

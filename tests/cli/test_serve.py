@@ -3,44 +3,25 @@
 from __future__ import annotations
 
 import json
-import re
 import signal
 import socket
-import subprocess
-import sys
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-
-def _command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "rwt_cli", "serve", *arguments]
-
-
-@contextmanager
-def _server(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    process = subprocess.Popen(
-        _command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        match = re.fullmatch(r"listening on (ws://127\.0\.0\.1:\d+)\n", line)
-        assert match is not None, (line, process.stderr)
-        yield process, match[1]
-    finally:
-        process.kill()
-        process.communicate()
+from tests.processes import ended, running
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_closes_every_client_with_1001_and_exits_0(how: signal.Signals) -> None:
-    with _server("ws://127.0.0.1:0") as (process, url), connect(url) as first, connect(url) as second:
+    with (
+        running("serve", "ws://127.0.0.1:0") as (process, url),
+        connect(url) as first,
+        connect(url) as second,
+    ):
         process.send_signal(how)
         for wire in (first, second):
             with pytest.raises(ConnectionClosed) as closed:
@@ -53,7 +34,7 @@ def test_a_signal_closes_every_client_with_1001_and_exits_0(how: signal.Signals)
 
 
 def test_publish_and_call_over_a_real_socket() -> None:
-    with _server("ws://127.0.0.1:0", "--demo") as (_, url), connect(url) as wire:
+    with running("serve", "ws://127.0.0.1:0", "--demo") as (_, url), connect(url) as wire:
         wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/add_two_ints", "args": [20, 22]}))
         assert json.loads(wire.recv(timeout=10)) == {
             "op": "service_response",
@@ -71,24 +52,22 @@ def test_meshes_of_packages_on_the_same_port(tmp_path: Path) -> None:
     mesh = tmp_path / "arm/meshes/hand.stl"
     mesh.parent.mkdir(parents=True)
     mesh.write_text("solid hand")
-    with _server("ws://127.0.0.1:0", "--packages", str(tmp_path)) as (_, url):
+    with running("serve", "ws://127.0.0.1:0", "--packages", str(tmp_path)) as (_, url):
         base = url.replace("ws", "http", 1)
         with urllib.request.urlopen(f"{base}/packages/arm/meshes/hand.stl", timeout=10) as answer:
             assert (answer.headers["Content-Type"], answer.read()) == ("model/stl", b"solid hand")
 
 
 def test_a_folder_without_packages_ends_it_with_a_sentence(tmp_path: Path) -> None:
-    ended = subprocess.run(
-        _command("--packages", str(tmp_path)), capture_output=True, text=True, timeout=20, check=False
-    )
-    assert (ended.returncode, ended.stdout) == (2, "")
-    assert ended.stderr.strip().endswith(
+    done = ended("serve", "--packages", str(tmp_path))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.strip().endswith(
         f"`packages`: {tmp_path}: no packages; expected PACKAGE/meshes/… in it, or a package.xml"
     )
 
 
 def test_plain_http_on_the_same_port() -> None:
-    with _server("ws://127.0.0.1:0", "--demo") as (_, url):
+    with running("serve", "ws://127.0.0.1:0", "--demo") as (_, url):
         base = url.replace("ws", "http", 1)
         with urllib.request.urlopen(f"{base}/healthz", timeout=10) as answer:
             assert json.load(answer)["status"] == "ok"
@@ -99,7 +78,7 @@ def test_plain_http_on_the_same_port() -> None:
 
 
 def test_the_demo_says_what_to_do_next() -> None:
-    with _server("ws://127.0.0.1:0", "--demo") as (process, url):
+    with running("serve", "ws://127.0.0.1:0", "--demo") as (process, url):
         process.send_signal(signal.SIGTERM)
         assert process.stdout is not None
         said = process.stdout.read()  # what `readline` has buffered is lost to `communicate`
@@ -108,7 +87,7 @@ def test_the_demo_says_what_to_do_next() -> None:
 
 
 def _fails(*arguments: str) -> tuple[int, str]:
-    done = subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=20, check=False)
+    done = ended("serve", *arguments)
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     return done.returncode, done.stderr
 
@@ -157,7 +136,7 @@ def test_a_missing_config_is_one_line(tmp_path: Path) -> None:
 def test_the_config_is_used_and_the_command_line_wins(tmp_path: Path) -> None:
     config = tmp_path / "rwt.toml"
     config.write_text('listen = ["ws://127.0.0.1:1"]\ndistro = "noetic"\ndemo = true\n')
-    with _server("--config", str(config), "ws://127.0.0.1:0") as (_, url), connect(url) as wire:
+    with running("serve", "--config", str(config), "ws://127.0.0.1:0") as (_, url), connect(url) as wire:
         wire.send(
             json.dumps({"op": "call_service", "service": "/rosapi/topic_type", "args": {"topic": "/odom"}})
         )
@@ -168,7 +147,10 @@ def test_interfaces_of_ones_own(tmp_path: Path) -> None:
     folder = tmp_path / "my_msgs" / "msg"
     folder.mkdir(parents=True)
     (folder / "Mood.msg").write_text("string name\nuint8 level 3\n")
-    with _server("ws://127.0.0.1:0", "--interfaces", str(tmp_path)) as (_, url), connect(url) as wire:
+    with (
+        running("serve", "ws://127.0.0.1:0", "--interfaces", str(tmp_path)) as (_, url),
+        connect(url) as wire,
+    ):
         wire.send(json.dumps({"op": "subscribe", "topic": "/mood", "type": "my_msgs/Mood"}))
         wire.send(json.dumps({"op": "publish", "topic": "/mood", "msg": {"name": "glad"}}))
         assert json.loads(wire.recv(timeout=10))["msg"] == {"name": "glad", "level": 3}
@@ -194,9 +176,10 @@ def test_settings_that_cannot_be_used_are_one_line(tmp_path: Path) -> None:
     assert (code, "tls.certfile" in error) == (1, True)
 
 
-def test_the_environment_sets_what_a_server_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RWT_AUTH__DEFAULT_ROLE", "viewer")
-    with _server("ws://127.0.0.1:0", "--demo") as (_, url), connect(url) as wire:
+def test_the_environment_sets_what_a_server_does() -> None:
+    viewer = {"RWT_AUTH__DEFAULT_ROLE": "viewer"}
+    server = running("serve", "ws://127.0.0.1:0", "--demo", environment=viewer)
+    with server as (_, url), connect(url) as wire:
         wire.send(json.dumps({"op": "call_service", "id": "1", "service": "/add_two_ints", "args": [1, 2]}))
         answer = json.loads(wire.recv(timeout=10))
     assert (answer["result"], "roles.viewer.call" in answer["values"]) == (False, True)
@@ -217,5 +200,5 @@ def test_a_mistake_in_a_script_is_one_line(tmp_path: Path, name: str, text: str,
 
 
 def test_help_has_an_example() -> None:
-    done = subprocess.run(_command("--help"), capture_output=True, text=True, timeout=20, check=True)
+    done = ended("serve", "--help")
     assert "rwt serve --demo" in done.stdout

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import re
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
@@ -15,6 +13,7 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from rwt_cli import main
+from tests.processes import running
 from tests.zenoh_links import free_endpoint
 
 _LONGEST = 20.0
@@ -22,20 +21,8 @@ _LONGEST = 20.0
 
 @contextmanager
 def _server(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    command = [sys.executable, "-m", "rwt_cli", "serve", "ws://127.0.0.1:0", "--graph", "zenoh", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    watchdog = threading.Timer(_LONGEST, process.kill)
-    watchdog.start()
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        match = re.fullmatch(r"listening on (ws://\S+)\n", line)
-        assert match is not None, line
-        yield process, match[1]
-    finally:
-        watchdog.cancel()
-        process.kill()
-        process.communicate()
+    with running("serve", "ws://127.0.0.1:0", "--graph", "zenoh", *arguments) as found:
+        yield found
 
 
 def _ask(wire: ClientConnection, op: Mapping[str, object]) -> dict[str, object]:

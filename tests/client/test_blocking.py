@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from typing import Any, cast
@@ -14,16 +12,6 @@ from rwt_client import BadAddress, CannotConnect, ConnectionClosed, GoalStatus, 
 from rwt_client.blocking import BlockingRobot, connect
 
 FIBONACCI = "example_interfaces/Fibonacci"
-
-
-@pytest.fixture(scope="module")
-def url() -> Iterator[str]:
-    command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", "ws://127.0.0.1:0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
-        assert server.stdout is not None
-        yield server.stdout.readline().removeprefix("listening on ").strip()
-        server.terminate()
-        server.communicate(timeout=10)
 
 
 @pytest.fixture(scope="module")

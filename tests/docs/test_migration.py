@@ -15,6 +15,7 @@ import pytest
 from rwt_client.blocking import connect
 from tests.docs.blocks import ROOT
 from tests.docs.processes import free_port
+from tests.processes import running
 
 PAGE = ROOT / "docs" / "how-to" / "from-roslibpy.md"
 _CODE = re.compile(r"`([^`]+)`")
@@ -68,13 +69,8 @@ class Side:
 @pytest.fixture(scope="module")
 def port() -> Iterator[int]:
     chosen = free_port()
-    command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", f"ws://127.0.0.1:{chosen}"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
-        assert server.stdout is not None
-        server.stdout.readline()
+    with running("serve", "--demo", f"ws://127.0.0.1:{chosen}", stderr=subprocess.DEVNULL):
         yield chosen
-        server.terminate()
-        server.communicate(timeout=10)
 
 
 @pytest.fixture(scope="module")
