@@ -41,27 +41,38 @@ def make_registry(settings: Settings) -> Registry:
 
 
 def make_graph(
-    settings: Settings, registry: Registry, clock: Clock | None, worker: WorkerContext | None
-) -> MemoryGraph:
+    settings: Settings,
+    make: MakeGraph | None,
+    registry: Registry | None,
+    clock: Clock | None,
+    worker: WorkerContext | None,
+) -> Graph:
     """The graph that the settings ask for, not entered.
 
     Args:
         settings: of the server.
-        registry: the interfaces.
+        make: what makes it, instead of the setting `graph`.
+        registry: the interfaces; None for those that the settings name.
         clock: None for the wall clock.
         worker: the worker process that it is for, whose graph is joined with those of the others.
 
     Raises:
-        SettingsError: the extra for it is not installed, or it is to join others and to be alone.
+        SettingsError: the extra for it is not installed, or what is asked for contradicts itself.
         GraphError: Zenoh's options cannot be used.
     """
+    if registry is None:
+        registry = make_registry(settings)
+    else:
+        _check_registry(registry, settings)
     zenoh = settings.zenoh
     if settings.graph == "memory":
         if zenoh.listen or zenoh.connect:
             raise SettingsError(
                 '`zenoh`: to join other processes over Zenoh, give --graph zenoh too, or `graph = "zenoh"`'
             )
-        return MemoryGraph(registry, clock)
+        return (make or MemoryGraph)(registry, clock)
+    if make is not None:
+        raise SettingsError(f"`graph`: {settings.graph!r}, but {make!r} makes the graph; leave out one")
     try:
         from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # An extra: imported only where it is asked for.
     except ImportError as error:
@@ -87,12 +98,22 @@ def make_graph(
     )
 
 
-def refuse_contradictions(settings: Settings, registry: Registry) -> None:
-    """Check that interfaces which a program gives are those that the settings ask for.
+def check_graph(graph: Graph, settings: Settings, registry: Registry | None, clock: Clock | None) -> None:
+    """Check that a graph which exists already is what else is asked for.
 
     Raises:
-        SettingsError: they are not.
+        SettingsError: it is not.
     """
+    if registry is not None or clock is not None:
+        raise SettingsError("registry, clock: the given graph has its own; leave them out")
+    _check_registry(graph.registry, settings)
+    if settings.graph != "memory" or "zenoh" in settings.model_fields_set:
+        raise SettingsError(
+            "`graph`, `zenoh`: cannot change the given graph; leave out the settings, or the graph"
+        )
+
+
+def _check_registry(registry: Registry, settings: Settings) -> None:
     spoken = registry.distro.name
     if "distro" in settings.model_fields_set and settings.distro != spoken:
         raise SettingsError(
@@ -105,4 +126,4 @@ def refuse_contradictions(settings: Settings, registry: Registry) -> None:
         )
 
 
-__all__ = ["MakeGraph", "make_graph", "make_registry", "refuse_contradictions"]
+__all__ = ["MakeGraph", "check_graph", "make_graph", "make_registry"]

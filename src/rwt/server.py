@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import anyio
 
-from rwt.graphs import make_graph, make_registry, refuse_contradictions
+from rwt.graphs import check_graph, make_graph
 from rwt.nodes import ReadyNode, http_of, start_nodes, start_recording, start_script
 from rwt.observability.metrics import ServerMetrics
 from rwt.pages import routes
@@ -107,7 +107,7 @@ class Server:
         name: of the node that a ``with`` block is given.
         loop: which event loop :meth:`run` and a ``with`` block start.
         worker: the process that this is, of several with the same ports; :meth:`run` makes those.
-        changes: settings by name that win over those of `settings`: ``Server(demo=True, distro="noetic")``.
+        changes: settings by name, instead of those in `settings`: ``Server(demo=True, distro="noetic")``.
 
     Attributes:
         settings: all of them, with `urls` and `changes`.
@@ -136,6 +136,8 @@ class Server:
         worker: WorkerContext | None = None,
         **changes: object,
     ) -> None:
+        if urls and "listen" in changes:
+            raise SettingsError("`listen`: given twice; leave it out where URLs are given")
         if urls:
             changes["listen"] = urls
         if isinstance(graph, str):
@@ -181,35 +183,21 @@ class Server:
     @cached_property
     def graph(self) -> Graph:
         """The robot graph; it runs while the server does, and nodes may join it before."""
-        given, settings, worker = self._given_graph, self.settings, self._worker
-        if settings.workers > 1 and worker is None:
+        settings = self.settings
+        if settings.workers > 1 and self._worker is None:
             raise SettingsError(
                 f"`workers`: {settings.workers} processes cannot share the graph of this program: use 1 here,"
                 " or `Server(…).run()` or `rwt serve --workers`, where each process makes its own"
             )
+        given = self._given_graph
         if isinstance(given, Graph):
-            if self._registry is not None or self._clock is not None:
-                raise SettingsError("registry, clock: the given graph has its own; leave them out")
-            refuse_contradictions(settings, given.registry)
-            if settings.graph != "memory" or "zenoh" in settings.model_fields_set:
-                raise SettingsError(
-                    "`graph`, `zenoh`: cannot change the given graph; leave out the settings, or the graph"
-                )
+            check_graph(given, settings, self._registry, self._clock)
             return given
-        registry = self._registry
-        if registry is None:
-            registry = make_registry(settings)
-        else:
-            refuse_contradictions(settings, registry)
-        if given is None and self._script is not None and settings.graph == "memory":
+        if given is None and self._script is not None:
             from rwt_testing.observed_graph import ObservedGraph  # Only what is tested is observed.
 
             given = ObservedGraph
-        if given is None:
-            return make_graph(settings, registry, self._clock, worker)
-        if settings.graph != "memory":
-            raise SettingsError(f"`graph`: {settings.graph!r}, but {given!r} makes the graph; leave out one")
-        return given(registry, self._clock)
+        return make_graph(settings, given, self._registry, self._clock, self._worker)
 
     def node(self, name: str, namespace: str = "/") -> Node:
         """A node in the graph, for a program on the server's event loop, or for one that has not started it.
