@@ -9,10 +9,9 @@ import importlib
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from rwt.blocking import BlockingNode
     from rwt.errors import ServerError
     from rwt.playback import PlaybackServer
-    from rwt.server import Server
+    from rwt.server import BlockingNode, Server
     from rwt.settings import LoadedSettings, Settings, SettingsError, load_settings, read_settings
     from rwt_client import connect
     from rwt_graph import LATCHED, MemoryGraph, Node, QoS, SimulatedClock
@@ -21,7 +20,7 @@ _HOMES: Final = {
     "Server": "rwt.server",
     "PlaybackServer": "rwt.playback",
     "ServerError": "rwt.errors",
-    "BlockingNode": "rwt.blocking",
+    "BlockingNode": "rwt.server",
     "Node": "rwt_graph",
     "MemoryGraph": "rwt_graph",
     "SimulatedClock": "rwt_graph",

@@ -25,15 +25,15 @@ from rwt_access.tls import client_tls, server_tls
 from rwt_bridge.bridge import Bridge
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
-from rwt_graph.program.node import Node
+from rwt_graph.program.node import GraphThread, Node
 from rwt_nodes.rosapi import DISCLOSURES
+from rwt_program.blocking import BlockingHandle, BlockingRobot, holds
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import check_dial_url, dial
 from rwt_transports.websocket.extensions import Deflate
 
 if TYPE_CHECKING:
-    from rwt.blocking import BlockingNode
     from rwt.graphs import MakeGraph
     from rwt.settings.models import Settings
     from rwt.workers.worker import InWorker, WorkerContext
@@ -70,6 +70,35 @@ class _Running:
     stack: AsyncExitStack
 
 
+class BlockingNode(BlockingRobot[Node]):
+    """A node for scripts and notebooks: its verbs wait; see :class:`rwt_graph.Node`.
+
+    Callbacks and handlers run in the server's thread; see :mod:`rwt_program.blocking`.
+
+    Attributes:
+        node: the node itself, with everything that is not here.
+        server: the server whose graph it is in.
+    """
+
+    def __init__(self, node: Node, server: Server) -> None:
+        super().__init__(GraphThread(node), node)
+        self.node = node
+        self.server = server
+
+    advertise_action = holds(Node.advertise_action, BlockingHandle)
+
+    def spin(self) -> None:
+        """Wait until Ctrl-C is pressed, or the server has ended (see :meth:`Server.ended`).
+
+        Raises:
+            WrongThread: called in a callback, on the graph's own thread.
+        """
+        try:
+            self._loop.wait(self.server.ended)
+        except KeyboardInterrupt:
+            return
+
+
 class Server:
     """A robot graph and a rosbridge server in front of it, put together from settings.
 
@@ -79,7 +108,7 @@ class Server:
             robot = server.node("my_robot")
 
     In one without, the server runs on a loop in a thread of its own, and what the block is given is a node
-    whose methods wait (:class:`rwt.blocking.BlockingNode`)::
+    whose methods wait (:class:`BlockingNode`)::
 
         with Server("ws://127.0.0.1:9090") as robot:
             robot.publish("/battery", {"data": 12.6}, "std_msgs/Float32")
@@ -338,8 +367,6 @@ class Server:
 
     def __enter__(self) -> BlockingNode:
         from anyio.from_thread import start_blocking_portal  # A program with an event loop needs none of it.
-
-        from rwt.blocking import BlockingNode
 
         backend, options = _LOOPS[self._loop]
         with ExitStack() as stack:
