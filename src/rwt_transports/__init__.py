@@ -1,5 +1,5 @@
-"""Transports: bytes and frames over WebSocket, with plain HTTP on the same port. Knows no op of the
-protocol."""
+"""Transports: bytes and frames over WebSocket with plain HTTP beside it, over TCP, Unix sockets, UDP and
+standard input and output. Knows no op of the protocol."""
 
 from __future__ import annotations
 
