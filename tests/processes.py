@@ -1,8 +1,9 @@
-"""The command `rwt` in a process of its own."""
+"""Processes of tests: the command `rwt`, and ports for them."""
 
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -14,6 +15,13 @@ ROOT: Final = Path(__file__).parents[1]
 
 LONGEST: Final = 20.0
 """Seconds; far more than a command takes to end."""
+
+
+def free_port() -> int:
+    """A port that nobody listens on now."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port: int = listener.getsockname()[1]
+    return port
 
 
 def rwt_command(*arguments: str) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
@@ -11,6 +10,7 @@ import anyio
 import zenoh
 
 from rwt_graph.zenoh import ZenohGraph
+from tests.processes import free_port
 
 #: Where tests need not wait for peers to turn up.
 QUICK = Path(__file__).parent / "quick.zenoh.json5"
@@ -21,9 +21,7 @@ PATIENCE = 20.0
 
 def free_endpoint() -> str:
     """An endpoint on loopback that nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 async def until(condition: Callable[[], bool], what: str = "") -> None:

@@ -11,7 +11,8 @@ import pytest
 
 from tests.browser.driver import NODE, Browser, Picture
 from tests.docs.blocks import ALL_BLOCKS, Block
-from tests.docs.processes import Running, commands_folder, free_port
+from tests.docs.processes import Running, commands_folder
+from tests.processes import free_port
 
 pytestmark = pytest.mark.anyio
 

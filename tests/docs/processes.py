@@ -20,13 +20,6 @@ from tests.docs.blocks import ROOT
 LIMIT = 20.0
 
 
-def free_port() -> int:
-    """A port that nobody listens on now."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port: int = listener.getsockname()[1]
-    return port
-
-
 def commands_folder(folder: Path) -> Path:
     """A folder with the commands that the documentation names, of the Python that runs the tests."""
     folder.mkdir()

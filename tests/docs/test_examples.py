@@ -13,7 +13,8 @@ import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from tests.docs.blocks import ALL_BLOCKS, ROOT, Block
-from tests.docs.processes import LIMIT, Running, commands_folder, free_port
+from tests.docs.processes import LIMIT, Running, commands_folder
+from tests.processes import free_port
 
 _CLIENTS = ROOT / "tests" / "clients" / "node"
 _PORT = "9090"

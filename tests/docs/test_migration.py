@@ -14,8 +14,7 @@ import pytest
 
 from rwt_client.blocking import connect
 from tests.docs.blocks import ROOT
-from tests.docs.processes import free_port
-from tests.processes import running
+from tests.processes import free_port, running
 
 PAGE = ROOT / "docs" / "how-to" / "from-roslibpy.md"
 _CODE = re.compile(r"`([^`]+)`")

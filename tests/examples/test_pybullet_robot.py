@@ -16,7 +16,8 @@ from PIL import Image
 
 from rwt_client.blocking import BlockingRobot, connect
 from tests.docs.blocks import ROOT
-from tests.docs.processes import Running, commands_folder, free_port
+from tests.docs.processes import Running, commands_folder
+from tests.processes import free_port
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels for Linux only")
 

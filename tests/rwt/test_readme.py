@@ -12,7 +12,8 @@ import pytest
 from rwt.server import Loop
 from rwt_client.blocking import connect
 from tests.docs.blocks import ROOT, Block, blocks_of
-from tests.docs.processes import Running, commands_folder, free_port
+from tests.docs.processes import Running, commands_folder
+from tests.processes import free_port
 from tests.rwt.conftest import LOOPS
 
 _PORT = "9090"
