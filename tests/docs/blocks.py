@@ -21,6 +21,15 @@ A comment stands right before its block and is a list of `key: value`, one a lin
 `sees: N of #RRGGBB` at least so many pixels of the page have about that colour
 `noetic: yes`       the demo robot speaks noetic
 `not run: REASON`   is not run
+
+The pages of `docs/contributing` change the project; `test_contributing.py` makes their steps in a copy of it:
+
+`step: create FILE`             is written to that file, which is new
+`step: case FILE`               likewise; a case or test, which is not among the files that a page counts
+`step: after "LINE" in FILE`    goes below that line (blanks around it do not matter), which is there once
+`step: before "LINE" in FILE`   goes above it
+`step: replace "LINE" in FILE`  takes its place
+`step: run`                     runs in the copy when all steps are made, and prints what `prints` says
 """
 
 from __future__ import annotations
@@ -37,7 +46,7 @@ _BLOCK = re.compile(
     re.MULTILINE | re.DOTALL,
 )
 _KEYS = frozenset(
-    ["run", "file", "against", "prints", "call", "hear", "sees", "noetic", "not run"],
+    ["run", "file", "against", "prints", "call", "hear", "sees", "noetic", "not run", "step"],
 )
 
 

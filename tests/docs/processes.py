@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -33,12 +34,19 @@ def commands_folder(folder: Path) -> Path:
 class Running:
     """A process whose standard output is read by the line; ended with everything it started when left."""
 
-    def __init__(self, command: list[str], folder: Path, commands: Path, limit: float = LIMIT) -> None:
+    def __init__(
+        self,
+        command: list[str],
+        folder: Path,
+        commands: Path,
+        limit: float = LIMIT,
+        packages: Sequence[Path] = (ROOT / "src",),
+    ) -> None:
         self._errors = folder / "stderr.log"
         environment = {
             **os.environ,
             "PATH": f"{commands}{os.pathsep}{os.environ['PATH']}",
-            "PYTHONPATH": str(ROOT / "src"),
+            "PYTHONPATH": os.pathsep.join(map(str, packages)),
             "PYTHONUNBUFFERED": "1",
             # An example that is a test module needs none, and each costs time.
             "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",

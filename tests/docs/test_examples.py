@@ -128,7 +128,7 @@ def test_every_block_says_what_to_do_with_it() -> None:
     unmarked = [
         block.name
         for block in ALL_BLOCKS
-        if not (block.value("run") or block.value("file") or block.value("not run"))
+        if not any(block.value(key) for key in ("run", "file", "step", "not run"))
     ]
     assert unmarked == []
 
