@@ -412,7 +412,7 @@ class Server:
             from rwt.workers.worker import run_workers  # Imported only where there are several.
 
             def serve(worker: WorkerContext, settings: Settings) -> None:
-                self._as_worker(worker, settings).run(worker.say, on_up)
+                self._as_worker(worker, settings).run(worker.announce, on_up)
 
             return run_workers(self.settings, serve, announce, in_worker)
         backend, options = _LOOPS[self._loop]

@@ -153,7 +153,7 @@ def open_environment(options: Options) -> Iterator[Environment]:
                 middleware=lambda accept: wire.middleware(accept),
             )
             graph = server.graph
-            assert isinstance(graph, ObservedGraph), "it is what the server was told to make"
+            assert isinstance(graph, ObservedGraph), "the class that the server was given"
             wire = ObservedWire(graph, bson=settings.bson_only_mode)
             stack.enter_context(portal.wrap_async_context_manager(server))
         except SettingsError as error:

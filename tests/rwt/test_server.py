@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import urllib.request
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
 from rwt_testing import ObservedGraph
 from rwt_transports import ListenError
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from tests.zenoh_links import free_endpoint
 
 URL = "ws://127.0.0.1:0"
 
@@ -159,6 +161,18 @@ async def test_a_graph_may_be_made_of_another_class_with_a_clock_of_its_own() ->
     async with Server(URL, graph=ObservedGraph, clock=clock, distro="noetic") as server:
         assert isinstance(server.graph, ObservedGraph)
         assert (server.graph.clock, server.graph.distro) == (clock, NOETIC)
+
+
+@pytest.mark.skipif(find_spec("zenoh") is None, reason="needs the extra zenoh")
+async def test_graphs_of_two_programs_are_joined_over_zenoh() -> None:
+    endpoint = free_endpoint()
+    async with (
+        Server(URL, graph="zenoh", zenoh={"listen": [endpoint]}, demo=True),
+        Server(URL, settings=Settings(graph="zenoh"), zenoh={"connect": [endpoint]}) as gateway,
+        connect(gateway.urls[0]) as client,
+    ):
+        with anyio.fail_after(10):
+            assert (await client.once("/odom")).child_frame_id == "base_link"
 
 
 class Lamp:

@@ -1,4 +1,4 @@
-"""Several processes that do the same, started, watched and stopped by one parent that does nothing else.
+"""One parent that starts, watches and stops several processes with the same work, and does nothing else.
 
 The parent has no event loop and no threads, so that it can fork at any time; what it waits for are file
 descriptors: those of its children and of its signals.
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-Say = Callable[[str], None]
-"""What a child calls once, when it is up, with anything that the parent should know."""
+Announce = Callable[[str], None]
+"""What each child calls once, when it is up, with a text for the parent."""
 
-Work = Callable[[int, Say], int]
-"""What each child does, given its number from 1 and a :data:`Say`; returns its exit code."""
+Work = Callable[[int, Announce], int]
+"""The work of each child, given its number from 1 and an :data:`Announce`; returns the exit code."""
 
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
-_AGAIN: Final = Backoff(first=0.5, factor=2.0, longest=30.0, jitter=0.0)
+_RESTART: Final = Backoff(first=0.5, factor=2.0, longest=30.0, jitter=0.0)
 #: A child that has been up for so many seconds is started again without much waiting.
 _SETTLED_SECONDS: Final = 60.0
 #: Longer than a server takes to close its connections and to leave its graph.
@@ -43,16 +43,16 @@ _STOP_SECONDS: Final = 15.0
 class _Child:
     number: int
     process: ForkProcess
-    words: Connection
+    pipe: Connection
     started: float
-    said: str | None = None
+    announced: str | None = None
 
 
 @dataclass(slots=True)
-class _Place:
-    """What outlives the children that take it one after the other."""
+class _Restarts:
+    """When the next process of one number starts, after one that has ended."""
 
-    delays: Iterator[float] = field(default_factory=_AGAIN.delays)
+    delays: Iterator[float] = field(default_factory=_RESTART.delays)
     due: float | None = None
 
 
@@ -69,14 +69,14 @@ class Supervisor:
         self._work = work
         self._stop_seconds = stop_seconds
         self._children: dict[int, _Child] = {}
-        self._places = {number: _Place() for number in range(1, count + 1)}
+        self._restarts = {number: _Restarts() for number in range(1, count + 1)}
         self._context = multiprocessing.get_context("fork")
 
-    def run(self, when_up: Say) -> int:
+    def run(self, when_up: Announce) -> int:
         """Start them, the first before the others, and watch until SIGINT or SIGTERM.
 
         Args:
-            when_up: called when all are up, with what the first has said.
+            when_up: called when all are up, with the text of the first.
 
         Returns:
             The exit code: 0 after a signal; if one ended before all were up, its own; 1 if some had to be
@@ -84,12 +84,12 @@ class Supervisor:
         """
         with _signals() as signals:
             try:
-                for numbers in ([1], [number for number in self._places if number > 1]):
+                for numbers in ([1], [number for number in self._restarts if number > 1]):
                     for number in numbers:
                         self._start(number)
                     if (code := self._await_up(signals)) is not None:
                         return self._stop() or code
-                when_up(self._children[1].said or "")
+                when_up(self._children[1].announced or "")
                 self._watch(signals)
             except BaseException:
                 self._stop()
@@ -97,7 +97,7 @@ class Supervisor:
             return self._stop()
 
     def _start(self, number: int) -> None:
-        words, child_end = self._context.Pipe(duplex=False)
+        pipe, child_end = self._context.Pipe(duplex=False)
         process = self._context.Process(
             target=_child, args=(self._work, number, child_end), name=f"worker {number}"
         )
@@ -108,12 +108,12 @@ class Supervisor:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, held)
         child_end.close()
-        self._places[number].due = None
-        self._children[number] = _Child(number, process, words, time.monotonic())
+        self._restarts[number].due = None
+        self._children[number] = _Child(number, process, pipe, time.monotonic())
 
     def _await_up(self, signals: socket.socket) -> int | None:
         """None when all that were started are up; else the exit code, after a signal or a failure."""
-        while any(child.said is None for child in self._children.values()):
+        while any(child.announced is None for child in self._children.values()):
             ready = self._wait(signals)
             if signals in ready:
                 return 0
@@ -128,25 +128,25 @@ class Supervisor:
             if signals in ready:
                 return
             for child in self._ended(ready):
-                self._plan_again(child)
+                self._schedule_restart(child)
             now = time.monotonic()
-            for number, place in self._places.items():
-                if place.due is not None and place.due <= now:
+            for number, restarts in self._restarts.items():
+                if restarts.due is not None and restarts.due <= now:
                     self._start(number)
 
     def _wait(self, signals: socket.socket | None, longest: float | None = None) -> list[object]:
         """What has happened, after it has: signals and sentinels; what children say is noted."""
         now = time.monotonic()
-        dues = [place.due - now for place in self._places.values() if place.due is not None]
+        dues = [restarts.due - now for restarts in self._restarts.values() if restarts.due is not None]
         if longest is not None:
             dues.append(longest)
         handles: list[Connection | socket.socket | int] = [] if signals is None else [signals]
         for child in self._children.values():
-            handles += [child.process.sentinel, *([child.words] if child.said is None else [])]
+            handles += [child.process.sentinel, *([child.pipe] if child.announced is None else [])]
         ready = wait(handles, max(0.0, min(dues)) if dues else None)
         for child in self._children.values():
-            if child.words in ready:
-                _note(child)
+            if child.pipe in ready:
+                _read_announcement(child)
         return [*ready]
 
     def _ended(self, ready: list[object]) -> list[_Child]:
@@ -154,28 +154,28 @@ class Supervisor:
         ended = [child for child in self._children.values() if child.process.sentinel in ready]
         for child in ended:
             child.process.join()
-            child.words.close()
+            child.pipe.close()
             del self._children[child.number]
         return ended
 
-    def _plan_again(self, child: _Child) -> None:
-        place = self._places[child.number]
+    def _schedule_restart(self, child: _Child) -> None:
+        restarts = self._restarts[child.number]
         if time.monotonic() - child.started >= _SETTLED_SECONDS:
-            place.delays = _AGAIN.delays()
-        delay = next(place.delays)
-        place.due = time.monotonic() + delay
+            restarts.delays = _RESTART.delays()
+        delay = next(restarts.delays)
+        restarts.due = time.monotonic() + delay
         logger.error(
             "worker %d (process %s) ended%s; it is started again in %g s",
             child.number,
             child.process.pid,
-            _how(child.process.exitcode),
+            _ending(child.process.exitcode),
             delay,
         )
 
     def _stop(self) -> int:
         """End all; 1 if some had to be killed or failed to end well."""
-        for place in self._places.values():
-            place.due = None
+        for restarts in self._restarts.values():
+            restarts.due = None
         for child in self._children.values():
             child.process.terminate()
         until = time.monotonic() + self._stop_seconds
@@ -188,32 +188,32 @@ class Supervisor:
             child.process.join()
             codes.append(child.process.exitcode)
         self._children.clear()
-        # One that was told to end before it had begun to listen for it was ended by the signal.
+        # A child that had no handler of its own yet was ended by the signal.
         return int(any(code not in (0, -signal.SIGTERM) for code in codes))
 
 
-def _note(child: _Child) -> None:
+def _read_announcement(child: _Child) -> None:
     try:
-        child.said = str(child.words.recv())
+        child.announced = str(child.pipe.recv())
     except EOFError:
-        child.said = ""  # It ends without having been up, which its sentinel tells too.
+        child.announced = ""  # It ends without having been up, which its sentinel tells too.
     else:
         logger.info("worker %d is up, as process %s", child.number, child.process.pid)
 
 
-def _how(code: int | None) -> str:
+def _ending(code: int | None) -> str:
     if code is not None and code < 0:
         return f" by {signal.Signals(-code).name}"
     return f" with exit code {code}"
 
 
-def _child(work: Work, number: int, words: Connection) -> None:
+def _child(work: Work, number: int, pipe: Connection) -> None:
     """What a child runs first: it must not take its parent's signals for its own."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _STOP_SIGNALS)
-    sys.exit(work(number, words.send))
+    sys.exit(work(number, pipe.send))
 
 
 def parent_sentinel() -> int:
@@ -231,7 +231,7 @@ def parent_lives() -> bool:
 
 @contextmanager
 def _signals() -> Iterator[socket.socket]:
-    """A socket that becomes readable when the process is told to stop."""
+    """A socket that becomes readable when SIGINT or SIGTERM comes."""
     reader, writer = socket.socketpair()
     with reader, writer:
         writer.setblocking(False)
@@ -245,4 +245,4 @@ def _signals() -> Iterator[socket.socket]:
                 signal.signal(number, handler)
 
 
-__all__ = ["Say", "Supervisor", "Work", "parent_lives", "parent_sentinel"]
+__all__ = ["Announce", "Supervisor", "Work", "parent_lives", "parent_sentinel"]

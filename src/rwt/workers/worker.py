@@ -16,7 +16,7 @@ import anyio
 
 from rwt.nodes import ON_EVERY_WORKER
 from rwt.workers.metrics import WorkerMetrics
-from rwt.workers.supervisor import Say, Supervisor, parent_lives
+from rwt.workers.supervisor import Announce, Supervisor, parent_lives
 from rwt_access.settings import SettingsError
 from rwt_access.tls import server_tls
 from rwt_interfaces.distro import DISTROS
@@ -36,13 +36,13 @@ class WorkerContext:
         number: from 1; the first is also the home of what there can be only once.
         folder: where the workers have their sockets, for this user only.
         metrics: those of all workers.
-        say: called once, with the announcement, when clients can connect.
+        announce: called once, with the announcement, when clients can connect.
     """
 
     number: int
     folder: Path
     metrics: WorkerMetrics
-    say: Say
+    announce: Announce
 
 
 ServeAsWorker: TypeAlias = "Callable[[WorkerContext, Settings], None]"
@@ -53,7 +53,7 @@ InWorker = Callable[[int, Callable[[], None]], int]
 
 
 def run_workers(
-    settings: Settings, serve: ServeAsWorker, announce: Say, in_worker: InWorker | None = None
+    settings: Settings, serve: ServeAsWorker, announce: Announce, in_worker: InWorker | None = None
 ) -> int:
     """Run the parent: hold the ports, start the workers, announce, watch; returns the exit code.
 
@@ -127,10 +127,10 @@ def _work(
     serve: ServeAsWorker,
     in_worker: InWorker,
     number: int,
-    say: Say,
+    announce: Announce,
 ) -> int:
     """In a child: serve as worker `number`; returns the exit code."""
-    worker = WorkerContext(number, folder, WorkerMetrics(folder, number, settings.workers), say)
+    worker = WorkerContext(number, folder, WorkerMetrics(folder, number, settings.workers), announce)
     try:
         return in_worker(number, partial(serve, worker, _share(settings, shared, number)))
     finally:
