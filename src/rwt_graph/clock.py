@@ -16,6 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from heapq import heapify, heappop, heappush
+from typing import Final
 
 import anyio
 
@@ -25,6 +26,12 @@ logger = logging.getLogger(__name__)
 
 #: A heap is rebuilt without its cancelled timers when they are this many and more than half of it.
 COMPACT_AT = 64
+
+#: Seconds, some thirty years: a timer that is due later is due then, so that no sum of times overflows.
+LONGEST_DELAY: Final = 1e9
+
+#: ROS time ends here, in nanoseconds: messages have 32 bits for its seconds, one of them for the sign.
+END_OF_TIME_NS: Final = 2**31 * NANOSECONDS
 
 
 class Timer(ABC):
@@ -102,6 +109,10 @@ class TimerHeap:
             logger.exception("a timer's callback failed")
 
 
+def _bounded(seconds: float) -> float:
+    return min(max(0.0, seconds), LONGEST_DELAY)
+
+
 class Clock(ABC):
     """The time of a graph: ROS time, steady time and timers."""
 
@@ -115,7 +126,10 @@ class Clock(ABC):
 
     @abstractmethod
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
-        """Run `call` once, `delay` seconds from now (at once means on the clock's next turn)."""
+        """Run `call` once, `delay` seconds from now, at most :data:`LONGEST_DELAY`.
+
+        At once, on the clock's next turn, is a delay of zero; so is one that is negative or no number.
+        """
 
     @abstractmethod
     async def sleep(self, seconds: float) -> None:
@@ -156,14 +170,14 @@ class SteadyClock(Clock):
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now; nothing runs before the graph does."""
-        timer = self._timers.push(self.monotonic() + delay, call)
+        timer = self._timers.push(self.monotonic() + _bounded(delay), call)
         if timer.due < self._asleep_until and self._wake is not None:
             self._wake.set()
         return timer
 
     async def sleep(self, seconds: float) -> None:
         """Wait for `seconds`."""
-        await anyio.sleep(max(0.0, seconds))
+        await anyio.sleep(_bounded(seconds))
 
     async def drive(self) -> None:
         """Run due timers until cancelled, sleeping from one to the next."""
@@ -215,17 +229,23 @@ class SimulatedClock(Clock):
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, when the clock has been moved by `delay` seconds."""
-        return self._timers.push(self._steady_ns + round(delay * NANOSECONDS), call)
+        return self._timers.push(self._steady_ns + round(_bounded(delay) * NANOSECONDS), call)
 
     def advance(self, seconds: float) -> None:
         """Move time on, running what falls due on the way, each timer at its own time.
 
         Raises:
-            ValueError: `seconds` is negative; use :meth:`set_time` to go back.
+            ValueError: `seconds` is negative (use :meth:`set_time` to go back) or leads beyond 2038, where
+                ROS time ends.
         """
-        if seconds < 0:
-            raise ValueError(f"time cannot be advanced by {seconds} s; set_time() moves it back")
-        target = self._steady_ns + round(seconds * NANOSECONDS)
+        left = (END_OF_TIME_NS - self.time_ns()) / NANOSECONDS
+        # Written so that what is no number is refused too.
+        if not 0 <= seconds < left:
+            raise ValueError(f"time can be advanced by 0 to {left:.0f} s; set_time() moves it back")
+        self._move(round(seconds * NANOSECONDS))
+
+    def _move(self, by_ns: int) -> None:
+        target = self._steady_ns + by_ns
         while (due := self._timers.next_due()) <= target:
             self._steady_ns = max(self._steady_ns, int(due))
             self._timers.run_next()
@@ -238,11 +258,16 @@ class SimulatedClock(Clock):
         return None if due == math.inf else max(0.0, (due - self._steady_ns) / NANOSECONDS)
 
     def set_time(self, time_ns: int) -> None:
-        """Set ROS time. Forwards is an :meth:`advance`; backwards leaves steady time and timers alone."""
+        """Set ROS time. Forwards is an :meth:`advance`; backwards leaves steady time and timers alone.
+
+        Raises:
+            ValueError: `time_ns` is negative, or beyond 2038, where ROS time ends.
+        """
+        if not 0 <= time_ns < END_OF_TIME_NS:
+            raise ValueError(f"ROS time is between 0 and {END_OF_TIME_NS} ns")
         ahead = time_ns - self.time_ns()
         if ahead >= 0:
-            self.advance(ahead / NANOSECONDS)
-            self._offset_ns += time_ns - self.time_ns()
+            self._move(ahead)
         else:
             self._offset_ns += ahead
             self._announce()

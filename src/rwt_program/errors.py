@@ -13,6 +13,7 @@
     * :exc:`GoalRejected`: the action server did not accept the goal.
 
   * :exc:`NotFound`: no such topic, service, action, node or parameter; also a :exc:`LookupError`.
+  * :exc:`InvalidQoS`: a policy with a number out of its range; also a :exc:`ValueError`.
   * :exc:`ParameterRejected`: a parameter cannot have that value; also a :exc:`ValueError`.
   * :exc:`TimedOut`: what was waited for did not come in time; also a :exc:`TimeoutError`.
   * :exc:`WrongThread`: a blocking call on the event loop's own thread, which would wait for itself.
@@ -66,6 +67,10 @@ class GoalRejected(CallFailed):
     """The action server did not accept the goal."""
 
 
+class InvalidQoS(RobotError, ValueError):
+    """A policy with a number out of its range; the text names both."""
+
+
 class ParameterRejected(RobotError, ValueError):
     """The node refused the parameter's value, or does not have that parameter."""
 
@@ -113,6 +118,7 @@ __all__ = [
     "ProviderNotFound",
     "GoalRejected",
     "NotFound",
+    "InvalidQoS",
     "ParameterRejected",
     "TimedOut",
     "WrongThread",

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import Final
+
+from rwt_program.errors import InvalidQoS
+
+#: The deepest history of a publisher or a subscription, in samples.
+MOST_DEPTH: Final = 1_000_000
+
+#: The longest deadline and lifespan, in seconds: what fits 64 bits of nanoseconds, as in rmw.
+LONGEST_SECONDS: Final = 9_223_372_036
 
 
 class History(Enum):
@@ -34,9 +44,13 @@ class QoS:
     """The policies of ROS 2.
 
     Attributes:
-        depth: samples kept with `History.KEEP_LAST`.
-        deadline: longest expected time between two samples, seconds; None and 0 are infinite.
-        lifespan: age in seconds after which a sample is no longer delivered; None and 0 are infinite.
+        depth: samples kept with `History.KEEP_LAST`, at most :data:`MOST_DEPTH`; 0 counts as 1.
+        deadline: longest expected time between two samples, in seconds, at most :data:`LONGEST_SECONDS`; None
+            and 0 are infinite.
+        lifespan: age after which a sample is no longer delivered, likewise.
+
+    Raises:
+        InvalidQoS: a number is out of its range.
     """
 
     history: History = History.KEEP_LAST
@@ -45,6 +59,19 @@ class QoS:
     durability: Durability = Durability.VOLATILE
     deadline: float | None = None
     lifespan: float | None = None
+
+    def __post_init__(self) -> None:
+        _require("depth", self.depth, MOST_DEPTH, "samples")
+        _require("deadline", self.deadline or 0, LONGEST_SECONDS, "seconds")
+        _require("lifespan", self.lifespan or 0, LONGEST_SECONDS, "seconds")
+
+
+def _require(policy: str, value: float, most: int, unit: str) -> None:
+    # Written so that what is no number is refused too.
+    if not 0 <= value <= most:
+        # A whole number may be too large for every way to write it.
+        shown = "a very large number" if 2**63 < abs(value) < math.inf else f"{value:g}"
+        raise InvalidQoS(f"{policy} is a number from 0 to {most} {unit}, not {shown}")
 
 
 #: ROS 2's default profile.

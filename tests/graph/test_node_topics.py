@@ -171,7 +171,7 @@ async def test_timers_keep_their_grid(graph: MemoryGraph, clock: SimulatedClock)
     timer.cancel()
     clock.advance(1)
     assert ticks == [0.1, 0.2, 0.3]
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(ValueError, match="period is from"):
         node.create_timer(0, lambda: None)
 
 

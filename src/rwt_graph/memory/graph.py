@@ -106,7 +106,11 @@ class MemoryParticipant(Participant):
         graph = self._graph
         server = graph.action_table.advertise(validate(action), type, self.owner, on_goal)
         if graph.distro.action_transport == "services":
-            server.on_close = graph.offer_action_services(self, server)
+            try:
+                server.on_close = graph.offer_action_services(self, server)
+            except BaseException:
+                server.close()
+                raise
         return server
 
     def send_goal(

@@ -19,7 +19,7 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
-from rwt_graph.clock import Clock, Timer
+from rwt_graph.clock import LONGEST_DELAY, Clock, Timer
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_program.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 
@@ -122,7 +122,7 @@ class Deadlines:
 
     def add(self, call: MemoryCall, timeout: float) -> set[MemoryCall]:
         """Expire `call` in `timeout` seconds; to prevent it, discard it from the set that is returned."""
-        tick = math.ceil((self._clock.monotonic() + max(0.0, timeout)) * TICKS)
+        tick = math.ceil((self._clock.monotonic() + min(max(0.0, timeout), LONGEST_DELAY)) * TICKS)
         due = self._ticks.get(tick)
         if due is None:
             due = self._ticks[tick] = set()

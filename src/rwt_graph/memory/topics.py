@@ -285,9 +285,10 @@ class Topics:
     def advertise(self, name: str, interface: MessageType, qos: QoS, owner: NodeResources) -> MemoryPublisher:
         """Add a publisher. Raises :exc:`TypeConflict`."""
         topic = self._topics.get(name) or Topic(name)
+        # Made first, so that the topic gets its type from nothing that could not be made.
+        publisher = MemoryPublisher(self, topic, interface, qos, owner)
         topic.establish(interface, self.registry)
         self._topics[name] = topic
-        publisher = MemoryPublisher(self, topic, interface, qos, owner)
         owner.add(publisher, publisher.close)
         topic.publishers = (*topic.publishers, publisher)
         self._changed(topic)
@@ -303,10 +304,10 @@ class Topics:
     ) -> MemorySubscription:
         """Add a subscriber and deliver the history to it. Raises :exc:`TypeConflict`."""
         topic = self._topics.get(name) or Topic(name)
+        subscription = MemorySubscription(self, topic, on_sample, interface is not None, qos, owner)
         if interface is not None:
             topic.establish(interface, self.registry)
         self._topics[name] = topic
-        subscription = MemorySubscription(self, topic, on_sample, interface is not None, qos, owner)
         owner.add(subscription, subscription.close)
         topic.subscribers = (*topic.subscribers, subscription)
         subscription.replay()

@@ -20,7 +20,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rwt_graph.api import Graph, Sample
-from rwt_graph.clock import Clock, SimulatedClock, Timer
+from rwt_graph.clock import LONGEST_DELAY, Clock, SimulatedClock, Timer
 from rwt_graph.errors import NotRunning
 from rwt_graph.names import namespace_of, node_name, resolve
 from rwt_graph.parameters.client import ParameterClient
@@ -32,7 +32,7 @@ from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
 from rwt_graph.program.goals import AcceptGoal, ActionFunction, SentGoal
 from rwt_graph.program.logs import NodeLog, rosout_qos
 from rwt_graph.program.service_handlers import ServiceFunction
-from rwt_graph.program.timers import PeriodicTimer
+from rwt_graph.program.timers import SHORTEST_PERIOD, PeriodicTimer
 from rwt_program.blocking import BlockingRobot
 from rwt_program.errors import NotFound, ProviderNotFound, WrongThread
 from rwt_program.future import USUAL, Timeout
@@ -484,10 +484,13 @@ class Node:
         were missed are skipped too, so the rate never catches up in a burst.
 
         Raises:
-            ValueError: `period` is not positive.
+            ValueError: `period` is shorter than a microsecond, or longer than :data:`LONGEST_DELAY`.
         """
-        if period <= 0:
-            raise ValueError(f"a timer's period must be positive, not {period} s")
+        # Written so that what is no number is refused too.
+        if not SHORTEST_PERIOD <= period <= LONGEST_DELAY:
+            raise ValueError(
+                f"a timer's period is from {SHORTEST_PERIOD:g} to {LONGEST_DELAY:g} s, which this is not"
+            )
         timer = PeriodicTimer(self.graph, period, callback, self._timers.discard)
         self._timers.add(timer)
         self.run(timer.start)

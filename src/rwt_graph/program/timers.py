@@ -5,12 +5,16 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Awaitable, Callable
+from typing import Final
 
 from rwt_graph.api import Graph
 from rwt_graph.clock import Timer
 from rwt_program.messages import is_coroutine_function
 
 logger = logging.getLogger(__name__)
+
+#: Seconds; a clock has whole nanoseconds, and a shorter period would leave it no time for anything else.
+SHORTEST_PERIOD: Final = 1e-6
 
 
 class PeriodicTimer(Timer):
@@ -84,4 +88,4 @@ class PeriodicTimer(Timer):
         self._on_cancel(self)
 
 
-__all__ = ["PeriodicTimer"]
+__all__ = ["SHORTEST_PERIOD", "PeriodicTimer"]

@@ -20,7 +20,7 @@ from rosbags.rosbag2 import ReaderError as ReaderError2
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_nodes.recording.errors import RecordingUnreadable
 from rwt_nodes.recording.recording import RecordedMessage, RecordedTopic, Recording, merged_topics
-from rwt_program.qos import LATCHED, Durability, History, QoS, Reliability
+from rwt_program.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Reliability
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
@@ -96,7 +96,7 @@ def _qos(profile: Qos) -> QoS:
     lossy = profile.reliability is QosReliability.BEST_EFFORT
     return QoS(
         history=History.KEEP_ALL if profile.history is BagHistory.KEEP_ALL else History.KEEP_LAST,
-        depth=profile.depth,
+        depth=min(max(0, profile.depth), MOST_DEPTH),
         reliability=Reliability.BEST_EFFORT if lossy else Reliability.RELIABLE,
         durability=Durability.TRANSIENT_LOCAL if kept else Durability.VOLATILE,
     )

@@ -5,14 +5,12 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from rwt_program.qos import LATCHED, Durability, History, QoS, Reliability
+from rwt_program.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Reliability
 
 _HISTORIES: Final = {"2": History.KEEP_ALL, "keep_all": History.KEEP_ALL}
 _RELIABILITIES: Final = {"2": Reliability.BEST_EFFORT, "best_effort": Reliability.BEST_EFFORT}
 _DURABILITIES: Final = {"1": Durability.TRANSIENT_LOCAL, "transient_local": Durability.TRANSIENT_LOCAL}
 _ENTRY: Final = re.compile(r"^[- ] +(history|depth|reliability|durability): *\"?(\w+)", re.MULTILINE)
-
-_MOST: Final = 1_000_000
 
 
 def read_offered_qos(metadata: dict[str, str]) -> tuple[QoS, ...]:
@@ -31,7 +29,7 @@ def _profile(entries: dict[str, str]) -> QoS:
     depth = entries.get("depth", "10")
     return QoS(
         history=_HISTORIES.get(entries.get("history", ""), History.KEEP_LAST),
-        depth=min(int(depth), _MOST) if depth.isdecimal() else 10,
+        depth=min(int(depth), MOST_DEPTH) if depth.isdecimal() else 10,
         reliability=_RELIABILITIES.get(entries.get("reliability", ""), Reliability.RELIABLE),
         durability=_DURABILITIES.get(entries.get("durability", ""), Durability.VOLATILE),
     )
@@ -46,7 +44,7 @@ def combined(offered_qos: tuple[QoS, ...]) -> QoS:
     if not kept:
         return offered_qos[0] if offered_qos else QoS()
     history = History.KEEP_ALL if any(qos.history is History.KEEP_ALL for qos in kept) else History.KEEP_LAST
-    depth = min(sum(max(1, qos.depth) for qos in kept), _MOST)
+    depth = min(sum(max(1, qos.depth) for qos in kept), MOST_DEPTH)
     return QoS(history, depth, kept[0].reliability, Durability.TRANSIENT_LOCAL)
 
 

@@ -10,13 +10,10 @@ from __future__ import annotations
 
 from rwt_graph.errors import WireError
 from rwt_interfaces.times import NANOSECONDS
-from rwt_program.qos import Durability, History, QoS, Reliability
+from rwt_program.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS, Reliability
 
 #: The depth that is written as nothing.
 DEFAULT_DEPTH = 42
-
-#: `RMW_DURATION_INFINITE`, in nanoseconds: what some write in full.
-_INFINITE_NS = 2**63 - 1
 
 _LARGEST = 10**18
 
@@ -35,7 +32,7 @@ def encode(qos: QoS) -> str:
     reliability = "2" if qos.reliability is Reliability.BEST_EFFORT else ""
     durability = "1" if qos.durability is Durability.TRANSIENT_LOCAL else ""
     history = "2" if qos.history is History.KEEP_ALL else ""
-    depth = "" if qos.depth == DEFAULT_DEPTH else str(max(0, qos.depth))
+    depth = "" if qos.depth == DEFAULT_DEPTH else str(qos.depth)
     return (
         f"{reliability}:{durability}:{history},{depth}:{_duration(qos.deadline)}:{_duration(qos.lifespan)}:,,"
     )
@@ -55,7 +52,7 @@ def decode(text: str) -> QoS:
     try:
         return QoS(
             _HISTORY[history],
-            _number(depth, DEFAULT_DEPTH),
+            min(_number(depth, DEFAULT_DEPTH), MOST_DEPTH),
             _RELIABILITY[reliability],
             _DURABILITY[durability],
             _seconds(deadline),
@@ -76,7 +73,7 @@ def _seconds(parts: list[str]) -> float | None:
     if parts == ["", ""]:
         return None
     total = _number(parts[0], 0) * NANOSECONDS + _number(parts[1], 0)
-    return total / NANOSECONDS if 0 < total < _INFINITE_NS else None
+    return total / NANOSECONDS if 0 < total <= LONGEST_SECONDS * NANOSECONDS else None
 
 
 def _number(text: str, default: int) -> int:
