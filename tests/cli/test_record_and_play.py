@@ -68,12 +68,10 @@ def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
     tmp_path: Path, distro: str, encoding: str
 ) -> None:
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
-    with running("serve", "ws://127.0.0.1:0", "--demo", "--distro", distro) as (
-        _,
-        url,
-    ):
-        arguments = (url, "-o", str(first), "--encoding", encoding, "--max-seconds", "1.2", *OWN)
-        assert main(["record", *arguments]) == 0
+    with running("serve", "ws://127.0.0.1:0", "--demo", "--distro", distro) as (_, url):
+        arguments = ("record", url, "-o", str(first), "--encoding", encoding, *OWN)
+        with running(*arguments, ready="recording ") as (recorder, _):
+            until(lambda: first.stat().st_size > 20_000)
     player_arguments = ("play", str(first), "ws://127.0.0.1:0", "--paused", "--speed", "4")
     with running(*player_arguments) as (player, url):
         again = ("record", url, "-o", str(second), "--encoding", encoding, "--no-reconnect", *OWN)
@@ -84,7 +82,6 @@ def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
             assert recorder.wait(timeout=20) == 0
         assert player.wait(timeout=10) == 0
     recorded = rows(first)
-    assert len(recorded) > 50
     assert {"/odom", "/scan", "/map", "/tf_static"} <= {row[0] for row in recorded}
     # Messages of one time may come in another order: what was kept comes by topic.
     assert sorted(rows(second)) == sorted(recorded)
