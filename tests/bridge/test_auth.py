@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
@@ -140,7 +140,6 @@ def test_how_many_are_remembered_is_bounded() -> None:
         | {name: st.integers() | st.floats() for name in ("t", "end")}
     )
 )
-@settings(deadline=None)
 def test_whatever_is_sent_is_refused_cleanly(members: dict[str, Any]) -> None:
     bridge, client = _guarded(MemoryGraph(clock=SimulatedClock()))
     client.say("auth", **members)

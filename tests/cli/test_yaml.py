@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_cli.console import yaml_text
@@ -142,7 +142,6 @@ _VALUES = st.recursive(
 )
 
 
-@settings(deadline=None)
 @given(_VALUES)
 def test_what_is_written_reads_back_here_and_in_the_ros2_tool(value: YamlValue) -> None:
     for text in (block(value), flow(value)):

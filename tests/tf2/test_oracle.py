@@ -35,7 +35,7 @@ def trees(draw: st.DrawFn) -> list[StampedTransform]:
     return draw(st.permutations(list(unique.values())))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(trees(), st.data())
 def test_lookups(tree: list[StampedTransform], data: st.DataObject) -> None:
     buffer, oracle = Buffer(), Oracle()
@@ -53,7 +53,7 @@ def test_lookups(tree: list[StampedTransform], data: st.DataObject) -> None:
         np.testing.assert_allclose(found.transform.matrix(), matrix_of(found.transform), rtol=0, atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(trees())
 def test_all_times_are_covered_or_refused(tree: list[StampedTransform]) -> None:
     buffer = Buffer()
@@ -71,7 +71,6 @@ def test_all_times_are_covered_or_refused(tree: list[StampedTransform]) -> None:
             assert failure.value.nearest_ns in (min(stamps), max(stamps))
 
 
-@settings(deadline=None)
 @given(TRANSFORMS, TRANSFORMS, st.floats(0, 1))
 def test_interpolation(a: Transform, b: Transform, fraction: float) -> None:
     if a.angle_to(b) > 3.0:
@@ -84,7 +83,6 @@ def test_interpolation(a: Transform, b: Transform, fraction: float) -> None:
     )
 
 
-@settings(deadline=None)
 @given(TRANSFORMS, TRANSFORMS)
 def test_products_and_inverses(a: Transform, b: Transform) -> None:
     np.testing.assert_allclose(matrix_of(a @ b), matrix_of(a) @ matrix_of(b), rtol=0, atol=1e-9)

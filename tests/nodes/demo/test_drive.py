@@ -97,7 +97,7 @@ commands = st.lists(
 )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(commands)
 def test_no_sequence_of_commands_leads_into_a_wall(steps: list[tuple[float, float, float]]) -> None:
     drive = DifferentialDrive(house(), CHASSIS, Limits(5.0, 10.0, 20.0, 80.0))

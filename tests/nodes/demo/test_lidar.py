@@ -52,7 +52,7 @@ def test_a_pillar_hides_the_wall_behind_it() -> None:
     assert ranges[ray_towards(lidar, math.pi)] == pytest.approx(2.5)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(-4.9, 4.9), st.floats(-3.9, 3.9), st.floats(-math.pi, math.pi))
 @example(-3.0, 0.0, math.pi)
 def test_every_ray_ends_where_a_walk_along_it_ends(x: float, y: float, heading: float) -> None:

@@ -31,7 +31,7 @@ def clear_points() -> st.SearchStrategy[tuple[float, float]]:
     )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(clear_points(), clear_points())
 def test_ways_lead_from_start_to_goal_without_touching_anything(
     start: tuple[float, float], goal: tuple[float, float]
@@ -78,7 +78,7 @@ def test_a_robot_that_touches_a_wall_finds_its_way_out() -> None:
     assert corners[0] == (-4.69, 0.21)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(clear_points(), st.floats(-math.pi, math.pi), st.floats(0.1, 2.0))
 def test_steering_arrives_at_the_pose_without_bumping(
     goal: tuple[float, float], heading: float, speed: float

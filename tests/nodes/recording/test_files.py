@@ -180,7 +180,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(at=st.floats(0.0, 1.0, exclude_max=True))
 def test_a_cut_file_is_read_as_far_as_its_chunks_are_whole(tmp_path: Path, whole: Path, at: float) -> None:
     content = whole.read_bytes()
@@ -195,7 +195,7 @@ def test_a_cut_file_is_read_as_far_as_its_chunks_are_whole(tmp_path: Path, whole
     assert len(times) >= min(9, length // 1_250_000 * 3)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(tail=st.binary(max_size=200), cut=st.integers(0, 3000))
 def test_anything_after_the_magic_is_read_or_refused(
     tmp_path: Path, whole: Path, tail: bytes, cut: int

@@ -128,7 +128,7 @@ def poses(buffer: Buffer) -> Iterator[tuple[str, Transform]]:
         yield frame, pose
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(STEPS)
 def test_a_client_is_never_off_by_more_than_the_thresholds(steps: list[dict[str, Any]]) -> None:
     arm, filter_, client = Arm(), changes(), Buffer()
