@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Protocol
+from collections import deque
+from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt_access.quotas import RateLimit
 from rwt_bridge.ops.actions import Actions
@@ -11,7 +12,7 @@ from rwt_bridge.ops.services import Services
 from rwt_bridge.ops.topics import Topics
 from rwt_bridge.reply import Replies
 from rwt_delivery.counters import UNKNOWN
-from rwt_protocol.ops import OPS, CallService, SendActionGoal, Status
+from rwt_protocol.ops import OPS, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal
 from rwt_transports.websocket.close_codes import POLICY
 
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
     from rwt_protocol.dispatcher import Dispatcher
     from rwt_protocol.session import Session
     from rwt_protocol.transport import PeerInfo, Sink
+    from rwt_transports.api import FlowControl
+
+
+SHARE: Final = 0.005
+"""Seconds of one turn of the event loop that the messages of one client may take; the rest waits its turn."""
 
 
 class Gateway(Protocol):
@@ -75,6 +81,10 @@ class Peer:
         self.sink = sink
         self.messages = 0
         self.graph = graph
+        self._flow_control: FlowControl | None = None
+        self._received = 0
+        self._began = 0.0
+        self._waiting: deque[Op | Refusal | tuple[bytes, bool]] = deque()
         self._session = session
         self._monotonic = graph.clock.monotonic
         self._dispatch = bridge.dispatcher.dispatch
@@ -90,20 +100,55 @@ class Peer:
         self.services = Services(graph, self.replies, settings.default_call_service_timeout)
         self.actions = Actions(graph, self.replies, info.address, bridge.orphans)
 
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        """Hold this client back by `flow_control` while its messages wait their turn."""
+        self._flow_control = flow_control
+
     def receive(self, data: bytes, binary: bool) -> None:
-        """Take one message from the wire, run what it holds, and answer what is refused."""
-        self.messages += 1
+        """Take one frame from the wire, run what it holds, and answer what is refused.
+
+        Beyond the client's share of a turn of the event loop the rest waits for the next turn.
+        """
         now = self._monotonic()
-        if self._rate is not None and not self._rate.take(now):
-            self._rate_exceeded()
+        received = self.sink.received
+        if received != self._received:
+            self._received = received
+            self._began = now
+        if self._waiting or now - self._began > SHARE:
+            self._wait((data if type(data) is bytes else bytes(data), binary))
+        else:
+            self._read(data, binary, now)
+
+    def _read(self, data: bytes, binary: bool, now: float) -> None:
+        if not self._may_send(now):
             return
-        for item in self._session.decode(data, binary, now):
-            if isinstance(item, Refusal):
-                self.graph.counters.refuse(item.op if item.op in OPS else UNKNOWN)
-                self.replies.log(logging.WARNING, item.reason, item.id)
-                if item.answer is not None:
-                    self.replies.send(item.answer)
-                continue
+        items = self._session.decode(data, binary, now)
+        for number, item in enumerate(items):
+            if number:
+                if self._monotonic() - self._began > SHARE:
+                    for later in items[number:]:
+                        self._wait(later)
+                    return
+                if not self._may_send(now):
+                    return
+            self._do(item)
+
+    def _may_send(self, now: float) -> bool:
+        """Count one message: each of a frame, and each frame that holds none."""
+        self.messages += 1
+        if self._rate is None or self._rate.take(now):
+            return True
+        self._rate_exceeded()
+        return False
+
+    def _do(self, item: Op | Refusal) -> None:
+        """Run one message, and answer it if it is refused."""
+        if isinstance(item, Refusal):
+            self.graph.counters.refuse(item.op if item.op in OPS else UNKNOWN)
+            self.replies.log(logging.WARNING, item.reason, item.id)
+            if item.answer is not None:
+                self.replies.send(item.answer)
+        else:
             answer = self._dispatch(self, item)
             if answer is not None:
                 self.graph.counters.refuse(item.op)
@@ -111,6 +156,31 @@ class Peer:
             elif self._session.level == "info" and not isinstance(item, CallService | SendActionGoal):
                 # Success, for ops that have no reply of their own (STA-04).
                 self.replies.send(Status(level="info", msg=f"{item.op}: done", id=item.id))
+
+    def _wait(self, what: Op | Refusal | tuple[bytes, bool]) -> None:
+        """Let a frame or a message wait for a later turn; meanwhile nothing is read from this client."""
+        self._waiting.append(what)
+        if len(self._waiting) == 1:
+            if self._flow_control is not None:
+                self._flow_control.pause()
+            self.graph.clock.call_later(0.0, self._go_on)
+
+    def _go_on(self) -> None:
+        """Take this turn's share of what waits."""
+        waiting, self._waiting = self._waiting, deque()
+        self._began = self._monotonic()
+        while waiting and not self._waiting and self._monotonic() - self._began <= SHARE:
+            what = waiting.popleft()
+            if isinstance(what, tuple):
+                data, binary = what
+                self._read(data, binary, self._began)
+            elif self._may_send(self._began):
+                self._do(what)
+        self._waiting += waiting
+        if self._waiting:
+            self.graph.clock.call_later(0.0, self._go_on)
+        elif self._flow_control is not None:
+            self._flow_control.resume()
 
     def oversized(self, size: int, limit: int) -> None:
         """A message was too large to be taken from the wire; its bytes were skipped."""
@@ -127,6 +197,7 @@ class Peer:
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
+        self._waiting.clear()
         self.topics.close()
         self.actions.close()
         self.graph.close()

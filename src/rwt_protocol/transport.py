@@ -210,6 +210,11 @@ class Sink(Protocol):
         """
 
     @property
+    def received(self) -> int:
+        """Bytes that have come from the peer, with all of the read whose messages are being handed over: what
+        tells one read from the next."""
+
+    @property
     def backlog(self) -> int:
         """Bytes queued and not yet handed to the network."""
 

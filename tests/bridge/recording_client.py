@@ -57,6 +57,7 @@ class Client:
         self.frames: list[tuple[Frame, str | None]] = []
         self.flows: dict[str, RecordingFlow] = {}
         self.traffic = Traffic()
+        self.received = 0
         self.close_code: int | None = None
         self.close_reason = ""
         info = PeerInfo("memory", address=address, path=path, headers=headers or {})
@@ -98,6 +99,7 @@ class Client:
         self.say_raw(json.dumps({"op": op, **fields}))
 
     def say_raw(self, text: str | bytes, binary: bool = False) -> None:
+        self.received += 1
         self.endpoint.receive(text.encode() if isinstance(text, str) else text, binary)
 
     def heard(self) -> list[Message]:

@@ -136,6 +136,10 @@ class _SpoiltSink(Sink):
         self.endpoint.inner = endpoint
 
     @property
+    def received(self) -> int:
+        return self._sink.received
+
+    @property
     def backlog(self) -> int:
         return self._sink.backlog
 

@@ -50,6 +50,7 @@ class _ClientEnd:
         self.frames: deque[Frame] = deque()
         self.close_code: int | None = None
         self.changed = asyncio.Event()
+        self.received = 0
         self.endpoint = accept(self, PeerInfo("memory", "192.0.2.1"))
 
     def send(self, frame: Frame) -> None:
@@ -112,6 +113,7 @@ class MemoryWire(Wire):
         if self._client.close_code is not None:
             raise WireClosed(self._client.close_code)
         binary = isinstance(data, bytes)
+        self._client.received += 1
         self._client.endpoint.receive(data if isinstance(data, bytes) else data.encode(), binary)
 
     async def receive(self) -> str | bytes:

@@ -238,6 +238,10 @@ class _ObservedSink:
             self.endpoint.inner = endpoint
 
     @property
+    def received(self) -> int:
+        return self.inner.received
+
+    @property
     def backlog(self) -> int:
         return self.inner.backlog
 

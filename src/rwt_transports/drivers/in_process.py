@@ -28,12 +28,13 @@ from rwt_transports.background import background_tasks
 class _End:
     """The sink of one of the two endpoints; satisfies :class:`rwt_protocol.transport.Sink`."""
 
-    __slots__ = ("_awake", "_closing", "_frames", "_size", "opposite", "other")
+    __slots__ = ("_awake", "_closing", "_frames", "_size", "opposite", "other", "received")
 
     def __init__(self, awake: anyio.Event) -> None:
         self._awake = awake
         self._frames: deque[Frame] = deque()
         self._size = 0
+        self.received = 0
         self._closing: tuple[int, str] | None = None
         self.other: Endpoint | None = None
         self.opposite = self
@@ -79,6 +80,7 @@ class _End:
 
     def deliver(self) -> tuple[int, str] | None:
         """Hand over what was sent; returns code and reason once this side has closed."""
+        self.opposite.received += self._size
         for _ in range(len(self._frames)):
             frame = self._frames.popleft()
             self._size -= frame.size
