@@ -41,7 +41,7 @@ def test_importing_it_imports_nothing_else() -> None:
 @pytest.mark.parametrize(
     ("name", "without"),
     [
-        ("Settings", ("rwt_client", "rwt_nodes", "rwt_testing", "numpy")),
+        ("Settings", ("anyio", "rwt_graph", "rwt_transports", "rwt_client", "rwt_nodes")),
         (
             "Server",
             ("rwt_client", "rwt_testing", "rwt_nodes.demo", "rwt_nodes.recording", "zenoh", "numpy", "PIL"),

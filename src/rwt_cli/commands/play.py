@@ -9,16 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwt.server import Server, listening
 from rwt_cli.commands.config import add_settings_options, settings_of
 from rwt_cli.commands.serve import announce, command_errors
 from rwt_cli.console.key_presses import Key, key_presses
 from rwt_cli.console.logs import log_to_stderr
 from rwt_cli.errors import CommandError
 from rwt_cli.verbs import topic_glob
-from rwt_nodes.playback.player import FASTEST, SLOWEST
 
 if TYPE_CHECKING:
+    from rwt.server import Server
     from rwt_nodes.playback import Player, PlayOptions
     from rwt_nodes.recording import Recording
 
@@ -96,7 +95,8 @@ def parse_remap(text: str) -> tuple[str, str]:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt.playback import PlaybackServer
+    from rwt.playback import PlaybackServer  # `--help` and completion need none of it.
+    from rwt.server import listening
     from rwt_nodes.recording import RecordingError, open_recording
 
     log_to_stderr("text", verbose=arguments.verbose)
@@ -158,6 +158,8 @@ async def _follow_keys(player: Player) -> None:
 
 def press(player: Player, key: Key) -> None:
     """Do what a key asks for."""
+    from rwt_nodes.playback.player import FASTEST, SLOWEST
+
     if key == "space":
         player.toggle_paused()
     elif key == "right":

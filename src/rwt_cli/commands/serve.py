@@ -9,19 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwt.errors import ServerError
-from rwt.server import Server, listening
 from rwt_access.settings import SettingsError
 from rwt_cli.commands.config import add_settings_options, settings_of
 from rwt_cli.console.logs import FORMATS, log_to_stderr, name_worker
 from rwt_cli.console.output import reported
 from rwt_cli.errors import CommandError
 from rwt_interfaces.distro import DISTROS
-from rwt_program.errors import RobotError
-from rwt_transports.errors import TransportError
 from rwt_transports.schemes import url_forms
 
 if TYPE_CHECKING:
+    from rwt.server import Server
     from rwt.settings.models import Settings
 
 _EXAMPLES = """\
@@ -139,6 +136,8 @@ def _add_graph_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from rwt.server import Server  # `--help` and completion need none of it.
+
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
     with command_errors():
         settings = _settings(arguments)
@@ -154,6 +153,10 @@ def _run(arguments: argparse.Namespace) -> int:
 @contextmanager
 def command_errors() -> Iterator[None]:
     """Turn what a server raises into a :exc:`CommandError`."""
+    from rwt.errors import ServerError
+    from rwt_program.errors import RobotError
+    from rwt_transports.errors import TransportError
+
     try:
         yield
     except (TransportError, RobotError, ServerError) as error:
@@ -200,6 +203,8 @@ def announce(text: str) -> None:
 
 def _on_up(server: Server) -> str:
     """Where the server is reached and, for the demo robot, what to do next."""
+    from rwt.server import listening
+
     web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
     hint = [_next_steps(web)] if server.settings.demo and web is not None else []
     return "\n".join([listening(server), *hint])
