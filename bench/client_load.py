@@ -92,7 +92,7 @@ def our_receive(url: str, case: str, count: int) -> Taken:
             watch.arrived()
 
         await robot.subscribe(
-            "/bench", CASES[case][0], callback, arrays="numpy" if case == "Image" else "list"
+            "/bench", callback, CASES[case][0], arrays="numpy" if case == "Image" else "list"
         )
         await finished.wait()
         return watch.taken
@@ -105,7 +105,7 @@ def our_publish(url: str, case: str, count: int) -> Taken:
 
     async def work(robot: Robot) -> Taken:
         finished = asyncio.Event()
-        await robot.subscribe("/done", "std_msgs/String", lambda _: finished.set())
+        await robot.subscribe("/done", lambda _: finished.set(), "std_msgs/String")
         with await robot.advertise("/bench", type_name) as publisher:
             publisher.publish(message)
             await publisher.drain()

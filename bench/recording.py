@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -21,6 +22,7 @@ from mcap.writer import CompressionType, Writer
 from bench import messages
 from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
+from rwt_client.endpoints.subscriptions import SubscriptionTable
 from rwt_client.wire.session import ReconnectingSession
 from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Payload
@@ -28,6 +30,7 @@ from rwt_interfaces.structs import MessageType
 from rwt_nodes.recording import ChannelForm, RecordingWriter, channel_form
 from rwt_protocol.codecs import CODECS
 from rwt_protocol.session import WireLimits
+from rwt_transports.background import TaskStarter
 
 ROUNDS = 5
 STAMP = 1_700_000_000_000_000_000
@@ -88,8 +91,9 @@ def _recording(load: Load, types: RemoteTypes, message: MessageType, payloads: l
                 writer.write(channel, stamp, stamp, raw.data)
 
             line = ReconnectingSession(None, WireLimits())
-            subscription = RawSubscription(line, types, load.stream.topic, message, receive, binary=True)
-            subscription.start()
+            table = SubscriptionTable(line, types, TaskStarter(), binary=True)
+            subscription = RawSubscription(table, load.stream.topic, receive)
+            subscription.open(message, partial(types.message, message.name), table.tasks)
             for index in range(load.count):
                 line.receive(frames[index % len(frames)], True)
                 if not index % 1000:

@@ -67,9 +67,9 @@ class Demonstrator:
     async def watch(self) -> None:
         """Subscribe to what a page of a teacher shows."""
         await self._robot.subscribe(
-            f"/{self._name}/joint_states", "sensor_msgs/JointState", self._on_joint_states
+            f"/{self._name}/joint_states", self._on_joint_states, "sensor_msgs/JointState"
         )
-        await self._robot.subscribe(f"/{self._name}/odom", "nav_msgs/Odometry", self._on_odometry)
+        await self._robot.subscribe(f"/{self._name}/odom", self._on_odometry, "nav_msgs/Odometry")
         answer = await self._robot.call(
             "/republish_tfs",
             {
@@ -81,7 +81,7 @@ class Demonstrator:
             },
             "tf2_web_republisher/RepublishTFs",
         )
-        await self._robot.subscribe(answer.topic_name, "tf2_web_republisher/TFArray", self._on_transforms)
+        await self._robot.subscribe(answer.topic_name, self._on_transforms, "tf2_web_republisher/TFArray")
 
     async def teach(self, seconds: float, camera: CameraStream) -> Teaching:
         """Drive by hand for so long, and record a waypoint after each leg."""

@@ -25,9 +25,9 @@ from rwt_access.tls import client_tls, server_tls
 from rwt_bridge.bridge import Bridge
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
-from rwt_graph.program.node import GraphThread, Node
+from rwt_graph.program import node
+from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import DISCLOSURES
-from rwt_program.blocking import BlockingHandle, BlockingRobot, holds
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import check_dial_url, dial
@@ -70,22 +70,16 @@ class _Running:
     stack: AsyncExitStack
 
 
-class BlockingNode(BlockingRobot[Node]):
-    """A node for scripts and notebooks: its verbs wait; see :class:`rwt_graph.Node`.
-
-    Callbacks and handlers run in the server's thread; see :mod:`rwt_program.blocking`.
+class BlockingNode(node.BlockingNode):
+    """A node whose verbs wait, in the graph of a server of its own; see :class:`rwt_graph.Node`.
 
     Attributes:
-        node: the node itself, with everything that is not here.
         server: the server whose graph it is in.
     """
 
-    def __init__(self, node: Node, server: Server) -> None:
-        super().__init__(GraphThread(node), node)
-        self.node = node
+    def __init__(self, inner: Node, server: Server) -> None:
+        super().__init__(inner)
         self.server = server
-
-    advertise_action = holds(Node.advertise_action, BlockingHandle)
 
     def spin(self) -> None:
         """Wait until Ctrl-C is pressed, or the server has ended (see :meth:`Server.ended`).

@@ -9,14 +9,13 @@
 
 from rwt_client.connection import connect
 from rwt_client.endpoints.action_server import ActionServer
-from rwt_client.endpoints.goals import Goal
 from rwt_client.endpoints.parameters import Parameters
-from rwt_client.endpoints.publisher import Publisher
+from rwt_client.endpoints.publisher import RemotePublisher
 from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.services import ServiceServer
-from rwt_client.endpoints.subscriptions import Subscription
-from rwt_client.endpoints.transforms import Transforms
+from rwt_client.endpoints.subscriptions import RemoteSubscription
+from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import (
     BadAddress,
     CannotConnect,
@@ -52,16 +51,17 @@ from rwt_program.errors import (
     UnknownType,
     WrongThread,
 )
-from rwt_program.goals import GoalResult, GoalStatus, ReceivedGoal
+from rwt_program.goals import Goal, GoalResult, GoalStatus, ReceivedGoal
+from rwt_program.qos import BEST_AVAILABLE, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 from rwt_transports.backoff import Backoff
 
 __all__ = [
     "connect",
     "Robot",
-    "Subscription",
+    "RemoteSubscription",
     "RawSubscription",
     "RawMessage",
-    "Publisher",
+    "RemotePublisher",
     "ServiceServer",
     "Goal",
     "GoalResult",
@@ -69,7 +69,7 @@ __all__ = [
     "ActionServer",
     "ReceivedGoal",
     "Parameters",
-    "Transforms",
+    "RemoteTransforms",
     "RemoteTypes",
     "RosApi",
     "TopicInfo",
@@ -80,6 +80,13 @@ __all__ = [
     "ConnectionEvent",
     "EventStream",
     "Backoff",
+    "QoS",
+    "History",
+    "Reliability",
+    "Durability",
+    "BEST_AVAILABLE",
+    "LATCHED",
+    "SENSOR_DATA",
     "RobotError",
     "CallFailed",
     "ServiceFailed",

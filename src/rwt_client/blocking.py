@@ -4,44 +4,47 @@
 ...     robot.publish("/cmd_vel", {"linear": {"x": 0.2}}, "geometry_msgs/Twist")
 ...     print(robot.once("/odom").pose.pose.position)
 
-Callbacks and handlers run in that thread: they should be quick, and must not call this face of the robot.
+Callbacks and handlers run in that thread; see :mod:`rwt_program.blocking`.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Awaitable, Callable, Iterator
+import threading
+from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
-from typing import Any, Concatenate, ParamSpec, TypeVar, TypeVarTuple, Unpack, overload
+from functools import partial
+from typing import Any, Self, TypeVar, Unpack
 
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from rwt_client import connection
 from rwt_client.connection import ConnectKeywords
-from rwt_client.endpoints.action_server import ActionServer
-from rwt_client.endpoints.goals import Goal
-from rwt_client.endpoints.parameters import Parameters
-from rwt_client.endpoints.publisher import Publisher
+from rwt_client.endpoints.publisher import RemotePublisher
 from rwt_client.endpoints.remote_types import RemoteTypes
-from rwt_client.endpoints.services import ServiceHandler, ServiceServer
-from rwt_client.endpoints.subscriptions import Callback, Subscription
-from rwt_client.endpoints.transforms import Transforms
+from rwt_client.endpoints.subscriptions import RemoteSubscription
+from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent
-from rwt_client.robot import AdvertiseKeywords, Robot, SubscribeKeywords
+from rwt_client.robot import Robot
 from rwt_client.rosapi import RosApi
-from rwt_program.goals import Execute, GoalResult, GoalStatus
-from rwt_program.messages import Message, MessageLike
+from rwt_program.blocking import (
+    Blocking,
+    BlockingHandle,
+    BlockingPublisher,
+    BlockingSubscription,
+    BlockingTransforms,
+    BlockingVerbs,
+    holds,
+    waits,
+)
+from rwt_program.errors import WrongThread
 from rwt_protocol.transport import Accept
 
-P = ParamSpec("P")
 T = TypeVar("T")
-Arguments = TypeVarTuple("Arguments")
-S = TypeVar("S")
 
 
-class _Loop:
-    """The event loop in its thread.
+class _PortalThread:
+    """The event loop of a connection in its thread; satisfies :class:`rwt_program.blocking.LoopThread`.
 
     Attributes:
         closed: whether this program has closed the connection, and the loop with it.
@@ -49,22 +52,35 @@ class _Loop:
 
     def __init__(self, portal: BlockingPortal) -> None:
         self._portal = portal
+        self._thread = portal.call(threading.get_ident)
         self.closed = False
 
-    @overload
-    def call(self, function: Callable[[Unpack[Arguments]], Awaitable[T]], *args: *Arguments) -> T: ...
+    @property
+    def here(self) -> bool:
+        """Whether this is its thread."""
+        return threading.get_ident() == self._thread
 
-    @overload
-    def call(self, function: Callable[[Unpack[Arguments]], T], *args: *Arguments) -> T: ...
+    def run(self, function: Callable[[], T]) -> T:
+        """What a plain function returns that is run there; raises ConnectionClosed after the end."""
+        if self.here:
+            return function()
 
-    def call(self, function: Callable[[Unpack[Arguments]], Any], *args: *Arguments) -> Any:
-        """Run a function there and wait for it.
+        async def run() -> T:
+            return function()
+
+        return self.wait(run)
+
+    def wait(self, function: Callable[[], Awaitable[T]]) -> T:
+        """What a coroutine function returns that is run there.
 
         Raises:
+            WrongThread: this is its thread, which would wait for itself.
             ConnectionClosed: the connection was closed before.
         """
+        if self.here:
+            raise WrongThread("a blocking call in a callback would wait for itself: use a coroutine function")
         try:
-            pending = self._portal.start_task_soon(function, *args)
+            pending = self._portal.start_task_soon(function)
         except RuntimeError:
             if not self.closed:
                 raise
@@ -72,195 +88,66 @@ class _Loop:
         return pending.result()
 
 
-class _Face:
-    """Something of an asynchronous robot, for other threads."""
-
-    def __init__(self, portal: _Loop, inner: Any) -> None:
-        self._portal = portal
-        self._inner = inner
-
-
-def _waits(method: Callable[Concatenate[S, P], Awaitable[T]]) -> Callable[Concatenate[_Face, P], T]:
-    """The same method, waited for from another thread."""
-
-    @functools.wraps(method)
-    def wait(self: _Face, /, *args: P.args, **kwargs: P.kwargs) -> T:
-        return self._portal.call(functools.partial(method, self._inner, *args, **kwargs))
-
-    return wait
-
-
-class BlockingApi(_Face):
+class BlockingApi(Blocking[RosApi]):
     """What rosapi answers; see :class:`rwt_client.rosapi.RosApi`."""
 
-    topics = _waits(RosApi.topics)
-    topics_for_type = _waits(RosApi.topics_for_type)
-    topic_type = _waits(RosApi.topic_type)
-    publishers = _waits(RosApi.publishers)
-    subscribers = _waits(RosApi.subscribers)
-    nodes = _waits(RosApi.nodes)
-    node = _waits(RosApi.node)
-    services = _waits(RosApi.services)
-    services_for_type = _waits(RosApi.services_for_type)
-    service_type = _waits(RosApi.service_type)
-    service_node = _waits(RosApi.service_node)
-    service_host = _waits(RosApi.service_host)
-    service_providers = _waits(RosApi.service_providers)
-    action_servers = _waits(RosApi.action_servers)
-    action_type = _waits(RosApi.action_type)
-    interfaces = _waits(RosApi.interfaces)
-    message_details = _waits(RosApi.message_details)
-    service_request_details = _waits(RosApi.service_request_details)
-    service_response_details = _waits(RosApi.service_response_details)
-    action_goal_details = _waits(RosApi.action_goal_details)
-    action_result_details = _waits(RosApi.action_result_details)
-    action_feedback_details = _waits(RosApi.action_feedback_details)
-    time_ns = _waits(RosApi.time_ns)
-    ros_version = _waits(RosApi.ros_version)
+    topics = waits(RosApi.topics)
+    topics_for_type = waits(RosApi.topics_for_type)
+    topic_type = waits(RosApi.topic_type)
+    publishers = waits(RosApi.publishers)
+    subscribers = waits(RosApi.subscribers)
+    nodes = waits(RosApi.nodes)
+    node = waits(RosApi.node)
+    services = waits(RosApi.services)
+    services_for_type = waits(RosApi.services_for_type)
+    service_type = waits(RosApi.service_type)
+    service_node = waits(RosApi.service_node)
+    service_host = waits(RosApi.service_host)
+    service_providers = waits(RosApi.service_providers)
+    action_servers = waits(RosApi.action_servers)
+    action_type = waits(RosApi.action_type)
+    interfaces = waits(RosApi.interfaces)
+    message_details = waits(RosApi.message_details)
+    service_request_details = waits(RosApi.service_request_details)
+    service_response_details = waits(RosApi.service_response_details)
+    action_goal_details = waits(RosApi.action_goal_details)
+    action_result_details = waits(RosApi.action_result_details)
+    action_feedback_details = waits(RosApi.action_feedback_details)
+    time_ns = waits(RosApi.time_ns)
+    ros_version = waits(RosApi.ros_version)
 
 
-class BlockingParameters(_Face):
-    """The parameters of a robot; see :class:`rwt_client.endpoints.parameters.Parameters`."""
+class BlockingClientSubscription(BlockingSubscription):
+    """The messages of a topic; see :class:`rwt_client.endpoints.subscriptions.RemoteSubscription`."""
 
-    get = _waits(Parameters.get)
-    set = _waits(Parameters.set)
-    has = _waits(Parameters.has)
-    delete = _waits(Parameters.delete)
-    names = _waits(Parameters.names)
-
-
-class BlockingTransforms(_Face):
-    """Where the robot's frames are; see :class:`rwt_client.endpoints.transforms.Transforms`."""
-
-    _inner: Transforms
-
-    start = _waits(Transforms.start)
-    start_compact = _waits(Transforms.start_compact)
-    lookup = _waits(Transforms.lookup)
-    lookup_full = _waits(Transforms.lookup_full)
-    can_transform = _waits(Transforms.can_transform)
-
-    def tree(self) -> str:
-        """The frames heard of so far, as indented text."""
-        return self._portal.call(self._inner.buffer.tree)
-
-    def close(self) -> None:
-        """Listen no more."""
-        self._portal.call(self._inner.close)
-
-
-class BlockingSubscription(_Face):
-    """The messages of a topic, as an iterator."""
-
-    _inner: Subscription
-
-    get = _waits(Subscription.get)
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were dropped because nobody took them in time."""
-        return self._inner.dropped
+    _inner: RemoteSubscription
 
     @property
     def received(self) -> int:
         """Messages that have arrived."""
         return self._inner.received
 
-    def close(self) -> None:
-        """Unsubscribe."""
-        self._portal.call(self._inner.close)
-
-    def __enter__(self) -> BlockingSubscription:
-        self._portal.call(self._inner.start)
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
-    def __iter__(self) -> BlockingSubscription:
-        return self
-
-    def __next__(self) -> Message:
+    def __next__(self) -> Any:
         try:
-            return self._portal.call(self._inner.get)
+            return super().__next__()
         except ConnectionClosed:
             raise StopIteration from None
 
 
-class BlockingPublisher(_Face):
-    """Publishes on one topic; see :class:`rwt_client.endpoints.publisher.Publisher`."""
+class BlockingClientPublisher(BlockingPublisher):
+    """Publishes on one topic; see :class:`rwt_client.endpoints.publisher.RemotePublisher`."""
 
-    _inner: Publisher
-
-    drain = _waits(Publisher.drain)
-
-    def publish(self, message: MessageLike) -> None:
-        """Publish one message."""
-        self._portal.call(self._inner.publish, message)
-
-    def close(self) -> None:
-        """Withdraw the advertisement."""
-        self._portal.call(self._inner.close)
-
-    def __enter__(self) -> BlockingPublisher:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+    drain = waits(RemotePublisher.drain)
 
 
-class BlockingGoal(_Face):
-    """A goal that was sent, and an iterator over its feedback."""
+class BlockingRemoteTransforms(BlockingTransforms):
+    """Where the robot's frames are; see :class:`rwt_client.endpoints.transforms.RemoteTransforms`."""
 
-    _inner: Goal
-
-    @property
-    def status(self) -> GoalStatus:
-        """What is known of it so far."""
-        return self._inner.status
-
-    @property
-    def done(self) -> bool:
-        """Whether it has ended."""
-        return self._inner.done
-
-    def result(self, timeout: float | None = None) -> GoalResult:
-        """Wait for the end of the goal; see :meth:`rwt_client.endpoints.goals.Goal.result`."""
-        return self._portal.call(self._inner.result, timeout)
-
-    def cancel(self) -> None:
-        """Ask that the goal end early."""
-        self._portal.call(self._inner.cancel)
-
-    def __iter__(self) -> Iterator[Message]:
-        feedback = self._inner.feedback()
-        while (message := self._portal.call(anext, feedback, None)) is not None:
-            yield message
+    start_compact = waits(RemoteTransforms.start_compact)
 
 
-class BlockingOffer(_Face):
-    """A service or an action that this program offers."""
-
-    _inner: ServiceServer | ActionServer
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-        return self._inner.name
-
-    def close(self) -> None:
-        """Withdraw it."""
-        self._portal.call(self._inner.close)
-
-    def __enter__(self) -> BlockingOffer:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
-
-class BlockingRobot(_Face):
-    """A robot; see :class:`rwt_client.robot.Robot`, whose methods these are.
+class BlockingRobot(BlockingVerbs[Robot]):
+    """A robot over a connection; see :class:`rwt_client.robot.Robot`, whose methods these are.
 
     Attributes:
         api: what rosapi answers.
@@ -268,21 +155,21 @@ class BlockingRobot(_Face):
         tf: where its frames are.
     """
 
-    _inner: Robot
-
-    def __init__(self, portal: _Loop, inner: Robot) -> None:
-        super().__init__(portal, inner)
-        self.api = BlockingApi(portal, inner.api)
-        self.params = BlockingParameters(portal, inner.params)
-        self.tf = BlockingTransforms(portal, inner.tf)
+    def __init__(self, loop: _PortalThread, inner: Robot) -> None:
+        super().__init__(loop, inner)
+        self.api = BlockingApi(loop, inner.api)
+        self.tf = BlockingRemoteTransforms(loop, inner.tf)
         self._close: Callable[[], None] = _nothing
 
-    once = _waits(Robot.once)
-    publish = _waits(Robot.publish)
-    call = _waits(Robot.call)
-    time_ns = _waits(Robot.time_ns)
-    drain = _waits(Robot.drain)
-    wait_connected = _waits(Robot.wait_connected)
+    advertise = holds(Robot.advertise, BlockingClientPublisher)
+    publish = holds(Robot.publish, BlockingClientPublisher)
+    subscribe = holds(Robot.subscribe, BlockingHandle)
+    topic = holds(Robot.topic, BlockingClientSubscription)
+    once = waits(Robot.once)
+    call = waits(Robot.call)
+    advertise_action = holds(Robot.advertise_action, BlockingHandle)
+    drain = waits(Robot.drain)
+    wait_connected = waits(Robot.wait_connected)
 
     @property
     def connected(self) -> bool:
@@ -296,53 +183,12 @@ class BlockingRobot(_Face):
 
     def run(self, function: Callable[..., Awaitable[T]], *args: Any) -> T:
         """Run a coroutine function on the robot's event loop and wait for it."""
-        return self._portal.call(function, *args)
+        return self._loop.wait(partial(function, *args))
 
     def on_event(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
         """Call `callback`, in the robot's thread, with what happens to the connection."""
-        end = self._portal.call(self._inner.on_event, callback)
-        return lambda: self._portal.call(end)
-
-    def topic(
-        self, name: str, type_name: str | None = None, **options: Unpack[SubscribeKeywords]
-    ) -> BlockingSubscription:
-        """The messages of a topic, as an iterator. Nothing is sent before the iteration begins."""
-        make = functools.partial(self._inner.topic, name, type_name, **options)
-        return BlockingSubscription(self._portal, self._portal.call(make))
-
-    def subscribe(
-        self, name: str, type_name: str | None, callback: Callback, **options: Unpack[SubscribeKeywords]
-    ) -> BlockingSubscription:
-        """Call `callback`, in the robot's thread, with each message of a topic."""
-        subscribe = functools.partial(self._inner.subscribe, name, type_name, callback, **options)
-        return BlockingSubscription(self._portal, self._portal.call(subscribe))
-
-    def advertise(self, name: str, type_name: str, **options: Unpack[AdvertiseKeywords]) -> BlockingPublisher:
-        """Advertise a topic; gives what publishes on it."""
-        advertise = functools.partial(self._inner.advertise, name, type_name, **options)
-        return BlockingPublisher(self._portal, self._portal.call(advertise))
-
-    def advertise_service(self, service: str, type_name: str, handler: ServiceHandler) -> BlockingOffer:
-        """Offer a service; the handler runs in the robot's thread."""
-        offered = self._portal.call(self._inner.advertise_service, service, type_name, handler)
-        return BlockingOffer(self._portal, offered)
-
-    def advertise_action(self, action: str, type_name: str, execute: Execute) -> BlockingOffer:
-        """Offer an action; `execute` is a coroutine function and runs on the robot's event loop."""
-        offered = self._portal.call(self._inner.advertise_action, action, type_name, execute)
-        return BlockingOffer(self._portal, offered)
-
-    def send_goal(
-        self,
-        action: str,
-        goal: MessageLike | None = None,
-        type_name: str | None = None,
-        *,
-        on_feedback: Callable[[Any], object] | None = None,
-    ) -> BlockingGoal:
-        """Send a goal to an action."""
-        send = functools.partial(self._inner.send_goal, action, goal, type_name, on_feedback=on_feedback)
-        return BlockingGoal(self._portal, self._portal.call(send))
+        end = self._loop.run(partial(self._inner.on_event, callback))
+        return lambda: self._loop.run(end)
 
     def close(self) -> None:
         """Close the connection, for those who do not use ``with``."""
@@ -353,14 +199,11 @@ class BlockingRobot(_Face):
         """What :meth:`close` does."""
         self._close = close
 
-    def __enter__(self) -> BlockingRobot:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exc: object) -> None:
         self.close()
-
-    def __repr__(self) -> str:
-        return repr(self._inner)
 
 
 def _nothing() -> None:
@@ -381,7 +224,7 @@ def connect(target: str | Accept, **options: Unpack[ConnectKeywords]) -> Blockin
     with ExitStack() as stack:
         portal = stack.enter_context(start_blocking_portal())
         connecting = portal.wrap_async_context_manager(connection.connect(target, **options))
-        loop = _Loop(portal)
+        loop = _PortalThread(portal)
         robot = BlockingRobot(loop, stack.enter_context(connecting))
         everything = stack.pop_all()
 

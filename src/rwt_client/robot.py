@@ -4,37 +4,33 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import msgspec
 
 from rwt_client.endpoints.action_server import ActionServer, ActionServers
-from rwt_client.endpoints.actionlib import ActionlibGoals
-from rwt_client.endpoints.goals import Goal, SentGoals
+from rwt_client.endpoints.actionlib import send_over_topics
+from rwt_client.endpoints.goals import SentGoals
 from rwt_client.endpoints.parameters import Parameters
-from rwt_client.endpoints.publisher import AdvertiseOptions, Publisher
-from rwt_client.endpoints.qos import qos_of
+from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher, wire_qos
 from rwt_client.endpoints.raw_subscription import RawCallback, RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
-from rwt_client.endpoints.services import Calls, ServiceHandler, ServiceServer, ServiceServers
-from rwt_client.endpoints.subscriptions import (
-    Callback,
-    SubscribeOptions,
-    Subscription,
-    SubscriptionTable,
-)
-from rwt_client.endpoints.transforms import Transforms
+from rwt_client.endpoints.services import Calls, ServiceServer, ServiceServers
+from rwt_client.endpoints.subscriptions import RemoteSubscription, SubscribeOptions, SubscriptionTable
+from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent, EventStream
 from rwt_client.rosapi import UNANSWERED, RosApi
 from rwt_client.wire.arrays import ArrayKind
-from rwt_client.wire.future import Outcome
 from rwt_client.wire.session import ReconnectingSession
-from rwt_interfaces import NOETIC, Distro, InterfaceError
+from rwt_interfaces import NOETIC, Distro
 from rwt_interfaces.distro import closest_distro
 from rwt_program.errors import CallTimeout, InvalidMessage, ServiceFailed
-from rwt_program.goals import Execute
-from rwt_program.messages import Message, MessageLike, to_payload
+from rwt_program.future import USUAL, Future, Timeout
+from rwt_program.goals import Execute, Goal
+from rwt_program.messages import Message, MessageCallback, MessageLike, ServiceHandler, to_payload, type_of
+from rwt_program.qos import QoS
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
     ActionFeedback,
@@ -52,6 +48,7 @@ from rwt_protocol.ops import (
 from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
     from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
@@ -60,7 +57,6 @@ IDENTIFY_SECONDS = 3.0
 """How long an answer of rosapi is waited for while connecting."""
 
 _ROSAPI = "/rosapi"
-_DEFAULT: Any = object()
 
 
 class SubscribeKeywords(TypedDict, total=False):
@@ -69,10 +65,10 @@ class SubscribeKeywords(TypedDict, total=False):
     arrays: ArrayKind
     compression: str
     throttle: float
-    queue: int
+    queue_size: int
     queue_bytes: int
     fragment_size: int | None
-    qos: Qos | Mapping[str, object] | None
+    qos: QoS | Qos | None
 
 
 class AdvertiseKeywords(TypedDict, total=False):
@@ -80,7 +76,7 @@ class AdvertiseKeywords(TypedDict, total=False):
 
     latch: bool
     queue_size: int | None
-    qos: Qos | Mapping[str, object] | None
+    qos: QoS | Qos | None
 
 
 class Robot:
@@ -116,12 +112,19 @@ class Robot:
         self._arrays: ArrayKind = arrays
         self._identifying = RosApi(self._ask_briefly)
         self._table = SubscriptionTable(session, self.types, tasks, binary=binary)
-        self.tf = Transforms(self, tasks.start_soon, timeout)
+        self.tf = RemoteTransforms(
+            partial(self.subscribe, compression="none"),
+            self._subscribe_compact,
+            self.call,
+            tasks.start_soon,
+            timeout,
+        )
+        session.events.listen(self.tf.on_event)
         self._calls = Calls(session)
         self._goals = SentGoals(session)
         self._services = ServiceServers()
         self._actions = ActionServers()
-        self._publishers: dict[str, Publisher] = {}
+        self._publishers: dict[str, RemotePublisher] = {}
         session.dispatcher = self._dispatcher()
 
     # -- the connection --------------------------------------------------------------------------------------
@@ -131,12 +134,7 @@ class Robot:
         """Whether there is a connection now."""
         return self._session.connected
 
-    @property
-    def takes_binary(self) -> bool:
-        """Whether the transport can carry CBOR, and the server offers it as far as is known."""
-        return self._table.cbor_offered
-
-    async def wait_connected(self, *, timeout: float | None = _DEFAULT) -> None:
+    async def wait_connected(self, *, timeout: Timeout = USUAL) -> None:
         """Wait until there is a connection, with everything subscribed, advertised and offered on it again.
 
         Raises:
@@ -145,13 +143,13 @@ class Robot:
         """
         if self.connected:
             return
-        connected: Outcome[None] = Outcome()
+        connected: Future[None] = Future()
 
         def look(event: ConnectionEvent) -> None:
             if event.kind in ("connected", "restored"):
-                connected.resolve(None)
+                connected.set(None)
             elif event.kind == "closed":
-                connected.fail(ConnectionClosed(event.text or "the connection was closed"))
+                connected.set(ConnectionClosed(event.text or "the connection was closed"))
 
         end = self.on_event(look)
         try:
@@ -174,100 +172,123 @@ class Robot:
     # -- topics ----------------------------------------------------------------------------------------------
 
     def topic(
-        self, name: str, type_name: str | None = None, **options: Unpack[SubscribeKeywords]
-    ) -> Subscription:
-        """The messages of a topic, as an async iterator. Nothing is sent before the iteration begins.
+        self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
+    ) -> RemoteSubscription:
+        """The messages of a topic from now on, as an async iterator.
 
         Args:
-            name: the topic.
-            type_name: its type; None asks the robot, which must know the topic then.
+            type: None asks the robot, which must know the topic then.
             options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
-        """
-        return Subscription(self._table, name, type_name, self._options(options))
 
-    async def subscribe(
+        Raises:
+            UnknownType: the type is not known; when awaited, or from the iteration.
+            NotFound: no type was given, and there is no such topic; when awaited, or from the iteration.
+        """
+        subscription = RemoteSubscription(self._table, topic, self._options(options), None)
+        return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+
+    def subscribe(
         self,
-        name: str,
-        type_name: str | None,
-        callback: Callback,
+        topic: str,
+        callback: MessageCallback,
+        type: str | None = None,
         **options: Unpack[SubscribeKeywords],
-    ) -> Subscription:
+    ) -> RemoteSubscription:
         """Call `callback` with each message of a topic.
 
         A plain function is called at once and should be quick. A coroutine function is called with one
-        message after the other; while it is busy the newest `queue` messages wait.
+        message after the other; while it is busy the newest `queue_size` messages wait.
 
         Raises:
-            UnknownType: the topic's type is not known.
+            UnknownType: the type is not known; when awaited.
+            NotFound: no type was given, and there is no such topic; when awaited.
         """
-        return await Subscription(self._table, name, type_name, self._options(options), callback).start()
+        subscription = RemoteSubscription(self._table, topic, self._options(options), callback)
+        return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
-    async def subscribe_raw(self, name: str, type_name: str | None, callback: RawCallback) -> RawSubscription:
+    def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> RawSubscription:
         """Call `callback` with each message of a topic as the robot serialises it, and with its stamp.
 
         For programs that keep or pass on messages: nothing is decoded. See
         :class:`~rwt_client.endpoints.raw_subscription.RawSubscription`.
 
         Raises:
-            UnknownType: the topic's type is not known.
+            UnknownType: the type is not known; when awaited.
         """
-        message_type = await self.types.message(type_name or await self.types.of_topic(name))
-        binary = self._table.cbor_offered
-        subscription = RawSubscription(self._session, self.types, name, message_type, callback, binary=binary)
-        subscription.start()
-        return subscription
+        subscription = RawSubscription(self._table, topic, callback)
+        return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
     async def once(
         self,
-        name: str,
-        type_name: str | None = None,
+        topic: str,
+        type: str | None = None,
         *,
-        timeout: float | None = _DEFAULT,
+        timeout: Timeout = USUAL,
         **options: Unpack[SubscribeKeywords],
     ) -> Message:
-        """The next message of a topic.
+        """The next message of a topic, or the one that it keeps for late joiners.
 
         Raises:
             TimedOut: none came in time.
             ServerRefused: the server does not serve the topic so; its text.
-            UnknownType: the topic's type is not known.
+            UnknownType: the type is not known.
+            NotFound: no type was given, and there is no such topic.
         """
-        async with self.topic(name, type_name, **options) as messages:
+        async with self.topic(topic, type, **options) as messages:
             return await messages.get(self._patience(timeout))
 
-    async def advertise(self, name: str, type_name: str, **options: Unpack[AdvertiseKeywords]) -> Publisher:
-        """Advertise a topic; gives what publishes on it.
+    def advertise(self, topic: str, type: str, **options: Unpack[AdvertiseKeywords]) -> RemotePublisher:
+        """Become a publisher of a topic.
 
         Args:
             options: see :class:`~rwt_client.endpoints.publisher.AdvertiseOptions`.
 
         Raises:
-            UnknownType: the type is not known.
+            UnknownType: the type is not known; when awaited, or from what is published.
         """
-        message_type = await self.types.message(type_name)
-        wire_type = self.types.wire_name(message_type.name)
-        qos = qos_of(options.get("qos"))
-        advertised = AdvertiseOptions(options.get("latch", False), options.get("queue_size"), qos)
-        return Publisher(self._session, name, message_type, wire_type, advertised, self._drained)
+        return self._advertise(topic, type, options)
 
-    async def publish(self, name: str, message: MessageLike, type_name: str | None = None) -> None:
+    def _advertise(self, topic: str, type: str | None, options: AdvertiseKeywords) -> RemotePublisher:
+        qos = wire_qos(options.get("qos"))
+        advertised = AdvertiseOptions(options.get("latch", False), options.get("queue_size"), qos)
+        publisher = RemotePublisher(self._session, self.types, topic, advertised, self._drained)
+        return publisher.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+
+    def publish(
+        self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
+    ) -> RemotePublisher:
         """Publish one message; the topic is advertised with the first and stays so.
 
         Args:
-            name: the topic.
             message: an instance of the type's class, a mapping, or a dataclass instance.
-            type_name: the topic's type. None takes that of the instance, or asks the robot.
+            type: the topic's type. None takes that of the instance, or asks the robot.
+            latch: of the first message: keep the last message for late joiners.
 
         Raises:
-            InvalidMessage: the message does not fit the type.
-            UnknownType: the type is not known.
+            InvalidMessage: the message does not fit the type; when awaited, where the robot is asked for it.
+            UnknownType: the type is not known; when awaited.
+            NotFound: no type was given, and there is no such topic; when awaited.
             NotConnected: there is no connection now.
         """
-        publisher = self._publishers.get(name)
+        publisher = self._publishers.get(topic)
         if publisher is None:
-            wanted = type_name or self._type_of(message) or await self.types.of_topic(name)
-            publisher = self._publishers[name] = await self.advertise(name, wanted)
+            wanted = type or type_of(message, self.types.registry)
+            publisher = self._publishers[topic] = self._advertise(topic, wanted, {"latch": latch})
         publisher.publish(message)
+        return publisher
+
+    def _message_type(self, topic: str, type: str | None) -> Callable[[], Awaitable[MessageType]]:
+        """Asks the robot for a type, and first for its name if none is given."""
+
+        async def ask() -> MessageType:
+            return await self.types.message(type or await self.types.of_topic(topic))
+
+        return ask
+
+    def _subscribe_compact(self, topic: str, callback: MessageCallback, type: str, /) -> RemoteSubscription:
+        return self.subscribe(
+            topic, callback, type, compression="cbor" if self._table.cbor_offered else "none"
+        )
 
     # -- services --------------------------------------------------------------------------------------------
 
@@ -275,16 +296,16 @@ class Robot:
         self,
         service: str,
         request: MessageLike | None = None,
-        type_name: str | None = None,
+        type: str | None = None,
         *,
-        timeout: float | None = _DEFAULT,
+        timeout: Timeout = USUAL,
         repeat: bool = False,
     ) -> Message:
         """Call a service.
 
         Args:
             request: an instance, a mapping or a dataclass; None is a request with default values.
-            type_name: the service's type; None asks the robot, once for each service.
+            type: the service's type; None asks the robot, once for each service.
             timeout: seconds; None waits for ever. By default what :func:`rwt_client.connect` was told.
             repeat: wait for a connection where there is none, and call once more when it is lost before the
                 answer. Only for services that may run twice.
@@ -300,27 +321,24 @@ class Robot:
             InvalidMessage: the request does not fit the type, or the response does not.
             UnknownType: the type is not known.
         """
-        service_type = await self.types.service(type_name or await self.types.of_service(service))
+        service_type = await self.types.service(type or await self.types.of_service(service))
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
         answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
-    async def advertise_service(self, service: str, type_name: str, handler: ServiceHandler) -> ServiceServer:
-        """Offer a service.
+    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
+        """Offer a service; a provider of the same name in this program is replaced.
 
         Args:
             handler: takes the request; returns the response, or an awaitable of it. It raises
-                :exc:`~rwt_client.errors.ServiceFailed` to tell the caller why there is none.
+                :exc:`~rwt_program.errors.ServiceFailed` to tell the caller why there is none.
 
         Raises:
-            UnknownType: the type is not known.
+            UnknownType: the type is not known; when awaited.
         """
-        service_type = await self.types.service(type_name)
-        offered = ServiceServer(
-            self._session, service, service_type, self._interface_name(service_type), handler, self._tasks
-        )
-        self._services.add(offered)
-        return offered
+        server = ServiceServer(self._session, service, self._interface_name, handler, self._tasks)
+        self._services.add(server)
+        return server.open(self.types.known_service(type), partial(self.types.service, type), self._tasks)
 
     # -- actions ---------------------------------------------------------------------------------------------
 
@@ -328,15 +346,15 @@ class Robot:
         self,
         action: str,
         goal: MessageLike | None = None,
-        type_name: str | None = None,
+        type: str | None = None,
         *,
-        on_feedback: Callable[[Any], object] | None = None,
+        on_feedback: Callable[[Message], object] | None = None,
     ) -> Goal:
         """Send a goal to an action.
 
         Args:
             goal: an instance, a mapping or a dataclass; None is a goal with default values.
-            type_name: the action's type; None asks the robot.
+            type: the action's type; None asks the robot.
             on_feedback: called with each feedback; without it iterate over the goal.
 
         Raises:
@@ -344,32 +362,29 @@ class Robot:
             UnknownType: the type is not known.
             NotConnected: there is no connection now.
         """
-        action_type = await self.types.action(type_name or await self.types.of_action(action))
+        action_type = await self.types.action(type or await self.types.of_action(action))
         payload = to_payload(action_type.goal, {} if goal is None else goal)
         sent = Goal(action, self._session.next_id("send_action_goal", action), on_feedback)
         if self.types.registry.distro.action_transport == "topics":
-            return await ActionlibGoals(self).send(sent, action_type, payload)
+            return await send_over_topics(self.subscribe, self.advertise, sent, action_type, payload)
         readers = (
             self.types.reader(action_type.feedback, self._arrays),
             self.types.reader(action_type.result, self._arrays),
         )
         return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
 
-    async def advertise_action(self, action: str, type_name: str, execute: Execute) -> ActionServer:
-        """Offer an action (ROS 2).
+    def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
+        """Offer an action (ROS 2); a server of the same name in this program is replaced.
 
         Args:
             execute: works on one goal and returns its result; goals run side by side.
 
         Raises:
-            UnknownType: the type is not known.
+            UnknownType: the type is not known; when awaited.
         """
-        action_type = await self.types.action(type_name)
-        offered = ActionServer(
-            self._session, action, action_type, self._interface_name(action_type), execute, self._tasks
-        )
-        self._actions.add(offered)
-        return offered
+        server = ActionServer(self._session, action, self._interface_name, execute, self._tasks)
+        self._actions.add(server)
+        return server.open(self.types.known_action(type), partial(self.types.action, type), self._tasks)
 
     # -- time ------------------------------------------------------------------------------------------------
 
@@ -454,25 +469,14 @@ class Robot:
             arrays=given.get("arrays", self._arrays),
             compression=given.get("compression", usual.compression),
             throttle=given.get("throttle", usual.throttle),
-            queue=given.get("queue", usual.queue),
+            queue_size=given.get("queue_size", usual.queue_size),
             queue_bytes=given.get("queue_bytes", usual.queue_bytes),
             fragment_size=given.get("fragment_size"),
-            qos=qos_of(given.get("qos")),
+            qos=wire_qos(given.get("qos")),
         )
 
-    def _patience(self, timeout: float | None) -> float | None:
-        return self._timeout if timeout is _DEFAULT else timeout
-
-    def _type_of(self, message: MessageLike) -> str | None:
-        """The type whose class made `message`, None for any other value."""
-        if not isinstance(message, msgspec.Struct):
-            return None
-        name = f"{type(message).__module__}/{type(message).__name__}"
-        try:
-            known = self.types.registry.message(name)
-        except InterfaceError:
-            return None
-        return name if known.struct is type(message) else None
+    def _patience(self, timeout: Timeout) -> float | None:
+        return self._timeout if timeout is USUAL else timeout
 
     def _interface_name(self, interface: Any) -> str:
         """What the server calls a service or action type."""

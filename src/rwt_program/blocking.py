@@ -119,6 +119,11 @@ class BlockingHandle(Blocking[Handle]):
 
     close = runs(Handle.close)
 
+    @property
+    def name(self) -> str:
+        """Of the topic, service or action."""
+        return self._inner.name
+
     def __enter__(self) -> Self:
         return self
 
@@ -216,26 +221,20 @@ class BlockingTransforms(Blocking[Transforms]):
         return self._loop.run(self._inner.buffer.tree)
 
 
-class BlockingRobot(Blocking[Robot], Generic[Robot]):
-    """A robot whose verbs wait; see :class:`~rwt_program.api.RobotApi`, whose verbs these are.
+class BlockingVerbs(Blocking[Robot], Generic[Robot]):
+    """The verbs that are the same for every robot; see :class:`~rwt_program.api.RobotApi`.
+
+    Those that a node or a client has further arguments for are not here: type checkers take a verb's
+    arguments from where it stands first.
 
     Attributes:
         params: the parameters of all nodes.
-        tf: where the frames are.
     """
 
     def __init__(self, loop: LoopThread, inner: Robot) -> None:
         super().__init__(loop, inner)
         self.params = BlockingParameters(loop, inner.params)
-        self.tf = BlockingTransforms(loop, inner.tf)
 
-    advertise = holds(RobotApi.advertise, BlockingPublisher)
-    publish = holds(RobotApi.publish, BlockingPublisher)
-    subscribe = holds(RobotApi.subscribe, BlockingHandle)
-    topic = holds(RobotApi.topic, BlockingSubscription)
-    once = waits(RobotApi.once)
-    call = waits(RobotApi.call)
     advertise_service = holds(RobotApi.advertise_service, BlockingHandle)
-    advertise_action = holds(RobotApi.advertise_action, BlockingHandle)
-    time_ns = waits(RobotApi.time_ns)
     send_goal = gives(RobotApi.send_goal, BlockingGoal)
+    time_ns = waits(RobotApi.time_ns)

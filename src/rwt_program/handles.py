@@ -14,7 +14,12 @@ class Handle(ABC):
 
     It may be used as soon as it is made. It need not be awaited; ``await`` waits until its type is known, and
     raises what is wrong with it.
+
+    Attributes:
+        name: of the topic, service or action.
     """
+
+    name: str
 
     async def ready(self) -> None:  # noqa: B027 - a node's are in use as soon as they are made
         """Wait until it is in use.
@@ -55,13 +60,7 @@ class Handle(ABC):
 
 
 class Publisher(Handle):
-    """Publishes on one topic.
-
-    Attributes:
-        name: the topic.
-    """
-
-    name: str
+    """Publishes on one topic."""
 
     @abstractmethod
     def publish(self, message: MessageLike) -> None:
@@ -77,13 +76,7 @@ class Publisher(Handle):
 
 
 class Subscription(Handle):
-    """The messages of one topic, to iterate over unless they go to a callback.
-
-    Attributes:
-        name: the topic.
-    """
-
-    name: str
+    """The messages of one topic, to iterate over unless they go to a callback."""
 
     @property
     @abstractmethod

@@ -29,8 +29,9 @@ Message: TypeAlias = Any
 #: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.
 MessageCallback: TypeAlias = Callable[[Message], object]
 
-#: A parameter's value: bool, int, float, str, bytes, lists, and on ROS 1 dictionaries and None.
-ParameterValue: TypeAlias = object
+#: A parameter's value: bool, int, float, str, bytes, lists, and on ROS 1 dictionaries and None; which of them
+#: it is, is known when the program runs and not before.
+ParameterValue: TypeAlias = Any
 
 #: Takes the request and gives the response, or an awaitable of it; None stands for a response of defaults.
 ServiceHandler: TypeAlias = Callable[[Message], "MessageLike | Awaitable[MessageLike | None] | None"]

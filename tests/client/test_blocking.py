@@ -43,7 +43,7 @@ def test_publishing_and_callbacks(robot: BlockingRobot) -> None:
         heard.append((message.data, threading.current_thread() is threading.main_thread()))
         came.set()
 
-    subscription = robot.subscribe("/talk", "std_msgs/String", callback)
+    subscription = robot.subscribe("/talk", callback, "std_msgs/String")
     robot.publish("/talk", {"data": "one"}, "std_msgs/String")
     assert came.wait(10)
     came.clear()

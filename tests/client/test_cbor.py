@@ -24,7 +24,7 @@ REGISTRY = Registry(JAZZY)
 
 async def _compression(type_name: str, **options: Any) -> str:
     async with scripted(**options) as (server, robot):
-        await robot.topic("/data", type_name).start()
+        await robot.topic("/data", type_name)
         return str((await server.hears("subscribe")).get("compression", "none"))
 
 
@@ -78,7 +78,7 @@ async def test_refused_it_falls_back_to_json_and_is_not_asked_for_again() -> Non
             assert (first["compression"], second.get("compression", "none")) == ("cbor", "none")
             server.publish("/map", {"data": [0, 100, -1]})
             assert (await maps.get(timeout=5)).data == [0, 100, -1]
-        await robot.topic("/map_2", "nav_msgs/OccupancyGrid").start()
+        await robot.topic("/map_2", "nav_msgs/OccupancyGrid")
         assert "compression" not in await server.hears("subscribe", 3)
 
 

@@ -23,7 +23,7 @@ async def test_messages_come_serialised_and_stamped(distro: str, transport: str)
         here.node.subscribe_samples("/text", on_sample=lambda sample: stamps.append(sample.stamp_ns))
         text = here.node.advertise("/text", "std_msgs/String")
         heard: list[RawMessage] = []
-        subscription = await here.robot.subscribe_raw("/text", None, heard.append)
+        subscription = await here.robot.subscribe_raw("/text", heard.append)
         await here.subscribed("/text")
         await until(lambda: len(here.graph.topic("/text").subscribers) == 2)  # type: ignore[union-attr]  # it is there
         text.publish({"data": "hello"})
@@ -40,7 +40,7 @@ async def test_json_over_a_transport_without_cbor_is_serialised_here_without_a_s
     async with world("tcp") as here:
         text = here.node.advertise("/text", "std_msgs/String")
         heard: list[RawMessage] = []
-        subscription = await here.robot.subscribe_raw("/text", "std_msgs/String", heard.append)
+        subscription = await here.robot.subscribe_raw("/text", heard.append, "std_msgs/String")
         await here.subscribed("/text")
         text.publish({"data": "hello"})
         await until(lambda: heard)

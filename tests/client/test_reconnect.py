@@ -27,7 +27,7 @@ pytestmark = pytest.mark.anyio
 
 async def test_everything_is_said_again_in_the_order_in_which_it_was_said() -> None:
     async with scripted() as (server, robot):
-        await robot.topic("/odom", "nav_msgs/Odometry", throttle=0.1).start()
+        await robot.topic("/odom", "nav_msgs/Odometry", throttle=0.1)
         await robot.advertise("/cmd_vel", "geometry_msgs/Twist", latch=True)
         await robot.advertise_service("/beep", "std_srvs/Trigger", lambda request: {})
         await robot.advertise_action("/count", "example_interfaces/Fibonacci", _never)
@@ -54,7 +54,7 @@ async def test_what_was_closed_is_not_said_again() -> None:
         server.heard.clear()
         server.hang_up()
         await server.hears("set_level")
-        await robot.topic("/last", "std_msgs/String").start()
+        await robot.topic("/last", "std_msgs/String")
         await server.hears("subscribe")
         assert [op["op"] for op in server.heard] == ["set_level", "subscribe"]
         assert server.heard[1]["topic"] == "/last"
@@ -137,7 +137,7 @@ async def test_when_it_is_given_up_everybody_hears_of_it() -> None:
     async with scripted(reconnect=None) as (server, robot):
         events = robot.events()
         messages = robot.topic("/chatter", "std_msgs/String")
-        await messages.start()
+        await messages
         publisher = await robot.advertise("/chatter", "std_msgs/String")
         await server.hears("advertise")
         server.hang_up()
@@ -147,7 +147,7 @@ async def test_when_it_is_given_up_everybody_hears_of_it() -> None:
         with pytest.raises(ConnectionLost, match="not tried again"):
             publisher.publish({"data": "x"})
         with pytest.raises(ConnectionLost, match="not tried again"):
-            await robot.topic("/other", "std_msgs/String").start()
+            await robot.topic("/other", "std_msgs/String")
         assert [event.kind async for event in events] == ["lost", "closed"]
 
 
@@ -215,7 +215,7 @@ async def test_a_server_that_is_started_again_is_found_again() -> None:
         ended = anyio.Event()
         url, first = await tasks.start(_serve, graph, "ws://127.0.0.1:0", ended)
         async with connect(url, reconnect=AT_ONCE, ros_version=2, fetch_types=False) as robot:
-            await robot.subscribe("/chatter", "std_msgs/String", lambda message: heard.append(message.data))
+            await robot.subscribe("/chatter", lambda message: heard.append(message.data), "std_msgs/String")
             await until(lambda: talker.subscriber_count)
             first.cancel()
             await until(lambda: not robot.connected)

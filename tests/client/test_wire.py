@@ -86,6 +86,6 @@ async def test_the_level_of_complaints_is_asked_for_only_if_wanted() -> None:
     async with scripted(status_level="error") as (server, _):
         assert (await server.hears("set_level"))["level"] == "error"
     async with scripted(status_level=None) as (server, robot):
-        await robot.topic("/text", "std_msgs/String").start()
+        await robot.topic("/text", "std_msgs/String")
         await server.hears("subscribe")
         assert server.ops("set_level") == []

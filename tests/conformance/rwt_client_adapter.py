@@ -28,6 +28,7 @@ from rwt_client import (
     ServiceFailed,
     connect,
 )
+from rwt_protocol.ops import Qos
 
 # Commands and messages, which have no types.
 Value = Any
@@ -122,8 +123,10 @@ class Adapter:
             raise Unsupported(f"no compression {options['compression']}")
         if "throttle_rate" in options:
             options["throttle"] = options.pop("throttle_rate") / 1000
+        if "qos" in options:
+            options["qos"] = Qos.model_validate(options["qos"])
         self._made[name] = await self.robot.subscribe(
-            topic, type, lambda message: self._event("message", name, value=message), **options
+            topic, lambda message: self._event("message", name, value=message), type, **options
         )
 
     async def _close_made(self, of: str) -> None:
@@ -133,6 +136,8 @@ class Adapter:
 
     async def advertise(self, topic: str, type: str, **options: Value) -> None:
         name = options.pop("as")
+        if "qos" in options:
+            options["qos"] = Qos.model_validate(options["qos"])
         self._made[name] = await self.robot.advertise(topic, type, **options)
 
     async def publish(self, msg: Value, of: str = "", topic: str = "", type: str = "") -> None:

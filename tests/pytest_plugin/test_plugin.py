@@ -119,7 +119,7 @@ def test_coroutines_on_asyncio_and_trio(suite: Suite) -> None:
                     await topic.until_subscribed()
                     topic.publish({"data": 3})
                     assert (await counts.get(timeout=10)).data == 3
-                await app.publish("/cmd_vel", {"linear": {"x": 0.5}}, "geometry_msgs/Twist")
+                app.publish("/cmd_vel", {"linear": {"x": 0.5}}, "geometry_msgs/Twist")
                 found = await rwt_robot.until_published("/cmd_vel", {"linear": {"x": 0.5}})
                 assert len(found) == 1
             await rwt_robot.until_called("/add", count=1)

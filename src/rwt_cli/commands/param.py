@@ -20,7 +20,7 @@ from rwt_protocol.spelling import nearest
 if TYPE_CHECKING:
     from rwt_cli.console.yaml_text import YamlValue
     from rwt_client import Robot
-    from rwt_client.endpoints.parameters import ParameterValue
+    from rwt_program.messages import ParameterValue
 
 PARAMETERS: Final = "ros__parameters"
 """What stands between a node and its parameters in the files of ROS 2."""
@@ -75,7 +75,7 @@ def _addressed(robot: Robot, words: list[str]) -> str:
     return absolute_name(words[0])
 
 
-async def _get_value(robot: Robot, name: str) -> ParameterValue:
+async def _get_value(robot: Robot, name: str) -> YamlValue:
     from rwt_client import NotFound
 
     try:

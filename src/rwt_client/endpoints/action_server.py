@@ -7,8 +7,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
+from rwt_client.endpoints.remote_handle import RemoteHandle
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
+from rwt_interfaces.structs import ActionType
 from rwt_program.errors import GoalAborted, GoalCanceled, InvalidMessage, RobotError, ServiceFailed
 from rwt_program.goals import Execute, GoalStatus, ReceivedGoal
 from rwt_program.messages import MessageLike, to_payload
@@ -24,7 +26,6 @@ from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import ReconnectingSession
-    from rwt_interfaces.structs import ActionType
     from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
@@ -32,30 +33,35 @@ logger = logging.getLogger("rwt_client")
 EXECUTE_FAILED = "the action failed; its program's log says why"
 
 
-class ActionServer:
+class ActionServer(RemoteHandle[ActionType]):
     """An action that this program offers, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
         self,
         session: ReconnectingSession,
         name: str,
-        action_type: ActionType,
-        wire_type: str,
+        wire_name: Callable[[ActionType], str],
         execute: Execute,
         tasks: TaskStarter,
     ) -> None:
-        self.name = name
-        self.type = action_type
-        self.id = session.next_id("advertise_action", name)
-        self._session = session
-        self._wire_type = wire_type
+        super().__init__(session, "advertise_action", name)
+        self._wire_name = wire_name
         self._execute = execute
-        self._tasks = tasks
         self._goals: dict[str | int | None, ReceivedGoal] = {}
+        self._tasks = tasks
         self._on_close: Callable[[], None] | None = None
-        session.add(self.id, self)
-        if session.connected:
-            self.restore()
+
+    @property
+    def closed(self) -> bool:
+        """Whether this program has closed it."""
+        return self._on_close is None
+
+    def take_type(self, type: ActionType) -> None:
+        """Nothing more depends on the type."""
+
+    def fail(self, error: RobotError) -> None:
+        """It is not offered, because of `error`."""
+        self.close()
 
     def close(self) -> None:
         """Withdraw the action; goals that run are asked to end. A second call does nothing."""
@@ -64,13 +70,8 @@ class ActionServer:
             on_close()
             self._cancel_all()
             self._session.remove(self.id)
-            self._session.send_if_connected(UnadvertiseAction(action=self.name, id=self.id))
-
-    def __enter__(self) -> ActionServer:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+            if self._type is not None:
+                self._session.send_if_connected(UnadvertiseAction(action=self.name, id=self.id))
 
     def when_closed(self, callback: Callable[[], None]) -> None:
         """Call `callback` when it is withdrawn."""
@@ -78,7 +79,7 @@ class ActionServer:
 
     def restore(self) -> None:
         """Advertise on a new connection."""
-        self._session.send(AdvertiseAction(type=self._wire_type, action=self.name, id=self.id))
+        self._session.send(AdvertiseAction(type=self._wire_name(self.type), action=self.name, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """Nobody hears of the goals any more, so they are asked to end (ACT-19)."""

@@ -5,18 +5,18 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Final
 
-from rwt_client.endpoints.goals import Goal
 from rwt_interfaces import NOETIC
 from rwt_program.errors import GoalRejected
-from rwt_program.goals import GoalResult, GoalStatus
+from rwt_program.goals import Goal, GoalResult, GoalStatus
 from rwt_program.messages import Message
 
 if TYPE_CHECKING:
-    from rwt_client.endpoints.publisher import Publisher
-    from rwt_client.endpoints.subscriptions import Subscription
-    from rwt_client.robot import Robot
+    from collections.abc import Callable
+
     from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType
+    from rwt_program.handles import Handle, Publisher
+    from rwt_program.transforms import Subscribe
 
 PREEMPTED, SUCCEEDED, ABORTED, REJECTED = 2, 3, 4, 5
 """States of ``actionlib_msgs/GoalStatus``, whose numbers are not those of ROS 2 (ALB-08)."""
@@ -30,34 +30,33 @@ _ENDED: Final = {
 _ACTIVE: Final = 1
 
 
-class ActionlibGoals:
-    """Sends goals to the actions of one robot."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-
-    async def send(self, goal: Goal, action_type: ActionType, payload: Payload) -> Goal:
-        """Send a goal, once its feedback and result can be heard."""
-        name, robot = goal.action, self._robot
-        sent = _ActionlibGoal(goal)
-        goal.channel = sent
-        sent.topics = [
-            await robot.subscribe(f"{name}/feedback", f"{action_type.name}ActionFeedback", sent.on_feedback),
-            await robot.subscribe(f"{name}/result", f"{action_type.name}ActionResult", sent.on_result),
-        ]
-        sent.cancel = await robot.advertise(f"{name}/cancel", "actionlib_msgs/GoalID")
-        publisher = await robot.advertise(f"{name}/goal", f"{action_type.name}ActionGoal")
-        sent.goals = publisher
-        publisher.publish({"goal_id": {"id": goal.id, "stamp": _now()}, "goal": payload.value()})
-        return goal
+async def send_over_topics(
+    subscribe: Subscribe,
+    advertise: Callable[[str, str], Publisher],
+    goal: Goal,
+    action_type: ActionType,
+    payload: Payload,
+) -> Goal:
+    """Send a goal, once its feedback and result can be heard."""
+    name = goal.action
+    sent = _ActionlibGoal(goal)
+    goal.channel = sent
+    sent.topics = [
+        await subscribe(f"{name}/feedback", sent.on_feedback, f"{action_type.name}ActionFeedback"),
+        await subscribe(f"{name}/result", sent.on_result, f"{action_type.name}ActionResult"),
+    ]
+    sent.cancel = await advertise(f"{name}/cancel", "actionlib_msgs/GoalID")
+    sent.goals = await advertise(f"{name}/goal", f"{action_type.name}ActionGoal")
+    sent.goals.publish({"goal_id": {"id": goal.id, "stamp": _now()}, "goal": payload.value()})
+    return goal
 
 
 class _ActionlibGoal:
-    """One goal; satisfies :class:`rwt_client.endpoints.goals.GoalChannel`."""
+    """One goal; satisfies :class:`rwt_program.goals.GoalChannel`."""
 
     def __init__(self, goal: Goal) -> None:
         self._goal = goal
-        self.topics: list[Subscription] = []
+        self.topics: list[Handle] = []
         self.cancel: Publisher | None = None
         self.goals: Publisher | None = None
 

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
-from collections.abc import AsyncIterator, Callable
-from typing import TYPE_CHECKING, Any, Protocol
-
-import anyio
+from typing import TYPE_CHECKING
 
 from rwt_client.endpoints.services import call_error, failure_text
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import MessageReader
-from rwt_client.wire.future import Outcome
 from rwt_program.errors import CallFailed, GoalRejected, InvalidMessage
-from rwt_program.goals import GoalResult, GoalStatus
-from rwt_program.messages import Message
+from rwt_program.goals import Goal, GoalResult, GoalStatus
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
 from rwt_protocol.payloads import RawJson
 
@@ -24,119 +18,9 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("rwt_client")
 
-_FEEDBACK_KEPT = 1000
-
-
-class GoalChannel(Protocol):
-    """How a goal's wishes reach its action."""
-
-    def send_cancel(self) -> None:
-        """Ask that the goal end early."""
-
-    def forget(self) -> None:
-        """Nothing more is wanted of this goal."""
-
-
-class Goal:
-    """A goal that was sent: its feedback, its result, and how to cancel it.
-
-    Attributes:
-        action: the action's name.
-        id: the goal's id on the wire.
-        status: what is known of it so far.
-    """
-
-    def __init__(self, action: str, id: str, on_feedback: Callable[[Any], object] | None) -> None:
-        self.action = action
-        self.id = id
-        self.status = GoalStatus.ACCEPTED
-        self.channel: GoalChannel | None = None
-        self._on_feedback = on_feedback
-        self._feedback: deque[Message] = deque(maxlen=_FEEDBACK_KEPT)
-        self._awake = anyio.Event()
-        self._outcome: Outcome[GoalResult] = Outcome()
-
-    @property
-    def done(self) -> bool:
-        """Whether it has ended."""
-        return self._outcome.done
-
-    async def result(self, timeout: float | None = None) -> GoalResult:
-        """Wait for the end of the goal.
-
-        Args:
-            timeout: seconds; None waits for ever. The goal goes on when they are over.
-
-        Raises:
-            CallFailed: the action did not run it: GoalRejected, ProviderNotFound; the server's text.
-            CallTimeout: it has not ended in time.
-            ConnectionLost: the connection was lost first. The goal may go on, unheard.
-        """
-        return await self._outcome.get(timeout, f"the goal of {self.action} has not ended")
-
-    async def feedback(self) -> AsyncIterator[Message]:
-        """The feedback, until the goal ends.
-
-        Raises:
-            CallFailed: the action did not run it.
-            ConnectionLost: the connection was lost first.
-        """
-        while True:
-            while self._feedback:
-                yield self._feedback.popleft()
-            if self._outcome.done:
-                await self._outcome.get(None, "")
-                return
-            self._awake = anyio.Event()
-            await self._awake.wait()
-
-    def __aiter__(self) -> AsyncIterator[Message]:
-        return self.feedback()
-
-    def cancel(self) -> None:
-        """Ask that the goal end early; how it ends is its result (ACT-08).
-
-        Raises:
-            NotConnected: there is no connection now.
-        """
-        if not self.done and self.channel is not None:
-            self.channel.send_cancel()
-            self.status = GoalStatus.CANCELING
-
-    def __repr__(self) -> str:
-        return f"<Goal {self.id} {self.status.name}>"
-
-    # -- what the action says --------------------------------------------------------------------------------
-
-    def take_feedback(self, message: Message) -> None:
-        """How far it has come."""
-        if self.done:
-            return
-        if self.status is GoalStatus.ACCEPTED:
-            self.status = GoalStatus.EXECUTING
-        if self._on_feedback is None:
-            self._feedback.append(message)
-            self._awake.set()
-            return
-        try:
-            self._on_feedback(message)
-        except Exception:
-            logger.exception("the feedback callback for %s failed", self.action)
-
-    def end(self, outcome: GoalResult | Exception) -> None:
-        """It has ended, or nothing more can be heard of it."""
-        if isinstance(outcome, GoalResult):
-            self.status = outcome.status
-            self._outcome.resolve(outcome)
-        else:
-            self._outcome.fail(outcome)
-        self._awake.set()
-        if self.channel is not None:
-            self.channel.forget()
-
 
 class SentGoal:
-    """A goal of ROS 2's kind on its way; satisfies :class:`GoalChannel`."""
+    """A goal of ROS 2's kind on its way; satisfies :class:`rwt_program.goals.GoalChannel`."""
 
     def __init__(self, goals: SentGoals, goal: Goal, feedback: MessageReader, result: MessageReader) -> None:
         self.goal = goal

@@ -6,11 +6,10 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from rwt_program.errors import NotFound, ParameterRejected, RobotError, ServiceFailed
+from rwt_program.messages import ParameterValue
 
 if TYPE_CHECKING:
     from rwt_client.rosapi import Ask
-
-ParameterValue = bool | int | float | str | list[Any] | dict[str, Any] | None
 
 
 class Parameters:

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import logging
+from collections import deque
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
+from rwt_client.endpoints.remote_handle import RemoteHandle
+from rwt_client.errors import ConnectionLost, ServerRefused
+from rwt_interfaces.structs import MessageType
+from rwt_program.errors import HandleClosed, InvalidMessage, RobotError
+from rwt_program.handles import Publisher
 from rwt_program.messages import MessageLike, to_payload
+from rwt_program.qos import QoS
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.ops import Advertise, Qos, Unadvertise
 from rwt_protocol.transport import DropReason, Flow
 
 if TYPE_CHECKING:
+    from rwt_client.endpoints.remote_types import RemoteTypes
     from rwt_client.wire.session import ReconnectingSession
-    from rwt_interfaces.structs import MessageType
+
+
+logger = logging.getLogger("rwt_client")
+
+_EARLY_KEPT: Final = 100
+"""Messages that wait while the robot is asked for the topic's type; of more the newest stay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,40 +45,51 @@ class AdvertiseOptions:
     qos: Qos | None = None
 
 
-class Publisher:
+def wire_qos(qos: QoS | Qos | None) -> Qos | None:
+    """Quality of service as the wire has it; a model of the wire, which may leave policies open, stays."""
+    if not isinstance(qos, QoS):
+        return qos
+    return Qos(
+        history=qos.history.value,
+        depth=qos.depth,
+        reliability=qos.reliability.value,
+        durability=qos.durability.value,
+        deadline=qos.deadline,
+        lifespan=qos.lifespan,
+    )
+
+
+class RemotePublisher(RemoteHandle[MessageType], Publisher):
     """Publishes on one topic until :meth:`close`; advertised again after a reconnection.
 
     Attributes:
-        name: the topic.
-        type: its type.
         sent: messages published so far.
-        dropped: those of them that were dropped because the network was too slow.
+        dropped: those of them that were dropped because the network was too slow, or that came before the
+            robot had said what the topic's type is.
     """
+
+    _message_type: MessageType
+    _wire_type: str
 
     def __init__(
         self,
         session: ReconnectingSession,
+        types: RemoteTypes,
         name: str,
-        message_type: MessageType,
-        wire_type: str,
         options: AdvertiseOptions,
         drained: Callable[[], Awaitable[None]],
     ) -> None:
-        self.name = name
-        self.type = message_type
+        super().__init__(session, "advertise", name)
         self.sent = 0
         self.dropped = 0
-        self._session = session
-        self._wire_type = wire_type
+        self._types = types
         self._options = options
         self._drained = drained
-        self._id = session.next_id("advertise", name)
         self._prefix = publish_prefix(name)
         self._flow: Flow | None = None
-        self._error: Exception | None = None
-        session.add(self._id, self)
-        if session.connected:
-            self.restore()
+        self._error: RobotError | None = None
+        self._early: deque[MessageLike] = deque()
+        self._invalid: InvalidMessage | None = None
 
     def publish(self, message: MessageLike) -> None:
         """Publish one message. Does not wait: where the network is slower, the oldest that wait are dropped.
@@ -75,17 +99,38 @@ class Publisher:
                 dataclass does not have gets its default; a header without a stamp gets the time now.
 
         Raises:
-            InvalidMessage: it does not fit the type.
+            InvalidMessage: it does not fit the type; when awaited, where the robot is still asked for it.
             ServerRefused: the server has refused the advertisement; its text.
             NotConnected: there is no connection now.
-            ConnectionClosed: this publisher, or the connection, was closed.
+            HandleClosed: this publisher was closed.
+            ConnectionClosed: the connection was closed.
         """
         if self._error is not None:
             raise self._error
         if self._flow is None:
-            raise self._session.not_connected()
-        self._flow.send(publish_frame(self._prefix, to_payload(self.type, message).json()))
+            self._publish_early(message)
+            return
+        self._flow.send(publish_frame(self._prefix, to_payload(self._message_type, message).json()))
         self.sent += 1
+
+    def _publish_early(self, message: MessageLike) -> None:
+        if self._type is not None:
+            raise self._session.not_connected()
+        if len(self._early) == _EARLY_KEPT:
+            self._early.popleft()
+            self.dropped += 1
+        self._early.append(message)
+
+    async def ready(self) -> None:
+        """Wait until the type is known and what was published before has been sent; see :class:`Handle`.
+
+        Raises:
+            InvalidMessage: something that was published before does not fit the type.
+        """
+        await super().ready()
+        invalid, self._invalid = self._invalid, None
+        if invalid is not None:
+            raise invalid
 
     async def drain(self) -> None:
         """Wait until the network has taken everything that was published, to publish no faster than it."""
@@ -93,21 +138,35 @@ class Publisher:
 
     def close(self) -> None:
         """Withdraw the advertisement; a second call does nothing."""
-        if self._error is None or not isinstance(self._error, ConnectionClosed):
-            self._error = ConnectionClosed(f"the publisher on {self.name} was closed")
-            self._session.remove(self._id)
-            self._session.send_if_connected(Unadvertise(topic=self.name, id=self._id))
+        if not self.closed:
+            self._error = HandleClosed(f"the publisher on {self.name} was closed")
+            self._session.remove(self.id)
+            if self._type is not None:
+                self._session.send_if_connected(Unadvertise(topic=self.name, id=self.id))
 
-    def __enter__(self) -> Publisher:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+    @property
+    def closed(self) -> bool:
+        """Whether this program has closed it."""
+        return isinstance(self._error, HandleClosed)
 
     def __repr__(self) -> str:
-        return f"<Publisher {self.name} {self.type.name}>"
+        return f"<Publisher {self.name}>"
 
     # -- what the session says -------------------------------------------------------------------------------
+
+    def take_type(self, type: MessageType) -> None:
+        """Note what messages are checked by."""
+        self._message_type = type
+        self._wire_type = self._types.wire_name(type.name)
+
+    def opened(self) -> None:
+        """Send what was published before the type was known."""
+        while self._early and self._flow is not None:
+            try:
+                self.publish(self._early.popleft())
+            except InvalidMessage as error:
+                self._invalid = self._invalid or error
+                logger.warning("a message for %s was not published: %s", self.name, error)
 
     def restore(self) -> None:
         """Advertise on a new connection."""
@@ -119,18 +178,22 @@ class Publisher:
             given["queue_size"] = options.queue_size
         if options.qos is not None:
             given["qos"] = options.qos
-        self._session.send(Advertise(topic=self.name, type=self._wire_type, id=self._id, **given))
+        self._session.send(Advertise(topic=self.name, type=self._wire_type, id=self.id, **given))
         self._flow = self._session.flow(self.name, self._on_drop)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """A gap, of which :meth:`publish` tells, or the end."""
         self._flow = None
         if final:
-            self._error = error
+            self.fail(error)
 
     def refused(self, text: str) -> None:
         """The server does not take it."""
-        self._error = ServerRefused(text)
+        self.fail(ServerRefused(text))
+
+    def fail(self, error: RobotError) -> None:
+        """Nothing can be published any more, because of `error`."""
+        self._error = error
 
     def _on_drop(self, reason: DropReason) -> None:
         self.dropped += 1

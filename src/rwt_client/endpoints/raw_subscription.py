@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
-from rwt_client.errors import ClientError, ConnectionLost, ServerRefused
+from rwt_client.endpoints.remote_handle import RemoteHandle
+from rwt_client.errors import ConnectionLost, ServerRefused
+from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
-from rwt_program.errors import InvalidMessage
+from rwt_program.errors import InvalidMessage, RobotError
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
-    from rwt_client.endpoints.remote_types import RemoteTypes
-    from rwt_client.wire.decoding import UnparsedMessage
-    from rwt_client.wire.session import ReconnectingSession
-    from rwt_interfaces.structs import MessageType
+    from rwt_client.endpoints.subscriptions import SubscriptionTable
+    from rwt_client.wire.decoding import MessageReader, UnparsedMessage
+    from rwt_program.messages import Message
 
 logger = logging.getLogger("rwt_client")
 
@@ -42,65 +43,54 @@ class RawMessage(Struct, frozen=True, gc=False):
 RawCallback = Callable[[RawMessage], object]
 
 
-class RawSubscription:
+class RawSubscription(RemoteHandle[MessageType]):
     """The messages of one topic, serialised (`cbor-raw`, CBR-10 to CBR-12).
 
     From a server that does not offer this, messages come in JSON and are serialised here, without a stamp.
     A connection that is lost and comes back is only a gap. A topic that is subscribed to in this way cannot
     be subscribed to otherwise by the same client: a server sends a topic to a client in one encoding.
 
-    Args:
-        binary: whether the transport can carry CBOR (TCP-05).
-
     Attributes:
-        name: the topic.
-        type: its type.
         received: messages that have arrived.
         misfits: messages that could not be read; each is logged.
         error: why nothing more comes; None while all is well.
     """
 
-    def __init__(
-        self,
-        session: ReconnectingSession,
-        types: RemoteTypes,
-        name: str,
-        message_type: MessageType,
-        callback: RawCallback,
-        *,
-        binary: bool,
-    ) -> None:
-        self.name = name
-        self.type = message_type
+    _reader: MessageReader
+    _serialise: Callable[[Message], bytes]
+
+    def __init__(self, table: SubscriptionTable, name: str, callback: RawCallback) -> None:
+        super().__init__(table.session, "subscribe", name)
         self.received = 0
         self.misfits = 0
-        self.error: ClientError | None = None
+        self.error: RobotError | None = None
         self._closed = False
-        self._session = session
         self._callback = callback
-        self._id = session.next_id("subscribe", name)
-        self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if binary else "none"
-        self._wire_type = types.wire_name(message_type.name)
-        self._reader = types.reader(message_type)
-        self._serialise = message_type.serialise
+        self._types = table.types
+        self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if table.cbor_offered else "none"
 
-    def start(self) -> None:
-        """Subscribe. Raises ConnectionLost when there will be no connection any more."""
-        self._session.add(self._id, self)
+    @property
+    def closed(self) -> bool:
+        """Whether this program has closed it."""
+        return self._closed
+
+    def take_type(self, type: MessageType) -> None:
+        """Get ready to hear messages of that type."""
+        self._reader = self._types.reader(type)
+        self._serialise = type.serialise
         self._session.listen(self.name, self)
         self._session.raw_topics += 1
-        if self._session.connected:
-            self.restore()
 
     def close(self) -> None:
         """Unsubscribe. May be called twice."""
         if self._closed:
             return
         self._closed = True
-        self._session.raw_topics -= 1
-        self._session.remove(self._id)
-        self._session.listen(self.name, None)
-        self._session.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
+        if self._type is not None:
+            self._session.raw_topics -= 1
+            self._session.remove(self.id)
+            self._session.listen(self.name, None)
+            self._session.send_if_connected(Unsubscribe(topic=self.name, id=self.id))
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         """One message has arrived; satisfies :class:`rwt_client.wire.session.Destination`."""
@@ -128,8 +118,8 @@ class RawSubscription:
         self._session.send(
             Subscribe(
                 topic=self.name,
-                type=self._wire_type,
-                id=self._id,
+                type=self._types.wire_name(self.type.name),
+                id=self.id,
                 compression=self._compression,
                 qos=_EVERYTHING,
             )
@@ -138,7 +128,7 @@ class RawSubscription:
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """A gap, or the end."""
         if final:
-            self.error = error
+            self.fail(error)
 
     def refused(self, text: str) -> None:
         """The server does not serve it so; in JSON perhaps."""
@@ -146,8 +136,12 @@ class RawSubscription:
             self._compression = "none"
             self.restore()
         else:
-            self.error = ServerRefused(text)
+            self.fail(ServerRefused(text))
             logger.warning("the subscription to %s was refused: %s", self.name, text)
+
+    def fail(self, error: RobotError) -> None:
+        """No message comes any more, because of `error`."""
+        self.error = error
 
 
 __all__ = ["RawCallback", "RawMessage", "RawSubscription"]

@@ -109,6 +109,18 @@ class RemoteTypes:
         """The definition of a known message and of all it contains, as one text (API-06)."""
         return self._registry.full_text(self._registry.message(name))
 
+    def known_message(self, name: str | None) -> MessageType | None:
+        """The message type of that name, if it need not be asked for."""
+        return None if name is None else _found(self._registry.message, name)
+
+    def known_service(self, name: str) -> ServiceType | None:
+        """The service type of that name, if it need not be asked for."""
+        return _found(self._registry.service, name)
+
+    def known_action(self, name: str) -> ActionType | None:
+        """The action type of that name, if it need not be asked for."""
+        return _found(self._registry.action, name)
+
     async def message(self, name: str) -> MessageType:
         """The message type of that name; raises UnknownType."""
         return await self._known(name, self._registry.message, lambda: self._fetch_message(name))
@@ -220,6 +232,13 @@ class RemoteTypes:
             known = None
         if known is None or known.strip() != text.strip():
             self._registry.add_text(text, name)
+
+
+def _found(find: Callable[[str], T], name: str) -> T | None:
+    try:
+        return find(name)
+    except (UnknownType, InvalidName):
+        return None
 
 
 def _texts(typedefs: Any) -> dict[str, str]:

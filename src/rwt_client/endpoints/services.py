@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from rwt_client.endpoints.remote_handle import RemoteHandle
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
-from rwt_client.wire.future import Outcome
+from rwt_interfaces.structs import ServiceType
 from rwt_program.errors import (
     CallFailed,
     CallTimeout,
@@ -20,19 +21,16 @@ from rwt_program.errors import (
     RobotError,
     ServiceFailed,
 )
-from rwt_program.messages import to_payload
+from rwt_program.future import Future
+from rwt_program.messages import ServiceHandler, to_payload
 from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import ReconnectingSession
-    from rwt_interfaces.structs import ServiceType
     from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
-
-ServiceHandler = Callable[[Any], Any]
-"""Takes a request; returns the response as an instance, a mapping or a dataclass, or an awaitable of it."""
 
 _TIMEOUT = "Timeout exceeded while waiting for service response"
 
@@ -48,7 +46,7 @@ class PendingCall:
 
     def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
         self.id = calls.session.next_id("call_service", service)
-        self.outcome: Outcome[Encodable] = Outcome()
+        self.outcome: Future[Encodable] = Future()
         self._calls = calls
         self._service = service
         self._args = args
@@ -62,11 +60,11 @@ class PendingCall:
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """It fails, unless it may be sent once more."""
         if final or not self._repeat:
-            self.outcome.fail(type(error)(f"{error}, before {self._service} answered"))
+            self.outcome.set(type(error)(f"{error}, before {self._service} answered"))
 
     def refused(self, text: str) -> None:
         """The server complains instead of answering."""
-        self.outcome.fail(call_error(text, self._service))
+        self.outcome.set(call_error(text, self._service))
 
 
 class Calls:
@@ -112,10 +110,10 @@ class Calls:
         if call is None:
             logger.debug("an answer of %s comes too late or was not asked for", op.service)
         elif op.result:
-            call.outcome.resolve(RawJson(b"{}") if isinstance(op.values, str) else op.values)
+            call.outcome.set(RawJson(b"{}") if isinstance(op.values, str) else op.values)
         else:
             text = failure_text(op.values, f"{op.service} failed and gave no reason")
-            call.outcome.fail(call_error(text, op.service))
+            call.outcome.set(call_error(text, op.service))
 
 
 def call_error(text: str, name: str, otherwise: type[CallFailed] = ServiceFailed) -> CallFailed:
@@ -137,29 +135,34 @@ def failure_text(values: Encodable | str, otherwise: str) -> str:
     return otherwise if text in ("", "{}", "null") else text
 
 
-class ServiceServer:
+class ServiceServer(RemoteHandle[ServiceType]):
     """A service that this program offers, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
         self,
         session: ReconnectingSession,
         name: str,
-        service_type: ServiceType,
-        wire_type: str,
+        wire_name: Callable[[ServiceType], str],
         handler: ServiceHandler,
         tasks: TaskStarter,
     ) -> None:
-        self.name = name
-        self.type = service_type
-        self.id = session.next_id("advertise_service", name)
-        self._session = session
-        self._wire_type = wire_type
+        super().__init__(session, "advertise_service", name)
+        self._wire_name = wire_name
         self._handler = handler
         self._tasks = tasks
         self._on_close: Callable[[], None] | None = None
-        session.add(self.id, self)
-        if session.connected:
-            self.restore()
+
+    @property
+    def closed(self) -> bool:
+        """Whether this program has closed it."""
+        return self._on_close is None
+
+    def take_type(self, type: ServiceType) -> None:
+        """Nothing more depends on the type."""
+
+    def fail(self, error: RobotError) -> None:
+        """It is not offered, because of `error`."""
+        self.close()
 
     def close(self) -> None:
         """Withdraw the service; a second call does nothing."""
@@ -167,13 +170,8 @@ class ServiceServer:
         if on_close is not None:
             on_close()
             self._session.remove(self.id)
-            self._session.send_if_connected(UnadvertiseService(service=self.name, id=self.id))
-
-    def __enter__(self) -> ServiceServer:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+            if self._type is not None:
+                self._session.send_if_connected(UnadvertiseService(service=self.name, id=self.id))
 
     def when_closed(self, callback: Callable[[], None]) -> None:
         """Call `callback` when it is withdrawn."""
@@ -181,7 +179,7 @@ class ServiceServer:
 
     def restore(self) -> None:
         """Advertise on a new connection."""
-        self._session.send(AdvertiseService(type=self._wire_type, service=self.name, id=self.id))
+        self._session.send(AdvertiseService(type=self._wire_name(self.type), service=self.name, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """Nothing: who called has heard of it from the server."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 from collections import deque
 from collections.abc import Awaitable, Callable
@@ -11,26 +10,26 @@ from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 
-from rwt_client.errors import ClientError, ConnectionClosed, ConnectionLost, ServerRefused
+from rwt_client.endpoints.remote_handle import RemoteHandle
+from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
 from rwt_client.wire.decoding import MessageReader, UnparsedMessage
-from rwt_program.errors import InvalidMessage, TimedOut
-from rwt_program.messages import Message
+from rwt_interfaces.structs import MessageType
+from rwt_program.errors import HandleClosed, InvalidMessage, RobotError, TimedOut
+from rwt_program.handles import Subscription
+from rwt_program.messages import Message, MessageCallback, is_coroutine_function
 from rwt_protocol.codecs import SELECTABLE
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
     from rwt_client.endpoints.remote_types import RemoteTypes
     from rwt_client.wire.session import ReconnectingSession
-    from rwt_interfaces.structs import MessageType
     from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
 COMPRESSIONS: Final = ("auto", *(encoding.name for encoding in SELECTABLE if not encoding.raw))
 """What a subscription can ask for."""
-Callback = Callable[[Any], object]
-"""Takes one message; a plain function, or a coroutine function, which gets one after the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +41,7 @@ class SubscribeOptions:
         compression: one of :data:`COMPRESSIONS`; ``auto`` asks for CBOR where a message has big arrays and
             the server offers it.
         throttle: least seconds between two messages, kept by the server; 0 for every message.
-        queue: messages that wait for an iterator or an asynchronous callback; of more the newest stay.
+        queue_size: messages that wait for an iterator or an asynchronous callback; of more the newest stay.
         queue_bytes: the same bound in bytes; the newest message stays however big it is.
         fragment_size: ask the server to split what is longer than this many characters.
         qos: quality of service, where the server speaks ROS 2.
@@ -54,7 +53,7 @@ class SubscribeOptions:
     arrays: ArrayKind = "list"
     compression: str = "auto"
     throttle: float = 0.0
-    queue: int = 1000
+    queue_size: int = 1000
     queue_bytes: int = 64 * 1024 * 1024
     fragment_size: int | None = None
     qos: Qos | None = None
@@ -72,7 +71,7 @@ class TopicSubscriptions:
     __slots__ = ("subscriptions",)
 
     def __init__(self) -> None:
-        self.subscriptions: tuple[Subscription, ...] = ()
+        self.subscriptions: tuple[RemoteSubscription, ...] = ()
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         """Pass one message to every subscription."""
@@ -98,13 +97,13 @@ class SubscriptionTable:
         self.cbor_offered = binary
         self._topics: dict[str, TopicSubscriptions] = {}
 
-    def add(self, subscription: Subscription) -> None:
+    def add(self, subscription: RemoteSubscription) -> None:
         """Pass the messages of its topic to a subscription."""
         topic = self._topics.setdefault(subscription.name, TopicSubscriptions())
         topic.subscriptions = (*topic.subscriptions, subscription)
         self.session.listen(subscription.name, topic)
 
-    def remove(self, subscription: Subscription) -> None:
+    def remove(self, subscription: RemoteSubscription) -> None:
         """Pass nothing more to a subscription."""
         topic = self._topics[subscription.name]
         topic.subscriptions = tuple(each for each in topic.subscriptions if each is not subscription)
@@ -123,75 +122,56 @@ class SubscriptionTable:
         return "cbor" if encodes_all or is_encoded_everywhere(message_type) else "none"
 
 
-class Subscription:
+class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     """The messages of one topic.
 
-    Iterate over it, or give it a callback. It begins with the first of ``async for``, ``async with``,
-    :meth:`start` and :meth:`get`, and lasts until :meth:`close`, the end of its ``async with``, or the end of
-    the connection to the robot; a connection that is lost and comes back is only a gap.
+    Iterate over it, or give it a callback. It lasts until :meth:`close`, the end of its ``async with``, or
+    the end of the connection to the robot; a connection that is lost and comes back is only a gap.
 
     Attributes:
-        name: the topic.
         received: messages that have arrived.
         received_bytes: their size as they came over the connection, in bytes.
-        dropped: messages that were dropped because nobody took them in time.
         misfits: messages that did not fit the type; each is logged.
     """
 
+    _reader: MessageReader
+
     def __init__(
-        self,
-        table: SubscriptionTable,
-        name: str,
-        type_name: str | None,
-        options: SubscribeOptions,
-        callback: Callback | None = None,
+        self, table: SubscriptionTable, name: str, options: SubscribeOptions, callback: MessageCallback | None
     ) -> None:
-        self.name = name
+        super().__init__(table.session, "subscribe", name)
         self.received = 0
         self.received_bytes = 0
-        self.dropped = 0
         self.misfits = 0
+        self._dropped = 0
         self._table = table
-        self._type_name = type_name
         self._options = options
-        self._id = table.session.next_id("subscribe", name)
-        self._reader: MessageReader | None = None
         self._compression = "none"
         self._callback = callback
-        self._direct = callback is not None and not _is_asynchronous(callback)
+        self._direct = callback is not None and not is_coroutine_function(callback)
         self._queue: deque[tuple[UnparsedMessage, int]] = deque()
         self._queued = 0
         self._awake = anyio.Event()
-        self._error: ClientError | None = None
+        self._error: RobotError | None = None
         self._closed = False
 
     @property
-    def type_name(self) -> str:
-        """The type's name, empty before it is known."""
-        return self._type_name or ""
+    def dropped(self) -> int:
+        """Messages that were dropped because nothing took them in time."""
+        return self._dropped
 
-    async def start(self) -> Subscription:
-        """Subscribe, unless that has been done.
+    @property
+    def closed(self) -> bool:
+        """Whether this program has closed it."""
+        return self._closed
 
-        Raises:
-            UnknownType: the topic's type is not known.
-            ConnectionLost: there will be no connection any more.
-        """
-        if self._reader is not None:
-            return self
-        types = self._table.types
-        message_type = await types.message(self._type_name or await types.of_topic(self.name))
-        self._type_name = message_type.name
-        self._compression = self._table.compression(self._options.compression, message_type)
-        self._reader = types.reader(message_type, self._options.arrays)
-        session = self._table.session
-        session.add(self._id, self)
+    def take_type(self, type: MessageType) -> None:
+        """Get ready to read messages of that type."""
+        self._compression = self._table.compression(self._options.compression, type)
+        self._reader = self._table.types.reader(type, self._options.arrays)
         self._table.add(self)
         if self._callback is not None and not self._direct:
             self._table.tasks.start_soon(self._call_back)
-        if session.connected:
-            self.restore()
-        return self
 
     def close(self) -> None:
         """Unsubscribe; an iteration ends."""
@@ -199,47 +179,36 @@ class Subscription:
             return
         self._closed = True
         self._awake.set()
-        if self._reader is None:
-            return
-        session = self._table.session
-        session.remove(self._id)
-        self._table.remove(self)
-        session.send_if_connected(Unsubscribe(topic=self.name, id=self._id))
+        if self._type is not None:
+            self._session.remove(self.id)
+            self._table.remove(self)
+            self._session.send_if_connected(Unsubscribe(topic=self.name, id=self.id))
 
     async def get(self, timeout: float | None = None) -> Message:
         """The next message.
 
         Args:
-            timeout: seconds; None waits for ever.
+            timeout: seconds; None waits as long as it takes.
 
         Raises:
             TimedOut: none came in time.
+            HandleClosed: the subscription was closed.
+            UnknownType: the topic's type is not known; NotFound: there is no such topic.
             ServerRefused: the server does not serve this topic so; its text.
             ConnectionLost: there will be no connection any more.
         """
         with anyio.move_on_after(timeout):
-            await self.start()
             return await self._next()
         raise TimedOut(f"no message came on {self.name} within {timeout:g} s")
 
-    async def __aenter__(self) -> Subscription:
-        return await self.start()
-
-    async def __aexit__(self, *exc: object) -> None:
-        self.close()
-
-    def __aiter__(self) -> Subscription:
-        return self
-
     async def __anext__(self) -> Message:
-        await self.start()
         try:
             return await self._next()
-        except ConnectionClosed:
+        except (HandleClosed, ConnectionClosed):
             raise StopAsyncIteration from None
 
     def __repr__(self) -> str:
-        return f"<Subscription {self.name} {self.type_name}>"
+        return f"<Subscription {self.name}>"
 
     # -- messages --------------------------------------------------------------------------------------------
 
@@ -256,9 +225,9 @@ class Subscription:
         queue.append((arrived, size))
         self._queued += size
         options = self._options
-        while len(queue) > options.queue or (self._queued > options.queue_bytes and len(queue) > 1):
+        while len(queue) > options.queue_size or (self._queued > options.queue_bytes and len(queue) > 1):
             self._queued -= queue.popleft()[1]
-            self.dropped += 1
+            self._dropped += 1
         self._awake.set()
 
     def _call_at_once(self, message: Message) -> None:
@@ -269,12 +238,11 @@ class Subscription:
             logger.exception("the callback for %s failed", self.name)
 
     def _read(self, arrived: UnparsedMessage) -> Message | None:
-        assert self._reader is not None  # Nothing arrives before it has started.
         try:
             return self._reader.read(arrived)
         except InvalidMessage as error:
             self.misfits += 1
-            logger.warning("a message on %s is left out: not %s: %s", self.name, self.type_name, error)
+            logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
             return None
 
     async def _next(self) -> Message:
@@ -288,7 +256,7 @@ class Subscription:
             if self._error is not None:
                 raise self._error
             if self._closed:
-                raise ConnectionClosed(f"the subscription to {self.name} was closed")
+                raise HandleClosed(f"the subscription to {self.name} was closed")
             self._awake = anyio.Event()
             await self._awake.wait()
 
@@ -299,8 +267,8 @@ class Subscription:
         while True:
             try:
                 message = await self._next()
-            except ClientError as error:
-                if not isinstance(error, ConnectionClosed):
+            except RobotError as error:
+                if not isinstance(error, HandleClosed | ConnectionClosed):
                     logger.warning("the callback for %s is called no more: %s", self.name, error)
                 return
             try:
@@ -322,13 +290,13 @@ class Subscription:
             given["fragment_size"] = options.fragment_size
         if options.qos is not None:
             given["qos"] = options.qos
-        wire_type = self._table.types.wire_name(self.type_name)
-        self._table.session.send(Subscribe(topic=self.name, type=wire_type, id=self._id, **given))
+        wire_type = self._table.types.wire_name(self.type.name)
+        self._session.send(Subscribe(topic=self.name, type=wire_type, id=self.id, **given))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """A gap, or the end."""
         if final:
-            self._fail(error)
+            self.fail(error)
 
     def refused(self, text: str) -> None:
         """The server does not serve it so; in CBOR perhaps, and then JSON is asked for."""
@@ -337,16 +305,11 @@ class Subscription:
             self._compression = "none"
             self.restore()
         else:
-            self._fail(ServerRefused(text))
+            self.fail(ServerRefused(text))
 
-    def _fail(self, error: ClientError) -> None:
+    def fail(self, error: RobotError) -> None:
+        """No message comes any more, because of `error`."""
         if self._callback is not None and not isinstance(error, ConnectionLost):
             logger.warning("the subscription to %s was refused: %s", self.name, error)
         self._error = error
         self._awake.set()
-
-
-def _is_asynchronous(function: Callback) -> bool:
-    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(
-        getattr(function, "__call__", None)  # noqa: B004 - asked for its kind, not whether it is there
-    )

@@ -33,7 +33,15 @@ from rwt_graph.program.goals import AcceptGoal, ActionFunction, SentGoal
 from rwt_graph.program.logs import NodeLog, rosout_qos
 from rwt_graph.program.service_handlers import ServiceFunction
 from rwt_graph.program.timers import SHORTEST_PERIOD, PeriodicTimer
-from rwt_program.blocking import BlockingRobot
+from rwt_program.blocking import (
+    BlockingHandle,
+    BlockingPublisher,
+    BlockingSubscription,
+    BlockingTransforms,
+    BlockingVerbs,
+    holds,
+    waits,
+)
 from rwt_program.errors import NotFound, ProviderNotFound, WrongThread
 from rwt_program.future import USUAL, Timeout
 from rwt_program.goals import Execute, Goal
@@ -88,20 +96,6 @@ class ServiceServer(_Server):
 
 class ActionServer(_Server):
     """An action that a node offers."""
-
-
-class GraphThread:
-    """The thread of a graph; satisfies :class:`rwt_program.blocking.LoopThread`."""
-
-    def __init__(self, node: Node) -> None:
-        self.run = node.run
-        self.wait = node.run_blocking
-        self._graph = node.graph
-
-    @property
-    def here(self) -> bool:
-        """Whether this is the graph's thread, or no loop runs it."""
-        return self._graph.on_graph_thread()
 
 
 class Node:
@@ -499,9 +493,9 @@ class Node:
     # Threads
 
     @property
-    def blocking(self) -> BlockingRobot[Node]:
+    def blocking(self) -> BlockingNode:
         """The same node for other threads: its verbs wait for their answers."""
-        return BlockingRobot(GraphThread(self), self)
+        return BlockingNode(self)
 
     def run_blocking(self, function: Callable[[], Awaitable[T]]) -> T:
         """Run a coroutine function on the graph's event loop, and wait for what it returns.
@@ -574,4 +568,40 @@ class Node:
         self.close()
 
 
-__all__ = ["ActionServer", "Node", "ServiceServer"]
+class _GraphThread:
+    """The thread of a graph; satisfies :class:`rwt_program.blocking.LoopThread`."""
+
+    def __init__(self, node: Node) -> None:
+        self.run = node.run
+        self.wait = node.run_blocking
+        self._graph = node.graph
+
+    @property
+    def here(self) -> bool:
+        """Whether this is the graph's thread, or no loop runs it."""
+        return self._graph.on_graph_thread()
+
+
+class BlockingNode(BlockingVerbs[Node]):
+    """A node for other threads than its graph's: its verbs wait; see :class:`Node`, whose verbs these are.
+
+    Attributes:
+        node: the node itself, with everything that is not here.
+        tf: where the frames are.
+    """
+
+    def __init__(self, node: Node) -> None:
+        super().__init__(_GraphThread(node), node)
+        self.node = node
+        self.tf = BlockingTransforms(self._loop, node.tf)
+
+    advertise = holds(Node.advertise, BlockingPublisher)
+    publish = holds(Node.publish, BlockingPublisher)
+    subscribe = holds(Node.subscribe, BlockingHandle)
+    topic = holds(Node.topic, BlockingSubscription)
+    once = waits(Node.once)
+    call = waits(Node.call)
+    advertise_action = holds(Node.advertise_action, BlockingHandle)
+
+
+__all__ = ["ActionServer", "BlockingNode", "Node", "ServiceServer"]

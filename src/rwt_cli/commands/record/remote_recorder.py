@@ -121,7 +121,7 @@ class RemoteRecorder:
         try:
             await self._learn(type_name)
             recorded = _RemoteTopic(self, name, type_name, asked_ns)
-            recorded.subscription = await self.robot.subscribe_raw(name, type_name, recorded.receive)
+            recorded.subscription = await self.robot.subscribe_raw(name, recorded.receive, type_name)
         except UnknownType as error:
             self._refused[name] = type_name
             logger.warning("%s is not recorded: %s", name, error)

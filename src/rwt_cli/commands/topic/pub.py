@@ -15,7 +15,7 @@ from rwt_cli.graph_lookup import absolute_name, ask_rosapi, topic_type
 from rwt_cli.verbs import Arguments, Verb, count, count_or_none, hertz
 
 if TYPE_CHECKING:
-    from rwt_client import Publisher, Robot
+    from rwt_client import RemotePublisher, Robot
 
 _USUAL_RATE: Final = 1.0
 _POLL_SECONDS: Final = 0.1
@@ -84,7 +84,9 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
         await anyio.sleep(arguments.keep_alive)
 
 
-def _publish(publisher: Publisher, given: object, number: int, arguments: Arguments, output: Output) -> None:
+def _publish(
+    publisher: RemotePublisher, given: object, number: int, arguments: Arguments, output: Output
+) -> None:
     from rwt_program.messages import to_payload
 
     # Made for each message: a header is stamped when its message is sent.

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from rwt_cli.verbs import Arguments, count_or_none
+
+if TYPE_CHECKING:
+    from rwt_protocol.ops import Qos
 
 _POLICIES = {
     "reliability": ("reliable", "best_effort"),
@@ -20,8 +24,9 @@ def add_qos_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--qos-depth", type=count_or_none, metavar="N", help="messages kept with keep_last")
 
 
-def qos_from(arguments: Arguments) -> dict[str, object] | None:
+def qos_from(arguments: Arguments) -> Qos | None:
     """What the options ask for; None if nothing."""
+    from rwt_protocol.ops import Qos  # takes a while, and `--help` needs none of it
+
     given = {policy: getattr(arguments, f"qos_{policy}") for policy in (*_POLICIES, "depth")}
-    found: dict[str, object] = {policy: value for policy, value in given.items() if value is not None}
-    return found or None
+    return Qos(**given) if any(value is not None for value in given.values()) else None

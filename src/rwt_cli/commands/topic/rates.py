@@ -19,7 +19,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
-    from rwt_client import Robot, Subscription
+    from rwt_client import RemoteSubscription, Robot
 
 _MANY: Final = 10_000
 _FEW: Final = 100
@@ -99,7 +99,7 @@ def in_bytes(number: float) -> str:
 class MeasuredTopic:
     """A topic that is subscribed to, and a window of its messages."""
 
-    subscription: Subscription
+    subscription: RemoteSubscription
     window: Window
 
 
@@ -143,7 +143,7 @@ async def _hz(robot: Robot, arguments: Arguments, output: Output) -> None:
 async def _bw(robot: Robot, arguments: Arguments, output: Output) -> None:
     before: dict[str, int] = {}
 
-    def size(subscription: Subscription, message: Any) -> float:
+    def size(subscription: RemoteSubscription, message: Any) -> float:
         new = subscription.received_bytes - before.get(subscription.name, 0)
         before[subscription.name] = subscription.received_bytes
         return float(new)
@@ -155,7 +155,7 @@ async def _delay(robot: Robot, arguments: Arguments, output: Output) -> None:
     clock = _RobotClock(robot)
     await clock.set()
 
-    def age(subscription: Subscription, message: Any) -> float:
+    def age(subscription: RemoteSubscription, message: Any) -> float:
         return clock.now() - _stamp(message.header.stamp)
 
     names = [absolute_name(name) for name in arguments.topic]
@@ -172,7 +172,7 @@ async def _measure(
     arguments: Arguments,
     output: Output,
     measure: Measure,
-    value: Callable[[Subscription, Any], float],
+    value: Callable[[RemoteSubscription, Any], float],
     between: Callable[[], Awaitable[None]] | None = None,
 ) -> None:
     """Listen to topics and report until it is enough.
@@ -199,7 +199,7 @@ async def _measure(
 
 
 async def _listen(
-    robot: Robot, name: str, window: int, value: Callable[[Subscription, Any], float]
+    robot: Robot, name: str, window: int, value: Callable[[RemoteSubscription, Any], float]
 ) -> MeasuredTopic:
     import anyio
 
@@ -209,7 +209,7 @@ async def _listen(
     def hear(message: Any) -> None:
         seen.add(anyio.current_time(), value(subscription, message))
 
-    subscription = await robot.subscribe(name, kind, hear)
+    subscription = await robot.subscribe(name, hear, kind)
     return MeasuredTopic(subscription, seen)
 
 
