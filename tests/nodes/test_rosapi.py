@@ -259,3 +259,28 @@ async def test_a_value_that_is_not_json_is_refused(asker: Asker, distro: str) ->
     else:
         assert reply["result"] is False
         assert "JSON" in reply["values"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("/", "null"),
+        ("/", "[1]"),
+        ("/a", '{"a":' * 300 + "1" + "}" * 300),
+        ("/" + "a/" * 200, "1"),
+        ("/a", "[" * 900 + "]" * 900),
+        ("/a", "1" + "0" * 400),
+        ("/a", "1" + "0" * 4400),
+        ("/a", json.dumps("x" * 9_000_000)),
+    ],
+)
+async def test_no_value_keeps_others_from_reading_the_parameters(
+    asker: Asker, distro: str, name: str, value: str
+) -> None:
+    await asker.ask("/rosapi/set_param", name="/kept", value="1")
+    reply = await asker.reply("/rosapi/set_param", name=name, value=value)
+    refused = reply["values"]["reason"] if distro == "jazzy" else reply["values"]
+    assert reply["result"] is (distro == "jazzy") and isinstance(refused, str)
+    assert refused and "internal error" not in refused and len(refused) < 300
+    assert json.loads((await asker.ask("/rosapi/get_param", name="/"))["value"])["kept"] == 1
+    assert "/kept" in (await asker.ask("/rosapi/get_param_names"))["names"]
