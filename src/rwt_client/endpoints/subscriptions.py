@@ -174,10 +174,11 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             self._table.tasks.start_soon(self._call_back)
 
     def close(self) -> None:
-        """Unsubscribe; an iteration ends."""
+        """Unsubscribe; an iteration ends, and what was not taken is dropped."""
         if self._closed:
             return
         self._closed = True
+        self._queue.clear()
         self._awake.set()
         if self._type is not None:
             self._session.remove(self.id)
