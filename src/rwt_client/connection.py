@@ -80,7 +80,7 @@ async def connect(
         target: ``ws://``, ``wss://``, ``tcp://`` or ``tcps://`` with host and port, ``unix:///path``,
             ``stdio:COMMAND``, or the accept function of a server in the same process
             (``Bridge(graph).accept``).
-        timeout: seconds to connect in, and what every call waits by default; None waits for ever.
+        timeout: seconds to connect in, and what every call waits by default; None waits as long as it takes.
         reconnect: how to come back when the connection is lost; None does not.
         arrays: what numeric arrays become where nothing else is asked for: ``list``, or ``numpy``.
         ros_version: 1 or 2; None asks the robot.

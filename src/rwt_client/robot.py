@@ -306,7 +306,7 @@ class Robot:
         Args:
             request: an instance, a mapping or a dataclass; None is a request with default values.
             type: the service's type; None asks the robot, once for each service.
-            timeout: seconds; None waits for ever. By default what :func:`rwt_client.connect` was told.
+            timeout: seconds; None waits as long as it takes. By default that of the connection.
             repeat: wait for a connection where there is none, and call once more when it is lost before the
                 answer. Only for services that may run twice.
 

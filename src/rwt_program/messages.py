@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object] | DataclassInstance"
 
 #: A typed message: a Struct compiled from its definition, shared and read-only. Its fields are known when the
-#: program runs and not before, so type checkers are told nothing.
+#: program runs and not before, so type checkers know nothing of them.
 Message: TypeAlias = Any
 
 #: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.

@@ -77,7 +77,7 @@ def _require(policy: str, value: float, most: int, unit: str) -> None:
 #: ROS 2's default profile.
 DEFAULT_QOS = QoS()
 
-#: ROS 1's `latch=True`: the last sample is kept for whoever joins late.
+#: ROS 1's `latch=True`: the last sample is kept for late joiners.
 LATCHED = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
 
 #: What a subscriber asks that wants whatever the publishers offer.

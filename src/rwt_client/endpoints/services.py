@@ -85,7 +85,7 @@ class Calls:
         """Call a service; gives the response as it came.
 
         Args:
-            timeout: seconds; None waits for ever.
+            timeout: seconds; None waits as long as it takes.
             repeat: wait for a connection where there is none, and call once more when it is lost meanwhile.
 
         Raises:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 SplitFrame = tuple[bytes, bytes]
-"""What looks like a message's JSON text in a frame, and the frame: whoever decodes the one finds out whether
-it is, and otherwise reads the other. A tuple, because nearly every message comes so."""
+"""What looks like a message's JSON text in a frame, and the frame: decoding the one shows whether it is,
+and if not the other is read. A tuple, because nearly every message comes so."""
 
 UnparsedMessage = SplitFrame | Encodable | dict[str, object]
 """A message as it came: JSON text, or what a CBOR map held."""

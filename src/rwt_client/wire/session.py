@@ -325,7 +325,7 @@ class ReconnectingSession:
             destination.deliver(op.msg, op.msg.size)
 
     def _take_status(self, op: Status) -> None:
-        """A complaint goes to the restorable it is about, and else to whoever listens to events (STA-03)."""
+        """Pass a complaint to the restorable that it is about, or else tell of it as an event (STA-03)."""
         restorable = self._restorables.get(op.id) if isinstance(op.id, str) else None
         if restorable is not None and op.level == "error":
             restorable.refused(op.msg)
