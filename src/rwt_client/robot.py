@@ -336,8 +336,9 @@ class Robot:
         Raises:
             UnknownType: the type is not known; when awaited.
         """
-        server = ServiceServer(self._session, service, self._interface_name, handler, self._tasks)
-        self._services.add(server)
+        server = ServiceServer(
+            self._session, service, self._interface_name, self._services.offered, handler, self._tasks
+        )
         return server.open(self.types.known_service(type), partial(self.types.service, type), self._tasks)
 
     # -- actions ---------------------------------------------------------------------------------------------
@@ -382,8 +383,9 @@ class Robot:
         Raises:
             UnknownType: the type is not known; when awaited.
         """
-        server = ActionServer(self._session, action, self._interface_name, execute, self._tasks)
-        self._actions.add(server)
+        server = ActionServer(
+            self._session, action, self._interface_name, self._actions.offered, execute, self._tasks
+        )
         return server.open(self.types.known_action(type), partial(self.types.action, type), self._tasks)
 
     # -- time ------------------------------------------------------------------------------------------------

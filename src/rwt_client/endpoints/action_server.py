@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rwt_client.endpoints.remote_handle import RemoteHandle
+from rwt_client.endpoints.remote_handle import RemoteServer
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ActionType
@@ -33,7 +33,7 @@ logger = logging.getLogger("rwt_client")
 EXECUTE_FAILED = "the action failed; its program's log says why"
 
 
-class ActionServer(RemoteHandle[ActionType]):
+class ActionServer(RemoteServer[ActionType]):
     """An action that this program offers, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
@@ -41,53 +41,31 @@ class ActionServer(RemoteHandle[ActionType]):
         session: ReconnectingSession,
         name: str,
         wire_name: Callable[[ActionType], str],
+        offered: dict[str, ActionServer],
         execute: Execute,
         tasks: TaskStarter,
     ) -> None:
-        super().__init__(session, "advertise_action", name)
-        self._wire_name = wire_name
+        super().__init__(session, "advertise_action", name, wire_name, offered)
         self._execute = execute
         self._goals: dict[str | int | None, ReceivedGoal] = {}
         self._tasks = tasks
-        self._on_close: Callable[[], None] | None = None
-
-    @property
-    def closed(self) -> bool:
-        """Whether this program has closed it."""
-        return self._on_close is None
-
-    def take_type(self, type: ActionType) -> None:
-        """Nothing more depends on the type."""
-
-    def fail(self, error: RobotError) -> None:
-        """It is not offered, because of `error`."""
-        self.close()
 
     def close(self) -> None:
         """Withdraw the action; goals that run are asked to end. A second call does nothing."""
-        on_close, self._on_close = self._on_close, None
-        if on_close is not None:
-            on_close()
-            self._cancel_all()
-            self._session.remove(self.id)
-            if self._type is not None:
-                self._session.send_if_connected(UnadvertiseAction(action=self.name, id=self.id))
+        self._cancel_all()
+        super().close()
 
-    def when_closed(self, callback: Callable[[], None]) -> None:
-        """Call `callback` when it is withdrawn."""
-        self._on_close = callback
+    def advertise(self, wire_type: str) -> AdvertiseAction:
+        """The op that offers it."""
+        return AdvertiseAction(type=wire_type, action=self.name, id=self.id)
 
-    def restore(self) -> None:
-        """Advertise on a new connection."""
-        self._session.send(AdvertiseAction(type=self._wire_name(self.type), action=self.name, id=self.id))
+    def unadvertise(self) -> UnadvertiseAction:
+        """The op that withdraws it."""
+        return UnadvertiseAction(action=self.name, id=self.id)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """Nobody hears of the goals any more, so they are asked to end (ACT-19)."""
         self._cancel_all()
-
-    def refused(self, text: str) -> None:
-        """The server does not take it."""
-        logger.error("the action %s is not offered: %s", self.name, text)
 
     def _cancel_all(self) -> None:
         for goal in self._goals.values():
@@ -153,22 +131,14 @@ class ActionServer(RemoteHandle[ActionType]):
 
 
 class ActionServers:
-    """What this program offers, by name."""
+    """Passes goals to what this program offers.
+
+    Attributes:
+        offered: that, by name.
+    """
 
     def __init__(self) -> None:
-        self._offered: dict[str, ActionServer] = {}
-
-    def add(self, action: ActionServer) -> None:
-        """Offer one, in place of any other of that name."""
-        previous = self._offered.get(action.name)
-        if previous is not None:
-            previous.close()
-        self._offered[action.name] = action
-        action.when_closed(lambda: self._forget(action))
-
-    def _forget(self, action: ActionServer) -> None:
-        if self._offered.get(action.name) is action:
-            del self._offered[action.name]
+        self.offered: dict[str, ActionServer] = {}
 
     def on_goal(self, _: None, op: SendActionGoal) -> None:
         """A goal has come."""
@@ -179,7 +149,7 @@ class ActionServers:
         self._find(op.action).on_cancel(op)
 
     def _find(self, name: str) -> ActionServer:
-        action = self._offered.get(name)
+        action = self.offered.get(name)
         if action is None:
             raise ServiceFailed(f"this client does not offer {name}")
         return action

@@ -14,6 +14,7 @@ from rwt_program.handles import Handle
 if TYPE_CHECKING:
     from rwt_client.errors import ConnectionLost
     from rwt_client.wire.session import ReconnectingSession
+    from rwt_protocol.ops import Op
     from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
@@ -107,3 +108,71 @@ class RemoteHandle(Handle, Generic[T]):
     @abstractmethod
     def fail(self, error: RobotError) -> None:
         """It will not be in use any more, because of `error`."""
+
+
+class RemoteServer(RemoteHandle[T]):
+    """Something that this program offers until it closes it, or offers another by the same name.
+
+    Args:
+        wire_name: what the server calls a type.
+        offered: everything of this kind that this program offers, by name.
+    """
+
+    def __init__(
+        self,
+        session: ReconnectingSession,
+        kind: str,
+        name: str,
+        wire_name: Callable[[T], str],
+        offered: dict[str, Self],
+    ) -> None:
+        super().__init__(session, kind, name)
+        self._wire_name = wire_name
+        self._offered = offered
+        self._closed = False
+        previous = offered.get(name)
+        if previous is not None:
+            previous.close()
+        offered[name] = self
+
+    @property
+    def closed(self) -> bool:
+        """Whether this program has closed it."""
+        return self._closed
+
+    def close(self) -> None:
+        """Withdraw it; a second call does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._offered.get(self.name) is self:
+            del self._offered[self.name]
+        self._session.remove(self.id)
+        if self._type is not None:
+            self._session.send_if_connected(self.unadvertise())
+
+    def take_type(self, type: T) -> None:
+        """Nothing more depends on the type."""
+
+    def restore(self) -> None:
+        """Advertise on a new connection."""
+        self._session.send(self.advertise(self._wire_name(self.type)))
+
+    def fail(self, error: RobotError) -> None:
+        """It is not offered, because of `error`."""
+        self.close()
+
+    def lost(self, error: ConnectionLost, final: bool) -> None:
+        """The connection is gone: the server has said so to all that call."""
+
+    def refused(self, text: str) -> None:
+        """The server does not take it."""
+        logger.error("%s is not offered: %s", self.name, text)
+
+    @abstractmethod
+    def advertise(self, wire_type: str) -> Op:
+        """The op that offers it."""
+
+    @abstractmethod
+    def unadvertise(self) -> Op:
+        """The op that withdraws it."""

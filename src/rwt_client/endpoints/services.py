@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from rwt_client.endpoints.remote_handle import RemoteHandle
+from rwt_client.endpoints.remote_handle import RemoteServer
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ServiceType
@@ -135,7 +135,7 @@ def failure_text(values: Encodable | str, otherwise: str) -> str:
     return otherwise if text in ("", "{}", "null") else text
 
 
-class ServiceServer(RemoteHandle[ServiceType]):
+class ServiceServer(RemoteServer[ServiceType]):
     """A service that this program offers, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
@@ -143,50 +143,21 @@ class ServiceServer(RemoteHandle[ServiceType]):
         session: ReconnectingSession,
         name: str,
         wire_name: Callable[[ServiceType], str],
+        offered: dict[str, ServiceServer],
         handler: ServiceHandler,
         tasks: TaskStarter,
     ) -> None:
-        super().__init__(session, "advertise_service", name)
-        self._wire_name = wire_name
+        super().__init__(session, "advertise_service", name, wire_name, offered)
         self._handler = handler
         self._tasks = tasks
-        self._on_close: Callable[[], None] | None = None
 
-    @property
-    def closed(self) -> bool:
-        """Whether this program has closed it."""
-        return self._on_close is None
+    def advertise(self, wire_type: str) -> AdvertiseService:
+        """The op that offers it."""
+        return AdvertiseService(type=wire_type, service=self.name, id=self.id)
 
-    def take_type(self, type: ServiceType) -> None:
-        """Nothing more depends on the type."""
-
-    def fail(self, error: RobotError) -> None:
-        """It is not offered, because of `error`."""
-        self.close()
-
-    def close(self) -> None:
-        """Withdraw the service; a second call does nothing."""
-        on_close, self._on_close = self._on_close, None
-        if on_close is not None:
-            on_close()
-            self._session.remove(self.id)
-            if self._type is not None:
-                self._session.send_if_connected(UnadvertiseService(service=self.name, id=self.id))
-
-    def when_closed(self, callback: Callable[[], None]) -> None:
-        """Call `callback` when it is withdrawn."""
-        self._on_close = callback
-
-    def restore(self) -> None:
-        """Advertise on a new connection."""
-        self._session.send(AdvertiseService(type=self._wire_name(self.type), service=self.name, id=self.id))
-
-    def lost(self, error: ConnectionLost, final: bool) -> None:
-        """Nothing: who called has heard of it from the server."""
-
-    def refused(self, text: str) -> None:
-        """The server does not take it."""
-        logger.error("the service %s is not offered: %s", self.name, text)
+    def unadvertise(self) -> UnadvertiseService:
+        """The op that withdraws it."""
+        return UnadvertiseService(service=self.name, id=self.id)
 
     # -- calls -----------------------------------------------------------------------------------------------
 
@@ -232,26 +203,18 @@ class ServiceServer(RemoteHandle[ServiceType]):
 
 
 class ServiceServers:
-    """What this program offers, by name."""
+    """Passes calls to what this program offers.
+
+    Attributes:
+        offered: that, by name.
+    """
 
     def __init__(self) -> None:
-        self._offered: dict[str, ServiceServer] = {}
-
-    def add(self, service: ServiceServer) -> None:
-        """Offer one, in place of any other of that name."""
-        previous = self._offered.get(service.name)
-        if previous is not None:
-            previous.close()
-        self._offered[service.name] = service
-        service.when_closed(lambda: self._forget(service))
-
-    def _forget(self, service: ServiceServer) -> None:
-        if self._offered.get(service.name) is service:
-            del self._offered[service.name]
+        self.offered: dict[str, ServiceServer] = {}
 
     def on_call(self, _: None, op: CallService) -> None:
         """A call has come (SVP-01)."""
-        service = self._offered.get(op.service)
+        service = self.offered.get(op.service)
         if service is None:
             raise ServiceFailed(f"this client does not offer {op.service}")
         service.on_call(op)

@@ -62,7 +62,7 @@ async def hear_what_is_published(robot: Any) -> Any:
     async with robot.topic("/words", STRING) as words:
         robot.publish("/words", {"data": "one"}, STRING)
         robot.publish("/words", {"data": "two"})
-        with await robot.advertise("/words", STRING, qos=SENSOR_DATA) as publisher:
+        with await robot.advertise("/words", STRING) as publisher:
             publisher.publish({"data": "three"})
             heard = [(await words.get(timeout=PATIENCE)).data for _ in range(2)]
             async for word in words:
@@ -74,7 +74,10 @@ async def tell_from_a_callback(robot: Any) -> Any:
     def answer(message: Any) -> None:
         robot.publish("/echo", {"data": f"echo of {message.data}"}, STRING)
 
-    async with robot.topic("/echo", STRING) as echoes, robot.subscribe("/say", answer, STRING):
+    async with (
+        robot.topic("/echo", STRING, qos=SENSOR_DATA) as echoes,
+        robot.subscribe("/say", answer, STRING),
+    ):
         robot.publish("/say", {"data": "hello"}, STRING)
         return (await echoes.get(timeout=PATIENCE)).data
 
