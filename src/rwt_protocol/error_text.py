@@ -90,12 +90,20 @@ def describe_kind(value: object) -> str:
 
 def explain(op: str, model: type[BaseModel], error: ValidationError) -> str:
     """What is wrong with a message, in the words of JSON: ``publish.topic: expected a string, got 42``."""
-    first = error.errors(include_url=False, include_context=False)[0]
+    first = error.errors(include_url=False)[0]
     key, annotation = locate(model, first["loc"])
     where = ".".join(map(str, (op, *key)))
     if first["type"] == "missing":
         return f"{where}: expected {expected(annotation)}, and it is missing"
-    return f"{where}: expected {expected(annotation)}, got {describe(first['input'])}"
+    return f"{where}: expected {_within_limit(annotation, first)}, got {describe(first['input'])}"
+
+
+def _within_limit(annotation: object, error: ErrorDetails) -> str:
+    """What is expected, with the limit that a number is beyond, where the words do not name that limit."""
+    text, limits = expected(annotation), error.get("ctx", {})
+    if "le" in limits and not text.endswith(f" {limits['le']:.0f}"):
+        return f"{text}, at most {limits['le']:.0f}"
+    return f"{text}, at least {limits['ge']:.0f}" if limits.get("ge", 0) < 0 else text
 
 
 def first_error(error: ValidationError) -> ErrorDetails:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from typing import Final, Literal, Protocol
+from typing import Final, Literal, Protocol, Self
 
 import msgspec
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
+from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.transport import Buffer
 
 JsonKind = Literal["object", "array", "string", "number", "boolean", "null"]
@@ -30,6 +32,7 @@ _KIND_BY_TYPE: Final[Mapping[type, JsonKind]] = {
 }
 
 _encode: Final = msgspec.json.Encoder().encode
+_TRUE, _FALSE, _NAN = object(), object(), object()
 
 
 class Encodable(Protocol):
@@ -56,6 +59,24 @@ class Encodable(Protocol):
         Raises:
             MalformedPayload: it is text of another peer, and is not JSON.
         """
+
+
+def _plain(value: Encodable | str) -> object:
+    return value if isinstance(value, str) else value.plain()
+
+
+def _as_json(value: object) -> object:
+    """The value as JSON writes it: bytes in base64, NaN and infinities as null."""
+    return msgspec.json.decode(Decoded(value).json())
+
+
+AS_PLAIN_VALUES: Final = core_schema.plain_serializer_function_ser_schema(
+    _plain,
+    return_schema=core_schema.any_schema(
+        serialization=core_schema.plain_serializer_function_ser_schema(_as_json, when_used="json")
+    ),
+)
+"""How pydantic dumps a payload: as plain values in Python, and in JSON as the protocol writes it."""
 
 
 class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -113,13 +134,27 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
         Raises:
             MalformedPayload: the message is not JSON, or not UTF-8.
         """
-        return msgspec.json.decode(self.json())
+        try:
+            return msgspec.json.decode(self.json())
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise MalformedPayload(f"not JSON that can be read: {error}") from None
 
     def __eq__(self, other: object) -> bool:
-        return self.data == other.data if isinstance(other, RawJson) else NotImplemented
+        if isinstance(other, RawJson) and self.data == other.data:
+            return True
+        return _equal(self, other) if isinstance(other, RawJson | Decoded) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash(bytes(self.data))
+        return hash(comparable(self.plain()))
+
+    def __reduce__(self) -> tuple[type[RawJson], tuple[bytes, Callable[[], bytes] | None]]:
+        return RawJson, (bytes(self.data), self.validate)
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self  # neither it nor its bytes change
 
     def __repr__(self) -> str:
         head = bytes(self.data[:60]).decode("utf-8", "replace")
@@ -127,7 +162,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.is_instance_schema(cls)
+        return core_schema.is_instance_schema(cls, serialization=AS_PLAIN_VALUES)
 
 
 EMPTY: Final = RawJson(b"{}")
@@ -148,9 +183,13 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
     size: int = 0
 
     def __eq__(self, other: object) -> bool:
-        return self.value == other.value if isinstance(other, Decoded) else NotImplemented
+        return _equal(self, other) if isinstance(other, RawJson | Decoded) else NotImplemented
 
-    __hash__ = None  # type: ignore[assignment]  # its value may be a list
+    def __hash__(self) -> int:
+        return hash(comparable(self.value))
+
+    def __repr__(self) -> str:
+        return f"Decoded({self.value!r})"
 
     @property
     def kind(self) -> JsonKind:
@@ -158,20 +197,78 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
         return _KIND_BY_TYPE.get(type(self.value), "number")
 
     def json(self) -> bytes:
-        """The value as JSON: bytes in base64, NaN and infinities as null."""
-        return _encode(self.value)
+        """The value as JSON: bytes in base64, NaN and infinities as null.
+
+        Raises:
+            MalformedPayload: the sender put something there that JSON has not, as an integer beyond 64 bits.
+        """
+        try:
+            return _encode(self.value)
+        except (TypeError, ValueError, OverflowError, RecursionError, msgspec.MsgspecError) as error:
+            raise MalformedPayload(f"not a value that JSON has: {error}") from None
 
     def plain(self) -> object:
         """The value itself."""
         return self.value
 
-    @classmethod
-    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.is_instance_schema(cls)
-
 
 RawPayload = RawJson | Decoded
 """A payload as it arrives: text that is not decoded, or values that are not checked."""
+
+
+def plain_copy(value: object) -> object:
+    """A copy of a payload that a program wrote, in plain objects: tuples as lists, other octets as bytes.
+
+    Raises:
+        ValueError: it holds something that no encoding has: an integer beyond 64 bits, half of a character, a
+            name that is no string, or an object of another kind.
+    """
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, str):
+        value.encode()
+        return str(value)
+    if isinstance(value, int):
+        if not -(2**63) <= value < 2**64:
+            raise ValueError("an integer beyond 64 bits")
+        return int(value)
+    if isinstance(value, float):
+        return float(value)
+    if isinstance(value, bytes | bytearray | memoryview):
+        return bytes(value)
+    if isinstance(value, Mapping):
+        return {_name(name): plain_copy(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_copy(each) for each in value]
+    raise ValueError(f"{type(value).__name__} is not of JSON")
+
+
+def _name(name: object) -> str:
+    if not isinstance(name, str):
+        raise ValueError(f"a name of type {type(name).__name__}")
+    name.encode()
+    return str(name)
+
+
+def comparable(value: object) -> object:
+    """A hashable object that is equal for equal values: 1 is 1.0 but not true, and NaN is NaN."""
+    if isinstance(value, dict):
+        return frozenset((name, comparable(each)) for name, each in value.items())
+    if isinstance(value, list):
+        return tuple(comparable(each) for each in value)
+    if isinstance(value, bool):
+        return _TRUE if value else _FALSE
+    if isinstance(value, float) and math.isnan(value):
+        return _NAN
+    return value if value is None or isinstance(value, str | bytes | int | float) else repr(value)
+
+
+def _equal(one: RawPayload, other: RawPayload) -> bool:
+    """Whether two payloads hold the same value; what is not JSON is equal to its own bytes alone."""
+    try:
+        return comparable(one.plain()) == comparable(other.plain())
+    except MalformedPayload:
+        return False
 
 
 class TypedMessage(Encodable, Protocol):

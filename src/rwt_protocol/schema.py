@@ -5,21 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from pydantic import JsonValue
-from pydantic.json_schema import GenerateJsonSchema, models_json_schema
+from pydantic.json_schema import models_json_schema
 
 from rwt_protocol.ops import OPS, Direction, OpSpec
-from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import COMPAT, Profile
 
 _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
-
-
-class _Generator(GenerateJsonSchema):
-    """Writes the default of a payload, which pydantic cannot."""
-
-    def encode_default(self, dft: object) -> JsonValue:
-        """A default value as JSON; a payload's is an empty object."""
-        return {} if isinstance(dft, RawJson) else super().encode_default(dft)
 
 
 def protocol_schema(profile: Profile = COMPAT) -> dict[str, JsonValue]:
@@ -84,17 +75,21 @@ def _definitions(profile: Profile, where: str) -> tuple[dict[str, JsonValue], di
     _, document = models_json_schema(
         [(spec.model, "validation") for spec in specs],
         ref_template=where + "{model}",
-        schema_generator=_Generator,
     )
     definitions: dict[str, JsonValue] = dict(document["$defs"])
     for spec in specs:
         definition = definitions[spec.model.__name__]
         if isinstance(definition, dict):
             _finish(definition, spec, profile)
-    own = {spec.model.__name__ for spec in specs}
-    text = repr([definitions[name] for name in own])
-    used = {name: it for name, it in definitions.items() if name in own or f"{where}{name}'" in text}
-    return used, {spec.name: where + spec.model.__name__ for spec in specs}
+    used: dict[str, JsonValue] = {}
+    wanted = [spec.model.__name__ for spec in specs]
+    while wanted:
+        name = wanted.pop()
+        if name not in used:
+            used[name] = definitions[name]
+            text = repr(definitions[name])
+            wanted += [other for other in definitions if f"{where}{other}'" in text]
+    return dict(sorted(used.items())), {spec.name: where + spec.model.__name__ for spec in specs}
 
 
 def _finish(definition: dict[str, JsonValue], spec: OpSpec, profile: Profile) -> None:

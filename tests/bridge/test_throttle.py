@@ -93,8 +93,8 @@ def test_a_sample_from_before_a_client_joined_does_not_count_as_sent_to_it(
     assert client.heard_of("/n") == [{"data": 1}]
 
 
-@pytest.mark.parametrize("rate", [10**400, -(10**400)])
-def test_any_whole_number_is_a_throttle_rate(client: Client, rate: int) -> None:
+@pytest.mark.parametrize("rate", [2**53 - 1, 1 - 2**53])
+def test_the_largest_throttle_rates_are_rates(client: Client, rate: int) -> None:
     client.say("subscribe", topic="/n", type="std_msgs/Int32", throttle_rate=rate)
     for number in (1, 2):
         client.say("publish", topic="/n", msg={"data": number})

@@ -70,11 +70,11 @@ def refusals(data: bytes, session: Session | None = None, *, binary: bool = Fals
         (b'{"op":"status","level":"info","msg":""}', 'operation "status" only goes server to client'),
         (
             b'{"op":"subscribe","topic":"/a","queue_length":1e999}',
-            "subscribe: holds a number too large, or text that is not Unicode",
+            "subscribe.queue_length: holds a number too large, or text that is not Unicode",
         ),
         (
             b'{"op":"subscribe","topic":"/a","id":' + b"9" * 5000 + b"}",
-            "subscribe: holds a number too large, or text that is not Unicode",
+            "subscribe.id: holds a number too large, or text that is not Unicode",
         ),
         (b'{"op":"subscribe","topic":"/a","id":' + b"9" * 100 + b"}", None),
     ],

@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 
 from rwt_protocol.codecs.base import DecodeFailure, Members
-from rwt_protocol.codecs.envelope import DECODER
+from rwt_protocol.codecs.envelope import DECODER, UNDECODED
 
 MOST_MESSAGES: Final = 1000
 """Messages and faults that one frame may hold; what follows is one more fault."""
@@ -142,23 +142,24 @@ def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
     try:
         members = _decode(piece)
     except (msgspec.DecodeError, UnicodeDecodeError):
-        readable = _readable(piece)
-        return DecodeFailure(
-            f"{readable.get('op', 'it')}: holds a number too large, or text that is not Unicode", readable
-        )
+        return _unreadable(piece)
     return _too_deep(max_depth, members) if deeper_than(piece, max_depth) else members
 
 
-def _readable(piece: bytes) -> Members:
-    """The scalars that can be read of an object in which another cannot."""
+def _unreadable(piece: bytes) -> DecodeFailure:
+    """An object with a member that cannot be read: its name, and what can be read to address the answer."""
     members: Members = {}
+    where = ""
     for name, raw in _decode_raw_members(piece).items():
-        if name in ("op", "id", "service", "action"):
-            try:
-                members[name] = msgspec.json.decode(raw, type=str | int)
-            except msgspec.DecodeError:
-                continue
-    return members
+        try:
+            value: object = None if name in UNDECODED else msgspec.json.decode(raw)
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            where = where or f".{name}"
+            continue
+        if name in ("op", "id", "service", "action") and isinstance(value, str | int):
+            members[name] = value
+    reason = f"{members.get('op', 'it')}{where}: holds a number too large, or text that is not Unicode"
+    return DecodeFailure(reason, members)
 
 
 def deeper_than(data: bytes, limit: int) -> bool:

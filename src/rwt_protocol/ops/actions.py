@@ -74,7 +74,7 @@ class SendActionGoal(Op):
     op: Literal["send_action_goal"] = "send_action_goal"
     action: Text
     action_type: Text
-    args: Arguments = EMPTY
+    args: Arguments = Field(EMPTY, strict=False)
     feedback: Flag = False
     fragment_size: OptionalCount = None
     compression: CompressionOfReply = "none"
@@ -103,7 +103,7 @@ class ActionFeedback(Op):
 
     op: Literal["action_feedback"] = "action_feedback"
     action: Text
-    values: Values = EMPTY
+    values: Values = Field(EMPTY, strict=False)
 
 
 class ActionResult(Op):
@@ -120,7 +120,7 @@ class ActionResult(Op):
 
     op: Literal["action_result"] = "action_result"
     action: Text
-    values: Values = EMPTY
+    values: Values = Field(EMPTY, strict=False)
     result: Flag = True
     status: Annotated[int, Field(ge=0, le=6), Expected("a whole number from 0 to 6")] = Field(
         default_factory=_usual_status

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Final, get_args
 
 import msgspec
 from pydantic import (
@@ -21,7 +21,16 @@ from pydantic_core import CoreSchema, core_schema
 
 from rwt_protocol.error_text import Expected
 from rwt_protocol.errors import Level
-from rwt_protocol.payloads import EMPTY, Decoded, Encodable, RawJson, RawPayload
+from rwt_protocol.payloads import (
+    AS_PLAIN_VALUES,
+    EMPTY,
+    Decoded,
+    Encodable,
+    JsonKind,
+    RawJson,
+    RawPayload,
+    plain_copy,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,36 +50,46 @@ class Opaque:
 
     Attributes:
         convert: makes the member's value from what the codec left of it.
-        schema: the JSON Schema of what ROS puts there.
-        text: whether it may be a string, which is not undecoded.
+        kinds: what ROS puts there. What arrives is not looked at; what a program writes is one of them.
     """
 
     convert: Callable[[msgspec.Raw | RawPayload], RawPayload | str]
-    schema: Mapping[str, object]
-    text: bool = False
+    kinds: tuple[JsonKind, ...]
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.union_schema(
-            [
-                core_schema.is_instance_schema(RawJson),
-                core_schema.is_instance_schema(Decoded),
-                *([core_schema.str_schema(strict=True)] if self.text else []),
-                core_schema.no_info_plain_validator_function(_encodable),
-            ],
-            mode="left_to_right",
+        written = core_schema.no_info_plain_validator_function(self._written)
+        arrived = [
+            core_schema.is_instance_schema(RawJson),
+            core_schema.is_instance_schema(Decoded),
+            *([core_schema.str_schema(strict=True)] if "string" in self.kinds else []),
+        ]
+        return core_schema.custom_error_schema(
+            core_schema.json_or_python_schema(
+                json_schema=written,
+                python_schema=core_schema.union_schema([*arrived, written], mode="left_to_right"),
+            ),
+            custom_error_type="payload",
+            custom_error_message=f"Input should be of type {' or '.join(self.kinds)}, and hold only what JSON"
+            " has, bytes, and integers of at most 64 bits",
+            serialization=AS_PLAIN_VALUES,
         )
 
     def __get_pydantic_json_schema__(
         self, core: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        return dict(self.schema)
+        return {"type": list(self.kinds) if len(self.kinds) > 1 else self.kinds[0]}
 
-
-def _encodable(value: object) -> object:
-    """Any other object that a codec can write."""
-    if isinstance(value, type) or not (hasattr(value, "json") and hasattr(value, "plain")):
-        raise ValueError("not a payload")
-    return value
+    def _written(self, value: object) -> object:
+        """A member as a program writes it: an object that codecs can write, or the value itself."""
+        if hasattr(value, "json") and hasattr(value, "plain") and not isinstance(value, type):
+            return value
+        try:
+            payload = self.convert(Decoded(plain_copy(value)))
+        except RecursionError:
+            raise ValueError("nested too deeply") from None
+        if not isinstance(payload, str) and payload.kind not in self.kinds:
+            raise ValueError("of another kind")
+        return payload
 
 
 def opaque(raw: msgspec.Raw | RawPayload) -> RawPayload:
@@ -111,21 +130,33 @@ echoed if and only if it is there and not null (SRV-01).
 Text = Annotated[str, Expected("a string")]
 OptionalText = Annotated[str | None, Expected("a string")]
 Flag = Annotated[bool, Expected("true or false")]
-Whole = Annotated[int, BeforeValidator(_whole_number, json_schema_input_type=int), Expected("a whole number")]
+MOST: Final = 2**53 - 1
+"""The largest whole number that every reader of JSON has exactly (RFC 8259 section 6)."""
+MOST_SECONDS: Final = 2**63 // 10**9 + 1
+"""The longest time that 64 bits of nanoseconds hold, rounded up: ROS 2 writes it for no end."""
+
+SafeInteger = Annotated[int, Field(ge=-MOST, le=MOST)]
+_Natural = Annotated[int, Field(ge=0, le=MOST)]
+
+Whole = Annotated[
+    SafeInteger,
+    BeforeValidator(_whole_number, json_schema_input_type=SafeInteger),
+    Expected("a whole number"),
+]
 Count = Annotated[
-    int,
-    Field(ge=0),
-    BeforeValidator(_whole_number, json_schema_input_type=Annotated[int, Field(ge=0)]),
+    _Natural,
+    BeforeValidator(_whole_number, json_schema_input_type=_Natural),
     Expected("a whole number, zero or more"),
 ]
 
-Message = Annotated[Encodable, Opaque(opaque, {"type": "object"}), Expected("an object")]
+# Members of these three types have `strict=False`: type checkers then let programs write plain values there.
+Message = Annotated[Encodable, Opaque(opaque, ("object",)), Expected("an object")]
 Arguments = Annotated[
-    Encodable, Opaque(opaque_or_empty, {"type": ["object", "array"]}), Expected("an object or an array")
+    Encodable, Opaque(opaque_or_empty, ("object", "array")), Expected("an object or an array")
 ]
 Values = Annotated[
     Encodable | str,
-    Opaque(opaque_or_text, {"type": ["object", "string"]}, text=True),
+    Opaque(opaque_or_text, ("object", "string")),
     Expected("an object, or a string that says what failed"),
 ]
 
@@ -196,14 +227,12 @@ class OpSpec:
         model: the op's type.
         direction: who sends it.
         refuse: makes the op that reports a refusal to its sender.
-        aliases: other names under which it is accepted.
         in_session: whether the session itself does what it asks, so that no handler sees it.
     """
 
     model: type[Op]
     direction: Direction
     refuse: Refuse
-    aliases: tuple[str, ...] = ()
     in_session: bool = False
 
     @property
@@ -211,3 +240,8 @@ class OpSpec:
         """The op's name on the wire."""
         name: object = self.model.model_fields["op"].default
         return str(name)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        """Other names under which it is accepted."""
+        return tuple(name for name in get_args(self.model.model_fields["op"].annotation) if name != self.name)

@@ -5,11 +5,21 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from rwt_protocol.error_text import Expected
 from rwt_protocol.errors import Level
-from rwt_protocol.ops.base import Count, Direction, Op, OpSpec, ReplyTo, RequiredId, Text
+from rwt_protocol.ops.base import (
+    MOST,
+    Count,
+    Direction,
+    Op,
+    OpSpec,
+    ReplyTo,
+    RequiredId,
+    SafeInteger,
+    Text,
+)
 
 LevelName = Annotated[Level, Expected('"info", "warning", "error" or "none"')]
 
@@ -28,13 +38,24 @@ def _whole_seconds(value: object) -> object:
 
 Total = Annotated[
     int,
-    Field(ge=1),
-    BeforeValidator(_floor, json_schema_input_type=Annotated[float, Field(ge=1)]),
+    Field(ge=1, le=MOST),
+    BeforeValidator(_floor, json_schema_input_type=Annotated[float, Field(ge=1, le=MOST)]),
     Expected("a whole number, one or more"),
 ]
+_Number = Annotated[float, Field(ge=-MOST, le=MOST)]
 Seconds = Annotated[
-    int, BeforeValidator(_whole_seconds, json_schema_input_type=float), Expected("a time in seconds")
+    SafeInteger,
+    BeforeValidator(_whole_seconds, json_schema_input_type=_Number | dict[str, _Number]),
+    Expected("a time in seconds"),
 ]
+
+
+def _set_level(name: str) -> str:
+    """Three names are in use for one op (X02)."""
+    return "set_level"
+
+
+SetLevelName = Annotated[Literal["set_level", "set_status_level", "status_level"], AfterValidator(_set_level)]
 
 
 class Fragment(Op):
@@ -72,7 +93,7 @@ class SetLevel(Op):
         level: the least severity that the client wants to hear of; `none` for nothing.
     """
 
-    op: Literal["set_level"] = "set_level"
+    op: SetLevelName = "set_level"
     level: LevelName
 
 
@@ -120,8 +141,7 @@ def refuse_with_status(reply_to: ReplyTo, reason: str, level: Level = "error") -
 SPECS = (
     OpSpec(Fragment, Direction.BOTH, refuse_with_status, in_session=True),
     OpSpec(Png, Direction.TO_CLIENT, refuse_with_status, in_session=True),
-    # Three names are in use for one op (X02).
-    OpSpec(SetLevel, Direction.TO_SERVER, refuse_with_status, ("set_status_level", "status_level"), True),
+    OpSpec(SetLevel, Direction.TO_SERVER, refuse_with_status, in_session=True),
     OpSpec(Status, Direction.TO_CLIENT, refuse_with_status),
     OpSpec(Auth, Direction.TO_SERVER, refuse_with_status),
 )

@@ -9,6 +9,7 @@ from pydantic import Field
 from rwt_protocol.error_text import Expected
 from rwt_protocol.errors import Level
 from rwt_protocol.ops.base import (
+    MOST_SECONDS,
     Arguments,
     Direction,
     Flag,
@@ -24,7 +25,10 @@ from rwt_protocol.ops.control import refuse_with_status
 from rwt_protocol.ops.topics import CompressionOfReply, OptionalCount
 from rwt_protocol.payloads import EMPTY
 
-Timeout = Annotated[Annotated[float, Field(allow_inf_nan=False)] | None, Expected("a number of seconds")]
+Timeout = Annotated[
+    Annotated[float, Field(ge=-MOST_SECONDS, le=MOST_SECONDS, allow_inf_nan=False)] | None,
+    Expected("a number of seconds"),
+]
 
 
 class CallService(Op):
@@ -39,7 +43,7 @@ class CallService(Op):
     op: Literal["call_service"] = "call_service"
     service: Text
     type: Annotated[OptionalText, NoEffect("the service has a type (SRV-03)")] = None
-    args: Arguments = EMPTY
+    args: Arguments = Field(EMPTY, strict=False)
     timeout: Timeout = None
     fragment_size: OptionalCount = None
     compression: CompressionOfReply = "none"
@@ -58,7 +62,7 @@ class ServiceResponse(Op):
 
     op: Literal["service_response"] = "service_response"
     service: Text
-    values: Values = EMPTY
+    values: Values = Field(EMPTY, strict=False)
     result: Flag = True
 
 

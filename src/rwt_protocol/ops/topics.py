@@ -8,6 +8,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from rwt_protocol.error_text import Expected
 from rwt_protocol.ops.base import (
+    MOST,
+    MOST_SECONDS,
     Count,
     Direction,
     Flag,
@@ -28,19 +30,22 @@ def _lower(value: object) -> object:
     return value.lower() if isinstance(value, str) else value
 
 
-class _Duration(BaseModel):
+class Duration(BaseModel):
     """The other spelling of a number of seconds."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
 
-    secs: Annotated[int, Field(ge=0)]
-    nsecs: Annotated[int, Field(ge=0)]
+    secs: Annotated[int, Field(ge=0, le=MOST_SECONDS)]
+    nsecs: Annotated[int, Field(ge=0, le=MOST)]
+
+
+_Seconds = Annotated[float, Field(ge=0, le=MOST_SECONDS, allow_inf_nan=False)]
 
 
 def _seconds(value: object) -> object:
     """Seconds from a number, ``{secs, nsecs}``, or a name in any case."""
     if isinstance(value, dict):
-        duration = _Duration.model_validate(value)
+        duration = Duration.model_validate(value)
         return duration.secs + duration.nsecs / 1e9
     return _lower(value)
 
@@ -76,13 +81,16 @@ class Qos(BaseModel):
         Expected('"volatile", "transient_local" or "best_available"'),
     ] = None
     deadline: Annotated[
-        Annotated[float, Field(ge=0, allow_inf_nan=False)] | Literal["infinite", "best_available"] | None,
-        BeforeValidator(_seconds),
+        _Seconds | Literal["infinite", "best_available"] | None,
+        BeforeValidator(
+            _seconds,
+            json_schema_input_type=_Seconds | Duration | Literal["infinite", "best_available"] | None,
+        ),
         Expected('seconds, {"secs", "nsecs"}, "infinite" or "best_available"'),
     ] = None
     lifespan: Annotated[
-        Annotated[float, Field(ge=0, allow_inf_nan=False)] | Literal["infinite"] | None,
-        BeforeValidator(_seconds),
+        _Seconds | Literal["infinite"] | None,
+        BeforeValidator(_seconds, json_schema_input_type=_Seconds | Duration | Literal["infinite"] | None),
         Expected('seconds, {"secs", "nsecs"} or "infinite"'),
     ] = None
 
@@ -131,7 +139,7 @@ class Publish(Op):
     op: Literal["publish"] = "publish"
     topic: Text
     type: OptionalText = None
-    msg: Message = EMPTY
+    msg: Message = Field(EMPTY, strict=False)
     latch: Flag = False
     queue_size: QueueSize = None
 
