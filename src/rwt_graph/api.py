@@ -25,7 +25,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from msgspec import Struct
 
@@ -40,6 +40,10 @@ if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
     from rwt_program.errors import CallFailed
+
+
+#: Goals of one action server that may run at a time.
+MOST_GOALS: Final = 1000
 
 
 class Sample(Struct, frozen=True, eq=False, gc=False):
@@ -121,12 +125,18 @@ class Registration(ABC):
 
 
 class ServiceCall(ABC):
-    """One request as its provider sees it. Exactly one of `reply` and `fail` has an effect, and only once."""
+    """One request as its provider sees it. Exactly one of `reply` and `fail` has an effect, and only once.
 
-    __slots__ = ()
+    Attributes:
+        on_end: set by the provider; called once when the call has ended, in whatever way, so that a provider
+            that keeps calls can forget one that nobody waits for any longer.
+    """
+
+    __slots__ = ("on_end",)
 
     service: str
     request: Payload
+    on_end: Callable[[], None] | None
 
     @property
     @abstractmethod
@@ -167,9 +177,17 @@ class ServerGoal(ABC):
 
     id: str
     action: str
-    goal: Payload
     on_cancel: Callable[[], None] | None = None
     on_end: Callable[[CallFailed], None] | None = None
+
+    @property
+    @abstractmethod
+    def goal(self) -> Payload:
+        """The goal's message, until the callback that is given the goal has returned.
+
+        Raises:
+            InvalidTransition: that is over; a goal may run without end, and a server keeps what it needs.
+        """
 
     @property
     @abstractmethod
@@ -336,6 +354,8 @@ class Participant(ABC):
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
     ) -> ClientGoal:
         """Send a goal; an unknown action is a result too.
+
+        Beyond :data:`MOST_GOALS` of one server that have not ended, further ones are rejected.
 
         Args:
             goal_id: 32 lower-case hex digits; None makes one. One that is in use on the action is rejected.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
 from typing import Any
 
 import pytest
@@ -153,3 +155,46 @@ def test_cancel_of_an_unknown_goal_has_no_effect(client: Client) -> None:
     client.say("cancel_action_goal", id="never", action="/fibonacci")
     (status,) = client.heard()
     assert status["level"] == "warning"
+
+
+@pytest.mark.parametrize("sender", ["stays", "disconnects"])
+def test_of_a_goal_that_never_ends_the_message_is_not_kept(
+    client: Client, other: Client, sender: str
+) -> None:
+    other.say("advertise_action", action="/go", type="nav2_msgs/NavigateToPose")
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        for number in range(100):
+            goal = {"id": number, "action": "/go", "action_type": "nav2_msgs/NavigateToPose"}
+            client.say("send_action_goal", **goal, args={"behavior_tree": "x" * 100_000}, feedback=True)
+            assert len(other.heard()) == 1
+        if sender == "disconnects":
+            client.leave()
+        gc.collect()
+        assert tracemalloc.get_traced_memory()[0] - before < 2_000_000
+    finally:
+        tracemalloc.stop()
+    if sender == "stays":
+        other.say("action_feedback", action="/go", id="action_goal:/go:7", values={"number_of_recoveries": 1})
+        assert client.heard()[0]["id"] == 6
+        client.say("cancel_action_goal", action="/go", id=6)
+        assert [message["op"] for message in other.heard()] == ["cancel_action_goal"]
+
+
+def test_an_action_runs_a_thousand_goals_at_most(client: Client, other: Client) -> None:
+    other.say("advertise_action", **FIBONACCI)
+    goal = {"action": "/fibonacci", "action_type": FIBONACCI["type"], "args": {"order": 3}}
+    for number in range(1000):
+        client.say("send_action_goal", **goal, id=number)
+    assert client.heard() == []
+    client.say("send_action_goal", **goal, id="more")
+    (refused,) = client.heard()
+    assert (refused["id"], refused["result"]) == ("more", False)
+    assert "1000 goals" in refused["values"]
+    other.say(
+        "action_result", action="/fibonacci", id="action_goal:/fibonacci:1", values={}, status=4, result=True
+    )
+    assert client.heard()[0]["id"] == 0
+    client.say("send_action_goal", **goal, id="again")
+    assert client.heard() == []

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
 from typing import Any
 
 import pytest
@@ -277,3 +279,37 @@ def test_a_python_program_calls_a_clients_service(graph: MemoryGraph, client: Cl
     (outcome,) = outcomes
     assert isinstance(outcome, Payload)
     assert bytes(outcome.json()) == b'{"success": true, "message": "hi"}'
+
+
+def _held(before: int) -> float:
+    """Megabytes more than before."""
+    gc.collect()
+    return (tracemalloc.get_traced_memory()[0] - before) / 1e6
+
+
+@pytest.mark.parametrize("how", ["disconnects", "times out"])
+def test_a_call_that_nobody_answers_is_forgotten_with_its_caller(
+    graph: MemoryGraph, client: Client, other: Client, clock: SimulatedClock, how: str
+) -> None:
+    other.say("set_level", level="warning")
+    other.say("advertise_service", service="/slow", type="rosapi_msgs/SetParam")
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(100):
+            args = {"name": "/a", "value": "x" * 100_000}
+            client.say("call_service", service="/slow", args=args, timeout=5)
+            (asked,) = other.heard()
+        assert _held(before) > 8
+        if how == "disconnects":
+            client.leave()
+        else:
+            clock.advance(10)
+            assert len(client.heard()) == 100
+        asked["args"].clear()
+        assert _held(before) < 2
+    finally:
+        tracemalloc.stop()
+    other.say("service_response", service="/slow", id=asked["id"], values={}, result=True)
+    (status,) = other.heard()
+    assert "waits under id" in status["msg"]

@@ -21,10 +21,16 @@ class Asker:
         self.clock = SimulatedClock(start_ns=5_000_000_007)
         self.graph = ZenohGraph(Registry(), self.clock)
         self.goals: list[ServerGoal] = []
+        self.orders: list[int] = []
         self.type = self.graph.registry.action("example_interfaces/Fibonacci")
-        self.server = self.graph.participant("/p").advertise_action("/fib", self.type, self.goals.append)
+        self.server = self.graph.participant("/p").advertise_action("/fib", self.type, self._taken)
         self.client = self.graph.participant("/c")
         self.answers: list[Any] = []
+
+    def _taken(self, goal: ServerGoal) -> None:
+        message: Message = goal.goal.value()
+        self.orders.append(message.order)
+        self.goals.append(goal)
 
     def ask(self, service: str, request: object) -> None:
         info = self.graph.service(f"/fib/_action/{service}")
@@ -59,8 +65,7 @@ def test_a_goal_is_accepted_with_the_time_and_its_result_waited_for(asker: Asker
     asker.send(3)
     assert asker.answers == []
     goal = asker.goals[0]
-    message: Message = goal.goal.value()
-    assert (goal.id, message.order) == ("03" * 16, 3)
+    assert (goal.id, asker.orders) == ("03" * 16, [3])
     goal.accept()
     (accepted,) = asker.answers
     assert (accepted.accepted, accepted.stamp.sec, accepted.stamp.nanosec) == (True, 5, 7)
@@ -121,3 +126,16 @@ def test_who_waits_for_a_result_hears_that_the_server_left(asker: Asker) -> None
     ]
     assert [service.name for service in asker.graph.services()] == []
     assert [topic.name for topic in asker.graph.topics() if "/_action/" in topic.name] == []
+
+
+def test_a_question_for_a_result_that_is_withdrawn_is_forgotten(asker: Asker) -> None:
+    asker.send(1)
+    asker.goals[0].accept()
+    info = asker.graph.service("/fib/_action/get_result")
+    assert info is not None
+    request = Payload.from_value(info.type.request, {"goal_id": {"uuid": bytes([1] * 16)}})
+    answers: list[object] = []
+    pending = [asker.client.call_service(info.name, request, answers.append) for _ in range(3)]
+    pending[1].cancel()
+    asker.finish(asker.goals[0], 7)
+    assert len(answers) == 2

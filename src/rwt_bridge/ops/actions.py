@@ -68,23 +68,25 @@ class SentGoal:
         id: as the client marked it.
     """
 
-    __slots__ = ("_client", "_ended", "_goal", "_listening", "_op", "action", "id")
+    __slots__ = ("_client", "_ended", "_fragment_size", "_goal", "_listening", "_name", "action", "id")
 
     def __init__(self, client: Actions, op: SendActionGoal) -> None:
         name, suffix = split_suffix(op.action)
         self._client = client
-        self._op = op
+        # Not the op, whose arguments would be kept as long as the goal runs.
+        self._name = op.action
+        self._fragment_size = op.fragment_size
         self._listening = True
         self._ended = False
         self.action = resolve(name)
         self.id = suffix if op.id is None else op.id
         events = GoalEvents(on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None)
-        self._goal: ClientGoal = client.graph.send_goal(self.action, self._goal_of, events)
 
-    def _goal_of(self, type: ActionType) -> Payload:
-        op, client = self._op, self._client
-        client.graph.registry.action(op.action_type)
-        return arguments_of(type.goal, op.args, "send_action_goal.args", client.now)
+        def goal_of(type: ActionType) -> Payload:
+            client.graph.registry.action(op.action_type)
+            return arguments_of(type.goal, op.args, "send_action_goal.args", client.now)
+
+        self._goal: ClientGoal = client.graph.send_goal(self.action, goal_of, events)
 
     @property
     def goal_id(self) -> str:
@@ -107,9 +109,8 @@ class SentGoal:
 
     def _on_feedback(self, feedback: Payload) -> None:
         if self._listening:
-            op = self._op
             self._client.replies.send(
-                ActionFeedback(action=op.action, values=feedback, id=self.id), op.fragment_size
+                ActionFeedback(action=self._name, values=feedback, id=self.id), self._fragment_size
             )
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
@@ -120,13 +121,13 @@ class SentGoal:
         failed = isinstance(outcome, CallFailed)
         self._client.replies.send(
             ActionResult(
-                action=self._op.action,
+                action=self._name,
                 values=str(outcome) if isinstance(outcome, CallFailed) else outcome,
                 status=int(status),
                 result=not failed,
                 id=self.id,
             ),
-            None if failed else self._op.fragment_size,
+            None if failed else self._fragment_size,
         )
 
 

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
 
-#: Answered, abandoned calls are swept out of a provider's table when it has grown to this size.
-_SWEEP_AT: Final = 256
-
 
 def split_suffix(name: str) -> tuple[str, str | None]:
     """Take the legacy ``#id`` off a service's or an action's name (SRV-09, ACT-11)."""
@@ -47,15 +44,16 @@ class _Provided:
 
     def ask(self, type: ServiceType, call: ServiceCall) -> None:
         """Send one request to the client, under an id of its own (SVP-01, SVP-02)."""
-        if len(self.waiting) >= _SWEEP_AT:
-            self.waiting = {id_: asked for id_, asked in self.waiting.items() if not asked[1].done}
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
         self.waiting[id_] = (type, call)
+        call.on_end = lambda: self._forget(id_)
         reason = self._replies.request(self._name, call.request, id_)
         if reason is not None:
-            del self.waiting[id_]
             call.fail(f"the provider cannot be asked: {reason}")
+
+    def _forget(self, id_: str) -> None:
+        self.waiting.pop(id_, None)
 
 
 class Services:
@@ -80,15 +78,15 @@ class Services:
         """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14)."""
         service, suffix = split_suffix(op.service)
         mark = suffix if op.id is None else op.id
-        replies = self._replies
+        replies, name, fragment_size = self._replies, op.service, op.fragment_size
 
+        # Without the op, whose arguments would be kept until then.
         def on_reply(outcome: Payload | CallFailed) -> None:
             """Answer the client: exactly one reply per call (SRV-14)."""
             if isinstance(outcome, CallFailed):
-                failure = ServiceResponse(service=op.service, values=str(outcome), result=False, id=mark)
-                replies.send(failure)
+                replies.send(ServiceResponse(service=name, values=str(outcome), result=False, id=mark))
             else:
-                replies.respond(op.service, outcome, mark, op.fragment_size)
+                replies.respond(name, outcome, mark, fragment_size)
 
         seconds = self._timeout if op.timeout is None else op.timeout
         try:

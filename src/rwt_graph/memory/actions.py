@@ -26,7 +26,15 @@ from enum import Enum, auto
 from typing import TYPE_CHECKING, Protocol
 from uuid import uuid4
 
-from rwt_graph.api import ActionInfo, CallObserver, ClientGoal, GoalEvents, Registration, ServerGoal
+from rwt_graph.api import (
+    MOST_GOALS,
+    ActionInfo,
+    CallObserver,
+    ClientGoal,
+    GoalEvents,
+    Registration,
+    ServerGoal,
+)
 from rwt_graph.errors import InvalidGraphName, InvalidTransition
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_program.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
@@ -142,7 +150,7 @@ class MemoryGoal(ServerGoal):
     ) -> None:
         self.id = goal_id
         self.action = server.name
-        self.goal = goal
+        self._goal: Payload | None = goal
         self.reason = ""
         self.on_cancel: Callable[[], None] | None = None
         self.on_end: Callable[[CallFailed], None] | None = None
@@ -153,6 +161,17 @@ class MemoryGoal(ServerGoal):
         self._cancel_requested = False
         self._cancel_notified = False
         self.listening = True
+
+    @property
+    def goal(self) -> Payload:
+        """The goal's message, while its server is given it. Raises :exc:`InvalidTransition` later."""
+        if self._goal is None:
+            raise InvalidTransition(f"goal {self.id} of {self.action} was taken: its message is not kept")
+        return self._goal
+
+    def taken(self) -> None:
+        """Forget the goal's message, which its server has been given."""
+        self._goal = None
 
     @property
     def status(self) -> GoalStatus:
@@ -399,6 +418,9 @@ class Actions:
         action = server.name
         if goal_id in server.goals:
             return _refused(goal_id, action, events, GoalRejected(f"goal id {goal_id} is in use on {action}"))
+        if len(server.goals) >= MOST_GOALS:
+            full = f"{action} has {MOST_GOALS} goals that have not ended, which is the limit"
+            return _refused(goal_id, action, events, GoalRejected(full))
         if self.observer is not None:
             events = self._observed(self.observer, server, goal_id, payload, events)
         goal = server.goals[goal_id] = MemoryGoal(server, goal_id, payload, events, client)
@@ -409,6 +431,7 @@ class Actions:
             logger.exception("action %s failed on a new goal", action)
             if goal.status is GoalStatus.UNKNOWN and goal_id in server.goals:
                 goal.reject("internal error")
+        goal.taken()
         return MemoryClientGoal(goal_id, action, goal)
 
     @staticmethod

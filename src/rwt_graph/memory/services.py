@@ -50,6 +50,7 @@ class MemoryCall(ServiceCall, PendingCall):
         self.service = service
         self.request = request
         self._on_reply: OnReply | None = on_reply
+        self.on_end: Callable[[], None] | None = None
         self._provider: Answering | None = None
         self._due: set[MemoryCall] | None = None
 
@@ -73,6 +74,12 @@ class MemoryCall(ServiceCall, PendingCall):
             self._caller.drop(self)
             if self._due is not None:
                 self._due.discard(self)
+        on_end, self.on_end = self.on_end, None
+        if on_end is not None:
+            try:
+                on_end()
+            except Exception:
+                logger.exception("the provider of %s failed on the end of a call", self.service)
         return on_reply
 
     def reply(self, response: Payload) -> None:

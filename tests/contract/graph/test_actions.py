@@ -30,6 +30,7 @@ class Server:
 
     def __init__(self, harness: Harness, node: str = "/server") -> None:
         self.goals: list[ServerGoal] = []
+        self.messages: list[bytes | memoryview] = []
         self.heard: list[str] = []
         self.on_goal: Callable[[ServerGoal], None] = lambda goal: goal.accept()
         self.participant = harness.graph.participant(node)
@@ -39,6 +40,7 @@ class Server:
 
     def _on_goal(self, goal: ServerGoal) -> None:
         self.goals.append(goal)
+        self.messages.append(goal.goal.json())
         goal.on_cancel = lambda: self.heard.append("cancel")
         goal.on_end = lambda gone: self.heard.append(str(gone))
         self.on_goal(goal)
@@ -63,7 +65,9 @@ async def test_a_goal_from_beginning_to_success(harness: Harness, server: Server
     assert diary.heard == ["accepted"]
     (served,) = server.goals
     assert (served.id, served.action, served.status) == (goal.id, "/fib", GoalStatus.EXECUTING)
-    assert served.goal.json() == harness.goal(3).json()
+    assert server.messages == [harness.goal(3).json()]
+    with pytest.raises(InvalidTransition, match="not kept"):
+        _ = served.goal
     served.feedback(harness.sequence(0, 1, part="feedback"))
     served.finish(GoalStatus.SUCCEEDED, harness.sequence(0, 1, 1))
     served.feedback(harness.sequence(9, part="feedback"))

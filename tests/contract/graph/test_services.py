@@ -204,6 +204,61 @@ async def test_open_calls_of_a_node_that_leaves_end(
     assert replies == ["CallFailed: node /c was closed"]
 
 
+@pytest.mark.parametrize("how", ["reply", "fail", "timeout", "cancel", "caller leaves", "provider leaves"])
+async def test_a_provider_learns_once_that_a_call_has_ended(
+    harness: Harness, trigger: ServiceType, replies: Replies, how: str
+) -> None:
+    provider, caller = harness.graph.participant("/p"), harness.graph.participant("/c")
+    ended: list[bool] = []
+    calls: list[ServiceCall] = []
+
+    def on_call(call: ServiceCall) -> None:
+        calls.append(call)
+        call.on_end = lambda: ended.append(call.done)
+
+    registration = provider.advertise_service("/s", trigger, on_call)
+    await harness.settle()
+    pending = caller.call_service("/s", harness.request(), replies, timeout=1.0)
+    await harness.settle()
+    assert ended == []
+    match how:
+        case "reply":
+            calls[0].reply(harness.response("done"))
+        case "fail":
+            calls[0].fail("no")
+        case "timeout":
+            await harness.advance(2)
+        case "cancel":
+            pending.cancel()
+        case "caller leaves":
+            caller.close()
+        case _:
+            registration.close()
+    await harness.settle()
+    assert ended == [True]
+    pending.cancel()
+    calls[0].reply(harness.response("late"))
+    registration.close()
+    await harness.advance(2)
+    assert ended == [True]
+
+
+async def test_a_provider_that_raises_when_a_call_ends_is_logged(
+    harness: Harness, trigger: ServiceType, replies: Replies, caplog: pytest.LogCaptureFixture
+) -> None:
+    def on_call(call: ServiceCall) -> None:
+        call.on_end = lambda: [][0]
+        call.reply(harness.response("done"))
+
+    harness.graph.participant("/p").advertise_service("/s", trigger, on_call)
+    await harness.settle()
+    with caplog.at_level(logging.ERROR):
+        harness.graph.participant("/c").call_service("/s", harness.request(), replies)
+        await harness.settle()
+    assert replies == ["done"]
+    assert "/s" in caplog.text
+
+
 async def test_a_provider_that_raises_fails_the_call_without_telling_why(
     harness: Harness, trigger: ServiceType, replies: Replies, caplog: pytest.LogCaptureFixture
 ) -> None:

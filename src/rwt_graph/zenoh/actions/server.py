@@ -7,7 +7,6 @@ latched one of states. Their goals are goals like any other, and the topics carr
 from __future__ import annotations
 
 from collections import OrderedDict
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rwt_graph.api import GoalEvents
@@ -79,18 +78,21 @@ class Ros2ActionServer:
         request: Any = call.request.value()
         goal_id = bytes(request.goal_id.uuid).hex()
         goal = Payload.from_value(self._server.type.goal, request.goal)
-        events = GoalEvents(partial(self._refused, call), None, partial(self._accepted, call, goal_id))
+        asked = [call]
+
+        # The call holds the goal's message, so it is dropped with the answer: the goal may run without end.
+        def accepted() -> None:
+            stamp = self._stamps.get(goal_id) or self._now()
+            asked.pop().reply(Payload.from_value(self._answer_type, {"accepted": True, "stamp": stamp}))
+
+        def ended(_status: GoalStatus, outcome: Payload | CallFailed) -> None:
+            if asked and isinstance(outcome, GoalRejected):
+                self._give_reason(goal_id, str(outcome))
+                asked.pop().reply(Payload.from_value(self._answer_type, {}))
+
+        del call
+        events = GoalEvents(ended, None, accepted)
         self._actions.send_here(self._server, goal, events, goal_id, self._clients)
-
-    def _accepted(self, call: ServiceCall, goal_id: str) -> None:
-        stamp = self._stamps.get(goal_id) or self._now()
-        call.reply(Payload.from_value(self._answer_type, {"accepted": True, "stamp": stamp}))
-
-    def _refused(self, call: ServiceCall, _status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        if isinstance(outcome, GoalRejected):
-            request: Any = call.request.value()
-            self._give_reason(bytes(request.goal_id.uuid).hex(), str(outcome))
-            call.reply(Payload.from_value(self._answer_type, {}))
 
     def _on_get_result(self, call: ServiceCall) -> None:
         request: Any = call.request.value()
@@ -98,7 +100,9 @@ class Ros2ActionServer:
         if goal_id in self._results:
             self._give_result(call, *self._results[goal_id])
         elif goal_id in self._server.goals:
-            self._waiting.setdefault(goal_id, []).append(call)
+            waiting = self._waiting.setdefault(goal_id, [])
+            waiting.append(call)
+            call.on_end = lambda: waiting.remove(call)
         else:
             nothing = Payload.from_value(self._server.type.result, {})
             self._give_result(call, GoalStatus.UNKNOWN, nothing)
@@ -143,7 +147,7 @@ class Ros2ActionServer:
         self._results[goal_id] = (status, result.detach())
         while len(self._results) > RESULTS_KEPT:
             self._results.popitem(last=False)
-        for call in waiting:
+        for call in tuple(waiting):
             self._give_result(call, status, result)
 
     def _give_reason(self, goal_id: str, reason: str) -> None:
