@@ -10,6 +10,7 @@ from rwt_access.admission import Admission
 from rwt_access.audit import Audit
 from rwt_access.client_graph import ClientGraph
 from rwt_access.graph_view import GraphView
+from rwt_access.quotas import AddressQuotas, ClientQuotas
 from rwt_access.roles import Role
 from rwt_access.settings import RoleSettings
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
@@ -54,18 +55,23 @@ class Access:
         self._graph = graph
         self.nobody = GraphView(graph, Role("nobody", RoleSettings()))
         self._limits = settings.limits
+        self._left_behind: dict[str, AddressQuotas] = {}
         self._disclosures = {**PARAMETER_DISCLOSURES, **disclosures}
         self.audit = Audit()
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
 
-    def client(self, shared: SharedGraph, role: Role) -> ClientGraph:
+    def client(self, shared: SharedGraph, role: Role, address: str) -> ClientGraph:
         """The graph as a client of that role may see it and act on it.
 
         Args:
             shared: the part in the graph of the gateway that it came through.
             role: the client's.
+            address: the client's; what earlier clients from there have left behind counts as its own.
         """
-        return ClientGraph(shared, role, self._limits, self._disclosures)
+        if address not in self._left_behind:
+            self._left_behind = {name: left for name, left in self._left_behind.items() if not left.is_empty}
+        quotas = ClientQuotas(self._limits, self._left_behind.setdefault(address, AddressQuotas()))
+        return ClientGraph(shared, role, quotas, self._disclosures)
 
     def reader(self, info: PeerInfo) -> GraphView:
         """The graph as whoever sent a request without a connection may see it, by the token in the request.

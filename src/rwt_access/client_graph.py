@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar, Union
 
 from rwt_access.disclosure import restrict
 from rwt_access.graph_view import GraphView
-from rwt_access.quotas import Quota
 from rwt_graph.names import resolve
 from rwt_program.errors import CallFailed, NotFound, ProviderNotFound
 
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Sequence
 
     from rwt_access.disclosure import Disclosures, OutcomeFilter
+    from rwt_access.quotas import Charge, ClientQuotas, Quota
     from rwt_access.roles import Role
-    from rwt_access.settings import ClientLimits
     from rwt_delivery.counters import Counters
     from rwt_delivery.fanout import Fanout
     from rwt_delivery.shared_graph import SharedGraph
@@ -56,23 +55,60 @@ class UnknownTopicType(NotFound):
 class _Call:
     """One call of a client under way; called with its outcome."""
 
-    __slots__ = ("_calls", "_filtered", "_on_reply", "_quota", "pending")
+    __slots__ = ("_calls", "_filtered", "_on_reply", "_quotas", "_size", "pending")
 
     def __init__(
-        self, calls: set[_Call], quota: Quota, on_reply: OnReply, filtered: OutcomeFilter | None
+        self,
+        calls: set[_Call],
+        quotas: ClientQuotas,
+        size: int,
+        on_reply: OnReply,
+        filtered: OutcomeFilter | None,
     ) -> None:
         self._calls = calls
-        self._quota = quota
+        self._quotas = quotas
+        self._size = size
         self._on_reply = on_reply
         self._filtered = filtered
         self.pending: PendingCall | None = None
 
     def __call__(self, outcome: Payload | CallFailed) -> None:
-        self._calls.discard(self)
-        self._quota.held -= 1
+        self.end()
         if self._filtered is not None:
             outcome = self._filtered(outcome)
         self._on_reply(outcome)
+
+    def end(self) -> None:
+        """Count no more."""
+        self._calls.discard(self)
+        self._quotas.calls.held -= 1
+        self._quotas.kept.give_back(self._size)
+
+
+class LatchedPublisher:
+    """A shared publisher of a latched topic, for one client: what it keeps is charged to who published it."""
+
+    __slots__ = ("_kept", "_shared", "counts", "topic", "type")
+
+    def __init__(self, shared: SharedPublisher, kept: Quota) -> None:
+        self._shared = shared
+        self._kept = kept
+        self.topic = shared.topic
+        self.type = shared.type
+        self.counts = shared.counts
+
+    def publish(self, payload: Payload) -> None:
+        """Hand on a message.
+
+        Raises:
+            QuotaExceeded: as many bytes are kept for the client as may be.
+        """
+        replaced = self._shared.kept_next_to_go
+        self._shared.publish_kept(payload, self._kept.exchange(replaced, payload.kept_size))
+
+
+ClientPublisher = Union["SharedPublisher", LatchedPublisher]
+"""What a client publishes on."""
 
 
 class ClientGraph(GraphView):
@@ -81,23 +117,22 @@ class ClientGraph(GraphView):
     Args:
         shared: the gateway's part in the graph.
         role: the client's.
-        limits: how much the client may hold.
+        quotas: how much the client may hold.
         disclosures: what services reveal, by the name of their type.
     """
 
     def __init__(
-        self, shared: SharedGraph, role: Role, limits: ClientLimits, disclosures: Disclosures
+        self, shared: SharedGraph, role: Role, quotas: ClientQuotas, disclosures: Disclosures
     ) -> None:
         super().__init__(shared.graph, role)
         self._shared = shared
         self._disclosures = disclosures
-        self._advertised: dict[str, set[Hashable]] = {}
-        self._services: dict[str, Registration] = {}
-        self._actions: dict[str, Registration] = {}
+        self._advertised: dict[str, dict[Hashable, Charge]] = {}
+        self._services: dict[str, tuple[Registration, Charge]] = {}
+        self._actions: dict[str, tuple[Registration, Charge]] = {}
         self._calls: set[_Call] = set()
-        self._subscriptions = Quota("subscriptions", limits.subscriptions)
-        self._advertisements = Quota("advertisements", limits.advertisements)
-        self._in_flight = Quota("calls", limits.calls)
+        self._quotas = quotas
+        self._subscriptions: list[Charge] = []
 
     def take_role(self, role: Role) -> None:
         """Act as another role from now on. What is open stays open; publishers have to be asked for again."""
@@ -149,14 +184,14 @@ class ClientGraph(GraphView):
         return bool(advertised)
 
     def _release(self, name: str, dropped: Sequence[Hashable]) -> None:
+        marks = self._advertised.get(name, {})
         for each in dropped:
-            self._advertised[name].discard(each)
-            self._shared.publishers.release(name, (self, each))
-        self._advertisements.give_back(len(dropped))
-        if dropped and not self._advertised[name]:
+            # A publisher outlives its last user, and counts as long.
+            self._shared.publishers.release(name, (self, each), marks.pop(each))
+        if dropped and not marks:
             del self._advertised[name]
 
-    def publisher(self, topic: str, type: str | None, qos: QoS | None = None) -> SharedPublisher:
+    def publisher(self, topic: str, type: str | None, qos: QoS | None = None) -> ClientPublisher:
         """What publishes on a topic, for a client that may not have advertised it (UNA-05).
 
         The right to publish is decided here and not for each message: whoever keeps the publisher drops it
@@ -169,23 +204,24 @@ class ClientGraph(GraphView):
         """
         name = self.require("publish", topic)
         marks = self._advertised.get(name)
-        return self._acquire(name, self._type_of(name, type), next(iter(marks)) if marks else _IMPLICIT, qos)
+        mark = next(iter(marks)) if marks else _IMPLICIT
+        shared = self._acquire(name, self._type_of(name, type), mark, qos)
+        return LatchedPublisher(shared, self._quotas.kept) if shared.keeps_samples else shared
 
     def _acquire(
         self, name: str, type: MessageType, mark: Hashable, qos: QoS | None, lacks: Lacks | None = None
     ) -> SharedPublisher:
-        marks = self._advertised.get(name, ())
-        is_new = mark not in marks
-        if is_new:
-            self._advertisements.take()
+        publishers, quota = self._shared.publishers, self._quotas.advertisements
+        known = self._advertised.get(name, {}).get(mark)
+        # A publisher of this client that lingers is taken up again, at the same cost.
+        charge = known or quota.exchange(publishers.lingering(name), 1)
         try:
-            publisher = self._shared.publishers.acquire(name, type, qos, (self, mark), lacks)
+            publisher = publishers.acquire(name, type, qos, (self, mark), lacks)
         except BaseException:
-            if is_new:
-                self._advertisements.give_back()
+            if known is None:
+                publishers.linger_for(name, charge)
             raise
-        if is_new:
-            self._advertised.setdefault(name, set()).add(mark)
+        self._advertised.setdefault(name, {})[mark] = charge
         return publisher
 
     def subscribe(self, topic: str, type: str | None, *, is_new: bool = True) -> Fanout:
@@ -206,17 +242,18 @@ class ClientGraph(GraphView):
         """
         name = self.require("subscribe", topic)
         if is_new:
-            self._subscriptions.take()
+            self._subscriptions.append(self._quotas.subscriptions.take())
         try:
             return self._shared.fanout(name, self._type_of(name, type))
         except BaseException:
             if is_new:
-                self._subscriptions.give_back()
+                self._subscriptions.pop().end()
             raise
 
     def unsubscribe(self, fanout: Fanout, count: int = 1) -> None:
         """End some subscriptions on a fan-out, which ends with its last listener."""
-        self._subscriptions.give_back(count)
+        for _ in range(count):
+            self._subscriptions.pop().end()
         self._shared.release(fanout)
 
     def startup_samples(self, fanout: Fanout) -> tuple[Sample, ...]:
@@ -257,15 +294,18 @@ class ClientGraph(GraphView):
         info = self._graph.service(name)
         if info is None:
             raise ProviderNotFound(f"Service {name} does not exist")
-        self._in_flight.take()
+        quotas = self._quotas
+        quotas.calls.add(1)
         try:
             payload, filtered = request(info.type), None
             if not self.role.unrestricted:
                 payload, filtered = restrict(self, self._disclosures, name, info.type, payload)
+            size = payload.kept_size
+            quotas.kept.add(size)
         except BaseException:
-            self._in_flight.give_back()
+            quotas.calls.held -= 1
             raise
-        call = _Call(self._calls, self._in_flight, on_reply, filtered)
+        call = _Call(self._calls, quotas, size, on_reply, filtered)
         self._calls.add(call)
         self._shared.counters.calls += 1
         call.pending = self._shared.participant.call_service(name, payload, call, timeout)
@@ -308,18 +348,19 @@ class ClientGraph(GraphView):
         info = self._graph.action(name)
         if info is None:
             raise ProviderNotFound(f"Action {name} does not exist")
-        quota = self._in_flight
-
-        def on_result(status: GoalStatus, outcome: Payload | CallFailed) -> None:
-            quota.give_back()
-            events.on_result(status, outcome)
-
-        quota.take()
+        charge = self._quotas.calls.take()
         try:
             payload = goal(info.type)
+            kept = self._quotas.kept.take(payload.kept_size)
         except BaseException:
-            quota.give_back()
+            charge.end()
             raise
+
+        def on_result(status: GoalStatus, outcome: Payload | CallFailed) -> None:
+            charge.end()
+            kept.end()
+            events.on_result(status, outcome)
+
         self._shared.counters.goals += 1
         return self._shared.participant.send_goal(name, payload, replace(events, on_result=on_result))
 
@@ -352,7 +393,7 @@ class ClientGraph(GraphView):
 
     def _offer(
         self,
-        offers: dict[str, Registration],
+        offers: dict[str, tuple[Registration, Charge]],
         name: str,
         interface: T,
         advertise: Callable[[str, T, Callable[[C], None]], Registration],
@@ -361,23 +402,23 @@ class ClientGraph(GraphView):
         """Offer a service or an action; the client's own of the same name gives way to it."""
         absolute = self.require("provide", name)
         previous = offers.get(absolute)
-        if previous is None:
-            self._advertisements.take()
+        charge = self._quotas.advertisements.take() if previous is None else previous[1]
         try:
-            offers[absolute] = advertise(absolute, interface, partial(on_ask, interface))
+            offers[absolute] = (advertise(absolute, interface, partial(on_ask, interface)), charge)
         except BaseException:
             if previous is None:
-                self._advertisements.give_back()
+                charge.end()
             raise
         if previous is not None:
-            previous.close()
+            previous[0].close()
         return absolute
 
-    def _withdraw(self, offers: dict[str, Registration], name: str) -> bool:
-        registration = offers.pop(name, None)
-        if registration is None:
+    def _withdraw(self, offers: dict[str, tuple[Registration, Charge]], name: str) -> bool:
+        offered = offers.pop(name, None)
+        if offered is None:
             return False
-        self._advertisements.give_back()
+        registration, charge = offered
+        charge.end()
         registration.close()
         return True
 
@@ -391,7 +432,8 @@ class ClientGraph(GraphView):
             self.withdraw_service(service)
         for action in tuple(self._actions):
             self.withdraw_action(action)
-        for call in self._calls:
+        for call in tuple(self._calls):
             if call.pending is not None:
                 call.pending.cancel()
-        self._calls.clear()
+            call.end()
+        self._quotas.leave()

@@ -2,43 +2,143 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rwt_access.errors import QuotaExceeded
+
+if TYPE_CHECKING:
+    from rwt_access.settings import ClientLimits
 
 
 class Quota:
-    """How many of one kind of thing a client holds, and may hold.
+    """How much of one kind a client holds, and may hold.
+
+    What outlives the client, as a publisher that lingers, stays charged to its address: the next client from
+    there has that much less.
 
     Attributes:
-        held: how many it holds now.
+        held: how much it holds now.
 
     Args:
-        setting: the key below `limits` that says how many it may hold, which is also what they are called.
-        most: how many it may hold.
+        setting: the key below `limits` that says how much it may hold.
+        most: how much it may hold.
+        outlived: what earlier clients of the same address have left behind.
+        noun: what is counted; the setting's own name by default.
     """
 
-    __slots__ = ("_most", "_setting", "held")
+    __slots__ = ("_has_left", "_most", "_noun", "_outlived", "_setting", "held")
 
-    def __init__(self, setting: str, most: int) -> None:
+    def __init__(self, setting: str, most: int, outlived: Quota | None = None, noun: str = "") -> None:
         self._setting = setting
         self._most = most
+        self._noun = noun or setting
+        self._outlived = outlived
+        self._has_left = False
         self.held = 0
 
-    def take(self) -> None:
-        """Count one more.
+    def take(self, amount: int = 1) -> Charge:
+        """Count some more, until the charge ends.
 
         Raises:
-            QuotaExceeded: the client holds as many as it may.
+            QuotaExceeded: the client holds as much as it may.
         """
-        if self.held >= self._most:
-            raise QuotaExceeded(
-                f"this client has {self.held} {self._setting}, "
-                f"and {self._most} is the limit (limits.{self._setting})"
-            )
-        self.held += 1
+        self.add(amount)
+        return Charge(self, amount)
 
-    def give_back(self, count: int = 1) -> None:
+    def exchange(self, old: object, amount: int) -> Charge:
+        """Count something in the place of what an older charge counts, if that is one of this quota.
+
+        Raises:
+            QuotaExceeded: the client holds as much as it may; the older charge stays.
+        """
+        if not isinstance(old, Charge) or old.quota is not self:
+            return self.take(amount)
+        self.add(amount - old.amount)
+        old.quota = None
+        return Charge(self, amount)
+
+    def add(self, amount: int) -> None:
+        """Count some more, until :meth:`give_back`.
+
+        Raises:
+            QuotaExceeded: the client holds as much as it may.
+        """
+        held = self.held if self._outlived is None else self.held + self._outlived.held
+        if held + amount > self._most:
+            raise QuotaExceeded(
+                f"this client has {held} {self._noun}, and {self._most} is the limit (limits.{self._setting})"
+            )
+        self.held += amount
+
+    def give_back(self, amount: int) -> None:
         """Count some less."""
-        self.held -= count
+        self.held -= amount
+        if self._has_left and self._outlived is not None:
+            self._outlived.held -= amount
+
+    def leave(self) -> None:
+        """Charge to the client's address from now on what goes on without it."""
+        if self._outlived is not None and not self._has_left:
+            self._has_left = True
+            self._outlived.held += self.held
+
+
+class Charge:
+    """Something that counts towards a quota until it ends.
+
+    Attributes:
+        quota: None after its end.
+        amount: that it counts.
+    """
+
+    __slots__ = ("amount", "quota")
+
+    def __init__(self, quota: Quota, amount: int) -> None:
+        self.quota: Quota | None = quota
+        self.amount = amount
+
+    def end(self) -> None:
+        """Count no more."""
+        quota, self.quota = self.quota, None
+        if quota is not None:
+            quota.give_back(self.amount)
+
+
+class AddressQuotas:
+    """What clients of one address have left behind, which counts towards the quotas of the next ones."""
+
+    def __init__(self) -> None:
+        self.advertisements = Quota("advertisements", 0)
+        self.kept = Quota("kept_bytes", 0)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is left behind."""
+        return not (self.advertisements.held or self.kept.held)
+
+
+class ClientQuotas:
+    """Everything that one client may hold.
+
+    Attributes:
+        subscriptions: by topic and id.
+        advertisements: topics, services and actions that it offers, and publishers that linger.
+        calls: calls and goals under way.
+        kept: bytes that the server keeps for it: requests under way, and samples of its latched topics.
+    """
+
+    __slots__ = ("advertisements", "calls", "kept", "subscriptions")
+
+    def __init__(self, limits: ClientLimits, address: AddressQuotas) -> None:
+        self.subscriptions = Quota("subscriptions", limits.subscriptions)
+        self.advertisements = Quota("advertisements", limits.advertisements, address.advertisements)
+        self.calls = Quota("calls", limits.calls)
+        self.kept = Quota("kept_bytes", limits.kept_bytes, address.kept, "bytes kept for it")
+
+    def leave(self) -> None:
+        """Charge to the client's address from now on what goes on without it."""
+        self.advertisements.leave()
+        self.kept.leave()
 
 
 class RateLimit:

@@ -42,6 +42,13 @@ class ClientLimits(Table):
         Count, Field(description="topics, services and actions together that one client offers")
     ] = 1000
     calls: Annotated[Count, Field(description="calls and goals of one client under way at a time")] = 10_000
+    kept_bytes: Annotated[
+        Bytes,
+        Field(
+            description="bytes kept for one client: requests under way, and samples of its latched topics,"
+            " also after it has left"
+        ),
+    ] = 64 * MIB
 
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,256}")

@@ -109,7 +109,8 @@ class Bridge:
     def _join(self, sink: Sink, info: PeerInfo, session: Session, role: Role) -> Peer:
         """Make a client of a connection whose role is known."""
         self._count += 1
-        peer = Peer(self, self._count, sink, info, session, self.access.client(self.shared, role))
+        graph = self.access.client(self.shared, role, info.address)
+        peer = Peer(self, self._count, sink, info, session, graph)
         self._peers[peer.number] = peer
         where = info.address or "?"
         self.access.audit.write(

@@ -96,7 +96,7 @@ class Peer:
         self.replies = Replies(
             number, sink, info, session, limits.outgoing_message_bytes, bridge.access.audit, self._monotonic
         )
-        self.topics = Topics(graph, self.replies, bridge.encoding_of)
+        self.topics = Topics(graph, self.replies, bridge.encoding_of, limits.data_bytes)
         self.services = Services(graph, self.replies, settings.default_call_service_timeout)
         self.actions = Actions(graph, self.replies, info.address, bridge.orphans)
 

@@ -45,6 +45,13 @@ class BridgeLimits(ClientLimits):
         Bytes,
         Field(description="largest message to a client; a larger reply fails its call, a sample is dropped"),
     ] = 256 * MIB
+    data_bytes: Annotated[
+        Bytes,
+        Field(
+            description="samples queued for one client behind its connection, and as many again behind its"
+            " throttles; beyond it the oldest of the topic is dropped"
+        ),
+    ] = 8 * MIB
 
 
 class BridgeSettings(AccessSettings):

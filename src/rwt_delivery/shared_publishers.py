@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections import deque
+from typing import TYPE_CHECKING, Protocol
 
 from rwt_delivery.deadline import DeadlineWatch
 from rwt_delivery.drop_notices import LOG_SECONDS
 from rwt_delivery.startup_buffer import SECONDS, StartupBuffer
 from rwt_graph.api import Sample
 from rwt_graph.errors import GraphError, TypeConflict
-from rwt_program.qos import Durability, QoS
+from rwt_program.qos import Durability, History, QoS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
@@ -22,6 +23,13 @@ if TYPE_CHECKING:
 
     Lacks = Callable[[QoS], str]
     """Which of the policies that a client asks for a publisher does not offer, in words; empty if none."""
+
+
+class Ends(Protocol):
+    """What counts something until it is ended."""
+
+    def end(self) -> None:
+        """Count it no more."""
 
 
 class IncompatiblePolicies(GraphError):
@@ -37,11 +45,12 @@ class SharedPublisher:
         deadline: watches that clients publish as often as they promised.
         users: what the publisher was acquired for.
         linger: ends a publisher that has no users.
+        lingers_for: what is ended when a publisher without users ends, or has users again.
     """
 
     __slots__ = (
-        "_clock", "_counters", "_log", "_logged", "_node", "_publish", "_startup", "_startup_timer", "counts",
-        "deadline", "linger", "publish", "publisher", "topic", "type", "users",
+        "_clock", "_counters", "_kept", "_log", "_logged", "_node", "_publish", "_startup", "_startup_timer",
+        "counts", "deadline", "linger", "lingers_for", "publish", "publisher", "topic", "type", "users",
     )  # fmt: skip
 
     def __init__(
@@ -52,6 +61,7 @@ class SharedPublisher:
         self.type = publisher.type
         self.users: set[Hashable] = set()
         self.linger: Timer | None = None
+        self.lingers_for: list[Ends] = []
         self._clock = clock
         self._counters = counters
         self._log = log
@@ -61,6 +71,7 @@ class SharedPublisher:
         self.deadline = DeadlineWatch(clock, seconds, self._missed) if seconds else None
         self._publish = publisher.publish if self.deadline is None else self._publish_in_time
         self.publish: Callable[[Payload], None] = self._publish
+        self._kept: deque[Ends] = deque()
         self._node = node
         self._startup: StartupBuffer | None = None
         self._startup_timer: Timer | None = None
@@ -68,6 +79,30 @@ class SharedPublisher:
             self._startup = StartupBuffer()
             self.publish = self._publish_at_startup
             self._startup_timer = clock.call_later(SECONDS, self.end_startup)
+
+    @property
+    def keeps_samples(self) -> bool:
+        """Whether the graph keeps the publisher's samples for late readers."""
+        return self.publisher.qos.durability is Durability.TRANSIENT_LOCAL
+
+    @property
+    def kept_next_to_go(self) -> Ends | None:
+        """What was given with the sample that gives way to the next one; None while there is room."""
+        qos = self.publisher.qos
+        full = qos.history is History.KEEP_LAST and len(self._kept) >= qos.depth
+        return self._kept[0] if full else None
+
+    def publish_kept(self, payload: Payload, kept: Ends) -> None:
+        """Hand on a message of a latched topic.
+
+        Args:
+            payload: the message.
+            kept: ended when the message is not kept any more.
+        """
+        if self.kept_next_to_go is not None:
+            self._kept.popleft().end()
+        self._kept.append(kept)
+        self.publish(payload)
 
     @property
     def startup_samples(self) -> tuple[Sample, ...]:
@@ -100,8 +135,15 @@ class SharedPublisher:
             seconds = self.publisher.qos.deadline
             self._log(f"nothing came for {self.topic} within its deadline of {seconds:g} s")
 
+    def settle(self) -> None:
+        """Tell those who have left that the publisher is at nobody's cost but its users'."""
+        settled, self.lingers_for = self.lingers_for, []
+        for each in settled:
+            each.end()
+
     def close(self) -> None:
         """Leave the topic."""
+        self.settle()
         if self.linger is not None:
             self.linger.cancel()
         if self.deadline is not None:
@@ -109,6 +151,8 @@ class SharedPublisher:
         if self._startup_timer is not None:
             self._startup_timer.cancel()
         self.end_startup()
+        while self._kept:
+            self._kept.popleft().end()
         self._counters.release_topic(self.counts)
         self.publisher.close()
 
@@ -184,16 +228,39 @@ class SharedPublishers:
         if shared.linger is not None:
             shared.linger.cancel()
             shared.linger = None
+            shared.settle()
         shared.users.add(user)
         return shared
 
-    def release(self, topic: str, user: Hashable) -> None:
-        """Stop using the topic's publisher; unknown topics and users are ignored."""
+    def lingering(self, topic: str) -> Ends | None:
+        """What a publisher without users lingers for; None where there is none."""
+        shared = self._by_topic.get(topic)
+        return shared.lingers_for[0] if shared is not None and shared.lingers_for else None
+
+    def linger_for(self, topic: str, charge: Ends) -> None:
+        """Let a publisher linger for `charge`, which is ended at once where none lingers."""
+        shared = self._by_topic.get(topic)
+        if shared is None or shared.users:
+            charge.end()
+        else:
+            shared.lingers_for.append(charge)
+
+    def release(self, topic: str, user: Hashable, charge: Ends) -> None:
+        """Stop using the topic's publisher; unknown topics and users are ignored.
+
+        Args:
+            charge: ended when the publisher is not kept for this user: at once if it has others, else when
+                it ends or is used again.
+        """
         shared = self._by_topic.get(topic)
         if shared is None or user not in shared.users:
+            charge.end()
             return
         shared.users.discard(user)
-        if not shared.users:
+        if shared.users:
+            charge.end()
+        else:
+            shared.lingers_for.append(charge)
             shared.end_startup()
             shared.linger = self._clock.call_later(self._linger, lambda: self._end(topic, shared))
 

@@ -12,7 +12,7 @@ SECONDS: Final = 1.0
 """How long after its creation a publisher's samples are kept for readers that come late."""
 
 _MOST_SAMPLES: Final = 100
-_MOST_BYTES: Final = 256 * 1024
+_MOST_BYTES: Final = 64 * 1024
 
 
 class StartupBuffer:

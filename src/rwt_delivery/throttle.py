@@ -30,6 +30,19 @@ class Encoded(Protocol):
         """The frame to send; asked for each time one is sent."""
 
 
+class Room:
+    """What the throttles of one client may keep in their queues together.
+
+    Attributes:
+        left: bytes.
+    """
+
+    __slots__ = ("left",)
+
+    def __init__(self, size: int) -> None:
+        self.left = size
+
+
 class Throttle:
     """One client's flow of one topic.
 
@@ -44,13 +57,14 @@ class Throttle:
     Args:
         clock: the graph's.
         flow: where frames go.
-        withheld: hears of samples that the throttle keeps back.
-        expired: hears of samples that outlived their lifespan in here.
+        withheld: called for each sample that the throttle holds back and drops.
+        expired: called for each sample that outlived its lifespan here.
+        room: what all queues of one client together may hold.
     """
 
     __slots__ = (
-        "_clock", "_deadline", "_expired", "_flow", "_last", "_lifespan_ns", "_piece", "_queue", "_throttle",
-        "_timer", "_withheld",
+        "_clock", "_deadline", "_expired", "_flow", "_last", "_lifespan_ns", "_piece", "_queue", "_room",
+        "_throttle", "_timer", "_withheld",
     )  # fmt: skip
 
     def __init__(
@@ -59,8 +73,10 @@ class Throttle:
         flow: Flow,
         withheld: Callable[[DropReason], None],
         expired: Callable[[DropReason], None],
+        room: Room,
     ) -> None:
         self._clock = clock
+        self._room = room
         self._flow = flow
         self._piece = 0
         self._withheld = withheld
@@ -68,7 +84,7 @@ class Throttle:
         self._throttle = 0.0
         self._lifespan_ns = 0
         self._deadline: DeadlineWatch | None = None
-        self._queue: deque[Encoded] = deque(maxlen=0)
+        self._queue: deque[tuple[Encoded, int]] = deque(maxlen=0)
         self._last = float("-inf")
         self._timer: Timer | None = None
 
@@ -96,10 +112,13 @@ class Throttle:
         """
         self._throttle = max(0.0, throttle)
         self._stop_timer()
-        kept = list(self._queue)[-queue:] if queue else self._queue
-        self._queue = deque(kept)
+        while queue and len(self._queue) > queue:
+            self._pop()
+        self._queue = deque(self._queue)
         self._send_due()
-        self._queue = deque(self._queue if queue else (), maxlen=queue)
+        while not queue and self._queue:
+            self._pop()
+        self._queue = deque(self._queue, maxlen=queue)
         if self._queue:
             self._start_timer()
 
@@ -121,18 +140,36 @@ class Throttle:
         if not self._queue and self._due():
             self._send(encoded)
         elif self._queue.maxlen:
-            if len(self._queue) == self._queue.maxlen:
-                self._withheld(DropReason.QUEUE)
-            self._queue.append(encoded)
-            if self._timer is None:
-                self._start_timer()
+            self._enqueue(encoded)
         else:
             self._withheld(DropReason.THROTTLE)
+
+    def _enqueue(self, encoded: Encoded) -> None:
+        """Keep a sample for later; older ones of its topic give way to it, those of other topics not."""
+        size = encoded.sample.payload.kept_size
+        full = len(self._queue) == self._queue.maxlen
+        while self._queue and (full or self._room.left < size):
+            self._pop()
+            self._withheld(DropReason.QUEUE)
+            full = False
+        if self._room.left < size:
+            self._withheld(DropReason.QUEUE)
+            return
+        self._room.left -= size
+        self._queue.append((encoded, size))
+        if self._timer is None:
+            self._start_timer()
+
+    def _pop(self) -> Encoded:
+        encoded, size = self._queue.popleft()
+        self._room.left += size
+        return encoded
 
     def close(self) -> None:
         """Drop what is queued (THR-07)."""
         self._stop_timer()
-        self._queue.clear()
+        while self._queue:
+            self._pop()
         self.watch(0, None)
 
     def _due(self) -> bool:
@@ -140,7 +177,7 @@ class Throttle:
 
     def _send_due(self) -> None:
         while self._queue and self._due():
-            self._send(self._queue.popleft())
+            self._send(self._pop())
 
     def _send(self, encoded: Encoded) -> None:
         expires_ns = self._expiry(encoded.sample)

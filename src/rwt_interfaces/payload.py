@@ -184,6 +184,15 @@ class Payload:
             message = self._message = self._own_struct(message)
         return message
 
+    @property
+    def kept_size(self) -> int:
+        """About how many bytes the message takes to be kept, in the form that it has now."""
+        if self._json is not None:
+            return len(self._json)
+        if self._binary:
+            return max(map(len, self._binary.values()))
+        return _size_of(self._message)
+
     def detach(self) -> Payload:
         """The same message without a view of the buffer it was received in, for keeping."""
         if isinstance(self._json, memoryview):
@@ -212,3 +221,15 @@ def _plain_array(array: object) -> object:
     """A numpy array as a list: the only thing in a message that is not plain."""
     to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
     return to_list()
+
+
+def _size_of(value: object) -> int:
+    """About how many bytes a message takes: its text and octets, and eight for each number."""
+    if isinstance(value, (bytes, str)):
+        return len(value)
+    if isinstance(value, msgspec.Struct):
+        return sum(_size_of(getattr(value, name)) for name in value.__struct_fields__)
+    if isinstance(value, list):
+        return 8 * len(value) if value and isinstance(value[0], (int, float)) else sum(map(_size_of, value))
+    nbytes = getattr(value, "nbytes", 8)
+    return nbytes if isinstance(nbytes, int) else 8

@@ -114,7 +114,7 @@ OWN = {
 
 def _client(graph: Graph, globs: Mapping[str, object]) -> ClientGraph:
     access = _access(graph, globs)
-    return access.client(SharedGraph(graph, "/gateway", 0.0, _nothing), access.admission.roles["guest"])
+    return access.client(SharedGraph(graph, "/gateway", 0.0, _nothing), access.admission.roles["guest"], "")
 
 
 @pytest.mark.anyio

@@ -41,10 +41,6 @@ class LimitSettings(BridgeLimits):
     video_encoders: Annotated[
         Count, Field(description="different streams of pictures at a time; equal ones share an encoder")
     ] = 16
-    data_bytes: Annotated[
-        Bytes,
-        Field(description="samples queued for one client; beyond it the oldest of the topic is dropped"),
-    ] = 8 * MIB
     data_frames: Annotated[Count, Field(description="the same bound as a number of messages")] = 10_000
     control_bytes: Annotated[
         Bytes, Field(description="replies queued for one client; beyond it the client is disconnected")

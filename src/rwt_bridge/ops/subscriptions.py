@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rwt_bridge.ops.qos import history_depth, qos_request
 from rwt_delivery.deadline import DeadlineWatch
 from rwt_delivery.drop_notices import DropNotices
-from rwt_delivery.throttle import Throttle
+from rwt_delivery.throttle import Room, Throttle
 from rwt_protocol.ops import Status
 from rwt_protocol.transport import FlowRules
 
@@ -54,11 +54,14 @@ class ClientSubscription:
 
     The throttle follows the smallest `throttle_rate` (SUB-05), the smallest `queue_length` (X06) and the
     smallest `fragment_size` (SUB-07), and the encoding is the strongest that was asked for (SUB-08).
+
+    Attributes:
+        fanout: of the topic.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, name: str, fanout: Fanout) -> None:
+    def __init__(self, graph: ClientGraph, replies: Replies, name: str, fanout: Fanout, room: Room) -> None:
         self._name = name
-        self._fanout = fanout
+        self.fanout = fanout
         self._graph = graph
         self._requests: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
         clock = graph.clock
@@ -73,7 +76,7 @@ class ClientSubscription:
             lambda text: replies.log(logging.INFO, text),
         )
         self._flow = replies.sink.flow(name, on_drop=self._drops.dropped, time_ns=clock.time_ns)
-        self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped)
+        self._throttle = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, room)
         self._encoding: Encoding | None = None
         self._stream: EncodedStream | None = None
 
@@ -103,9 +106,9 @@ class ClientSubscription:
         """Send kept samples, at most that many of the newest; None is all."""
         if most == 0:
             return
-        kept = self._fanout.subscription.history()
+        kept = self.fanout.subscription.history()
         if startup:
-            kept += self._graph.startup_samples(self._fanout)
+            kept += self._graph.startup_samples(self.fanout)
         for sample in kept if most is None else kept[-most:]:
             stream.replay(sample, self._throttle)
 
@@ -118,7 +121,7 @@ class ClientSubscription:
         else:
             del self._requests[id_]
             self._apply()
-            self._graph.unsubscribe(self._fanout)
+            self._graph.unsubscribe(self.fanout)
         return True
 
     def close(self) -> None:
@@ -130,7 +133,7 @@ class ClientSubscription:
         self._drops.close()
         self._notices.close()
         self._leave()
-        self._graph.unsubscribe(self._fanout, count)
+        self._graph.unsubscribe(self.fanout, count)
 
     def _apply(self) -> EncodedStream:
         requests = self._requests.values()
@@ -144,11 +147,11 @@ class ClientSubscription:
             return self._stream
         self._leave()
         self._encoding = encoding
-        self._stream = self._fanout.join(self._throttle, self._name, encoding)
+        self._stream = self.fanout.join(self._throttle, self._name, encoding)
         return self._stream
 
     def _apply_qos(self, subscriptions: list[ops.Subscribe]) -> None:
-        info = self._graph.topic(self._fanout.topic)
+        info = self._graph.topic(self.fanout.topic)
         request = qos_request(subscriptions, info.publishers if info else ())
         self._flow.configure(request.rules)
         watch = (
@@ -160,5 +163,5 @@ class ClientSubscription:
 
     def _leave(self) -> None:
         if self._encoding is not None:
-            self._fanout.leave(self._throttle, self._name, self._encoding)
+            self.fanout.leave(self._throttle, self._name, self._encoding)
             self._encoding = None

@@ -10,6 +10,7 @@ from rwt_access.client_graph import UnknownTopicType
 from rwt_bridge.ops.payloads import payload_of
 from rwt_bridge.ops.qos import incompatible_policies, publisher_qos
 from rwt_bridge.ops.subscriptions import ClientSubscription
+from rwt_delivery.throttle import Room
 from rwt_graph.names import resolve
 from rwt_interfaces.validation.missing_fields import missing_fields
 from rwt_program.qos import LATCHED
@@ -17,11 +18,18 @@ from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
 
 if TYPE_CHECKING:
-    from rwt_access.client_graph import ClientGraph
+    from rwt_access.client_graph import ClientGraph, ClientPublisher
     from rwt_bridge.reply import Replies
-    from rwt_delivery.shared_publishers import SharedPublisher
+    from rwt_delivery.fanout import Fanout
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Encoding
+
+
+#: Names under which one client may hear of one topic: `/a`, `a`, and what careless programs make of it.
+_MOST_SPELLINGS: Final = 4
+
+#: Names of topics, in any spelling, for which a client's publisher is remembered.
+_MOST_NAMES: Final = 4096
 
 
 class Topics:
@@ -31,16 +39,20 @@ class Topics:
         graph: the graph as the client may see it.
         replies: how the client is answered.
         encoding_of: the encoding of a `compression`.
+        queued: bytes that all throttled subscriptions together may keep in their queues.
     """
 
-    __slots__ = ("_encoding_of", "_graph", "_now", "_publishers", "_replies", "_subscriptions")
+    __slots__ = ("_encoding_of", "_graph", "_now", "_publishers", "_replies", "_room", "_subscriptions")
 
-    def __init__(self, graph: ClientGraph, replies: Replies, encoding_of: Callable[[str], Encoding]) -> None:
+    def __init__(
+        self, graph: ClientGraph, replies: Replies, encoding_of: Callable[[str], Encoding], queued: int
+    ) -> None:
         self._graph = graph
         self._replies = replies
         self._encoding_of = encoding_of
         self._now = graph.clock.time_ns
-        self._publishers: dict[str, SharedPublisher] = {}
+        self._room = Room(queued)
+        self._publishers: dict[str, ClientPublisher] = {}
         self._subscriptions: dict[str, ClientSubscription] = {}
 
     def advertise(self, op: Advertise) -> None:
@@ -60,7 +72,10 @@ class Topics:
         """Check the message once and hand it to the graph (PUB-01 … PUB-09)."""
         publisher = self._publishers.get(op.topic)
         if publisher is None:
-            publisher = self._publishers[op.topic] = self._publisher(op)
+            publisher = self._publisher(op)
+            if len(self._publishers) >= _MOST_NAMES:
+                self._publishers.clear()
+            self._publishers[op.topic] = publisher
         raw = op.msg
         payload = payload_of(publisher.type, raw, "publish.msg", self._now)
         counts = publisher.counts
@@ -70,8 +85,8 @@ class Topics:
         if self._replies.session.wants_status("warning"):
             self._warn_of_defaults(op, publisher.type)
 
-    def _publisher(self, op: Publish) -> SharedPublisher:
-        """The shared publisher for a topic that this client publishes on for the first time."""
+    def _publisher(self, op: Publish) -> ClientPublisher:
+        """The shared publisher for a topic that this client publishes on for the first time so spelt."""
         try:
             return self._graph.publisher(op.topic, op.type, LATCHED if op.latch else None)
         except UnknownTopicType as unknown:
@@ -102,10 +117,21 @@ class Topics:
         except UnknownTopicType as unknown:
             raise Refused(f"subscribe: {unknown}: send `type` to wait for it") from None
         if subscription is None:
+            self._check_spellings(fanout, op.topic)
             subscription = self._subscriptions[op.topic] = ClientSubscription(
-                self._graph, self._replies, op.topic, fanout
+                self._graph, self._replies, op.topic, fanout, self._room
             )
         subscription.put(op, encoding)
+
+    def _check_spellings(self, fanout: Fanout, name: str) -> None:
+        """Refuse one more spelling of a topic than a client needs: each is a stream of its own (PUB-09)."""
+        spellings = [held for held, known in self._subscriptions.items() if known.fanout is fanout]
+        if len(spellings) >= _MOST_SPELLINGS:
+            self._graph.unsubscribe(fanout)
+            raise Refused(
+                f"subscribe: {name}: this client hears of the topic under {len(spellings)} names already: "
+                f"{', '.join(sorted(spellings))}; use one of them"
+            )
 
     def unsubscribe(self, op: Unsubscribe) -> None:
         """End one subscription, or all of this client's for the topic (UNS-01 … UNS-04)."""
