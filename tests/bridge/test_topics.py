@@ -195,10 +195,10 @@ def test_of_many_or_large_early_messages_the_newest_are_kept(
     assert other.heard_of("/many") == [{"data": number} for number in range(50, 150)]
     client.say("advertise", topic="/large", type="std_msgs/String")
     for letter in "abc":
-        client.say("publish", topic="/large", msg={"data": letter * 100_000})
+        client.say("publish", topic="/large", msg={"data": letter * 25_000})
     other.say("subscribe", topic="/large")
     assert [message["data"][0] for message in other.heard_of("/large")] == ["b", "c"]
-    client.say("publish", topic="/large", msg={"data": "d" * 300_000})
+    client.say("publish", topic="/large", msg={"data": "d" * 70_000})
     late = Client(bridge)
     late.say("subscribe", topic="/large")
     assert late.heard() == []

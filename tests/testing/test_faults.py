@@ -20,6 +20,7 @@ class WiredClient(Client):
         self.frames = []
         self.flows = {}
         self.traffic = Traffic()
+        self.received = 0
         self.close_code = None
         self.close_reason = ""
         self.endpoint = wire.middleware(bridge.accept)(self, PeerInfo("memory", address="127.0.0.1"))
