@@ -149,6 +149,11 @@ class ClientGraph(GraphView):
         """Service calls that wait for their answer."""
         return len(self._calls)
 
+    @property
+    def kept_bytes(self) -> int:
+        """Bytes that the server keeps for the client (`limits.kept_bytes`)."""
+        return self._quotas.kept.held
+
     # Topics
 
     def advertise(

@@ -81,10 +81,6 @@ class Role:
         if not self.unrestricted and not self.allows(act, name):
             raise NotAllowed(f"role {self.name!r} may not {_WORDS[act]} {name} (roles.{self.name}.{act})")
 
-    def may_subscribe(self, topic: str) -> bool:
-        """Whether this role may subscribe to `topic`, an absolute name."""
-        return self.allows("subscribe", topic)
-
     @property
     def sees_every_topic(self) -> bool:
         """Whether no topic is hidden: whether one of the globs consists of stars alone."""

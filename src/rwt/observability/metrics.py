@@ -193,6 +193,10 @@ def _write_clients(page: PrometheusText, clients: list[tuple[Peer, Traffic]]) ->
         of_client(lambda _, traffic: traffic.queued_bytes),
     )  # fmt: skip
     page.family(
+        "rwt_client_kept_bytes", "gauge", "Bytes of requests and latched samples kept for a client.",
+        of_client(lambda peer, _: peer.graph.kept_bytes),
+    )  # fmt: skip
+    page.family(
         "rwt_client_dropped_messages_total", "counter", "Messages dropped behind a client's connection.",
         [
             ({"client": str(peer.number), "reason": reason.value}, count)

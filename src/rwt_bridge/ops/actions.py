@@ -235,7 +235,7 @@ class Actions:
             if goal.id == op.id and goal.action == action:
                 goal.cancel()
                 return
-        orphan = self._orphans.find(self._address, self.graph.require("goals", action), op.id)
+        orphan = self._orphans.find(self._address, action, op.id)
         if orphan is None:
             raise Refused(
                 f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning"
