@@ -324,8 +324,9 @@ class Participant(ABC):
         type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
-        """Offer a service. A provider of the same name in this process is replaced; its calls in flight fail
-        (SVP-07). One in another process stays, and each process calls its own first.
+        """Offer a service. A provider of the same name in this process is displaced: its calls in flight fail
+        (SVP-07), and it answers again when this one has gone. One in another process stays, and each process
+        calls its own first.
         """
 
     @abstractmethod
@@ -346,7 +347,7 @@ class Participant(ABC):
         type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
-        """Offer an action. A server of the same name in this process is replaced (ACT-18); as for
+        """Offer an action. A server of the same name in this process is displaced (ACT-18), as for
         services."""
 
     @abstractmethod

@@ -37,6 +37,7 @@ from rwt_graph.api import (
 )
 from rwt_graph.errors import InvalidGraphName, InvalidTransition
 from rwt_graph.memory.node_resources import NodeResources
+from rwt_graph.memory.provider_table import ProviderTable
 from rwt_program.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
 from rwt_program.goals import GoalStatus
 
@@ -355,6 +356,10 @@ class MemoryActionServer(Registration):
         self._actions.withdrawn(self)
         if self.on_close is not None:
             self.on_close()
+        self.lose_goals()
+
+    def lose_goals(self) -> None:
+        """End the goals, which this server does not run any more."""
         while self.goals:
             self.goals.popitem()[1].lose()
 
@@ -369,25 +374,25 @@ class Actions:
 
     def __init__(self) -> None:
         self.remote: RemoteActions | None = None
-        self._servers: dict[str, MemoryActionServer] = {}
+        self._table = ProviderTable[MemoryActionServer]()
+        self._servers = self._table.current
         self.observer: CallObserver | None = None
 
     def advertise(
         self, name: str, interface: ActionType, owner: NodeResources, on_goal: OnGoal
     ) -> MemoryActionServer:
-        """Offer an action; a server of the same name is replaced (ACT-18)."""
-        old = self._servers.get(name)
-        server = self._servers[name] = MemoryActionServer(self, name, interface, owner, on_goal)
+        """Offer an action; a server of the same name is displaced (ACT-18) until this one has gone."""
+        server = MemoryActionServer(self, name, interface, owner, on_goal)
+        old = self._table.put(server)
         owner.add(server, server.close)
         if old is not None:
             logger.warning("action %s of node %s replaces the one of node %s", name, owner.name, old.node)
-            old.close()
+            old.lose_goals()
         return server
 
     def withdrawn(self, server: MemoryActionServer) -> None:
-        """Forget a server that closed, unless it was replaced already."""
-        if self._servers.get(server.name) is server:
-            del self._servers[server.name]
+        """Forget a server that closed; the one that it displaced takes goals again."""
+        self._table.remove(server)
 
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str | None, client: NodeResources

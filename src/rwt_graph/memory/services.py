@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Protocol
 from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
 from rwt_graph.clock import LONGEST_DELAY, Clock, Timer
 from rwt_graph.memory.node_resources import NodeResources
+from rwt_graph.memory.provider_table import ProviderTable
 from rwt_program.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 
 if TYPE_CHECKING:
@@ -211,6 +212,10 @@ class MemoryProvider(Registration):
         self.closed = True
         self.owner.drop(self)
         self._services.withdrawn(self)
+        self.end_calls()
+
+    def end_calls(self) -> None:
+        """End the calls in flight, which this provider does not answer any more."""
         while self.open:
             self.open.pop().end_with(self.gone())
 
@@ -230,29 +235,33 @@ class Services:
     def __init__(self, clock: Clock) -> None:
         self.deadlines = Deadlines(clock)
         self.remote: RemoteServices | None = None
-        self._providers: dict[str, MemoryProvider] = {}
+        self._table = ProviderTable[MemoryProvider]()
+        self._providers = self._table.current
         self.observer: CallObserver | None = None
 
     def advertise(
         self, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
     ) -> MemoryProvider:
-        """Offer a service; a provider of the same name is replaced (SVP-07)."""
-        old = self._providers.get(name)
-        provider = self._providers[name] = MemoryProvider(self, name, interface, owner, on_call)
+        """Offer a service; a provider of the same name is displaced (SVP-07) until this one has gone."""
+        provider = MemoryProvider(self, name, interface, owner, on_call)
+        old = self._table.put(provider)
         owner.add(provider, provider.close)
         if old is not None:
             logger.warning("service %s of node %s replaces the one of node %s", name, owner.name, old.node)
-            old.close()
+            if self.remote is not None:
+                self.remote.withdrawn(old)
+            old.end_calls()
         if self.remote is not None:
             self.remote.offered(provider)
         return provider
 
     def withdrawn(self, provider: MemoryProvider) -> None:
-        """Forget a provider that closed, unless it was replaced already."""
-        if self._providers.get(provider.name) is provider:
-            del self._providers[provider.name]
+        """Forget a provider that closed; the one that it displaced answers again."""
+        restored = self._table.remove(provider)
         if self.remote is not None:
             self.remote.withdrawn(provider)
+            if restored is not None:
+                self.remote.offered(restored)
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
@@ -306,7 +315,7 @@ class Services:
 
     def here(self) -> tuple[MemoryProvider, ...]:
         """Every service of this process."""
-        return tuple(self._providers.values())
+        return tuple(self._table)
 
     def names(self) -> list[str]:
         """Every service's name, sorted."""

@@ -135,10 +135,10 @@ class ZenohServices:
             _refuse(query, f"the request to {provider.name} is not a {name}", FAILED)
             return
         answer = partial(self._answer, key, query, sent)
-        if provider.closed:
+        if provider not in self._offers:
             answer(provider.gone())
             return
-        # A provider that is not closed is the one that has the name in this process.
+        # A provider that is offered is the one that has the name in this process.
         call = self._services.call(provider.name, request, answer, None, self._callers)
         if isinstance(call, MemoryCall) and not call.done:
             self._asked.setdefault(sent.gid, {})[sent.sequence] = call

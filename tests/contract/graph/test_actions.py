@@ -247,6 +247,35 @@ async def test_goals_run_side_by_side_and_ids_are_unique(
         client.send_goal("/fib", harness.goal(), diary.events, "goal-1")
 
 
+async def test_a_displaced_server_is_restored_when_the_newer_one_has_gone(
+    harness: Harness, server: Server, diary: GoalDiary
+) -> None:
+    client = harness.graph.participant("/c")
+    client.send_goal("/fib", harness.goal(), diary.events)
+    await harness.settle()
+    newer = Server(harness, "/newer")
+    await harness.settle()
+    assert server.heard == ["Action /fib was unadvertised"]
+    assert isinstance(diary.heard[-1], tuple) and isinstance(diary.heard[-1][1], ProviderGone)
+    client.send_goal("/fib", harness.goal(), GoalEvents(lambda *_: None))
+    await harness.settle()
+    assert (len(server.goals), len(newer.goals)) == (1, 1)
+    newer.participant.close()
+    await harness.settle()
+    info = harness.graph.action("/fib")
+    assert info is not None and info.node == "/server"
+    client.send_goal("/fib", harness.goal(), GoalEvents(lambda *_: None))
+    await harness.settle()
+    assert (len(server.goals), len(newer.goals)) == (2, 1)
+    client.cancel_goal("/fib", server.goals[1].id)
+    await harness.settle()
+    assert server.heard[-1] == "cancel"
+    server.registration.close()
+    await harness.settle()
+    assert harness.graph.action("/fib") is None
+    assert [each.name for each in harness.graph.services() if each.name.startswith("/fib/")] == []
+
+
 async def test_a_server_that_raises_rejects(
     harness: Harness, server: Server, diary: GoalDiary, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from tests.contract.graph.conftest import Harness
 
 pytestmark = pytest.mark.anyio
+
+
+def _answer(response: Payload, call: ServiceCall) -> None:
+    call.reply(response)
 
 
 class Replies(list[str]):
@@ -167,6 +172,59 @@ async def test_a_second_provider_replaces_the_first(harness: Harness, trigger: S
     info = harness.graph.service("/s")
     assert info is not None
     assert (info.node, info.type) == ("/2", trigger)
+
+
+@pytest.mark.parametrize(
+    ("leave", "answers"),
+    [
+        ([3], "2"),
+        ([3, 2], "1"),
+        ([2, 3], "1"),
+        ([1, 3], "2"),
+        ([2, 1, 3], None),
+        ([1, 2], "3"),
+    ],
+)
+async def test_a_displaced_provider_is_restored_when_the_newer_ones_have_gone(
+    harness: Harness, trigger: ServiceType, leave: list[int], answers: str | None
+) -> None:
+    nodes = {number: harness.graph.participant(f"/n{number}") for number in (1, 2, 3)}
+    for number, node in nodes.items():
+        node.advertise_service("/s", trigger, partial(_answer, harness.response(str(number))))
+    caller = harness.graph.participant("/c")
+    for number in leave:
+        nodes[number].close()
+    await harness.settle()
+    replies = Replies()
+    caller.call_service("/s", harness.request(), replies)
+    await harness.settle()
+    assert replies == [answers or "ProviderNotFound: Service /s does not exist"]
+    info = harness.graph.service("/s")
+    assert (info.node if info else None) == (f"/n{answers}" if answers else None)
+    for node in nodes.values():
+        node.close()
+    await harness.settle()
+    assert harness.graph.service("/s") is None
+
+
+async def test_a_displaced_provider_does_not_take_calls_of_another_type(
+    harness: Harness, trigger: ServiceType
+) -> None:
+    first, second = harness.graph.participant("/1"), harness.graph.participant("/2")
+    other = harness.graph.registry.service("std_srvs/Empty")
+    taken: list[str] = []
+    first.advertise_service("/s", trigger, lambda call: taken.append(call.request.type.name))
+    displacing = second.advertise_service("/s", other, lambda call: taken.append(call.request.type.name))
+    await harness.settle()
+    info = harness.graph.service("/s")
+    assert info is not None and info.type is other
+    displacing.close()
+    await harness.settle()
+    info = harness.graph.service("/s")
+    assert info is not None and info.type is trigger
+    harness.graph.participant("/c").call_service("/s", harness.request(), Replies())
+    await harness.settle()
+    assert taken == [trigger.request.name]
 
 
 async def test_a_cancelled_call_hears_nothing(
