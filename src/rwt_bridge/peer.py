@@ -82,6 +82,7 @@ class Peer:
         self.messages = 0
         self.graph = graph
         self._flow_control: FlowControl | None = None
+        self._over = False
         self._received = 0
         self._began = 0.0
         self._waiting: deque[Op | Refusal | tuple[bytes, bool]] = deque()
@@ -169,18 +170,23 @@ class Peer:
         """Take this turn's share of what waits."""
         waiting, self._waiting = self._waiting, deque()
         self._began = self._monotonic()
-        while waiting and not self._waiting and self._monotonic() - self._began <= SHARE:
-            what = waiting.popleft()
-            if isinstance(what, tuple):
-                data, binary = what
-                self._read(data, binary, self._began)
-            elif self._may_send(self._began):
-                self._do(what)
-        self._waiting += waiting
-        if self._waiting:
-            self.graph.clock.call_later(0.0, self._go_on)
-        elif self._flow_control is not None:
-            self._flow_control.resume()
+        try:
+            while waiting and not (self._waiting or self._over):
+                if self._monotonic() - self._began > SHARE:
+                    break
+                what = waiting.popleft()
+                if isinstance(what, tuple):
+                    data, binary = what
+                    self._read(data, binary, self._began)
+                elif self._may_send(self._began):
+                    self._do(what)
+        finally:
+            if not self._over:
+                self._waiting += waiting
+            if self._waiting:
+                self.graph.clock.call_later(0.0, self._go_on)
+            elif self._flow_control is not None:
+                self._flow_control.resume()
 
     def oversized(self, size: int, limit: int) -> None:
         """A message was too large to be taken from the wire; its bytes were skipped."""
@@ -197,6 +203,7 @@ class Peer:
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
+        self._over = True
         self._waiting.clear()
         self.topics.close()
         self.actions.close()
