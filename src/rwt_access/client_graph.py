@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rwt_delivery.shared_graph import SharedGraph
     from rwt_delivery.shared_publishers import Lacks, SharedPublisher
     from rwt_graph.api import (
+        ActionInfo,
         ClientGoal,
         GoalEvents,
         OnReply,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         Sample,
         ServerGoal,
         ServiceCall,
+        ServiceInfo,
     )
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
@@ -321,14 +323,13 @@ class ClientGraph(GraphView):
         """Offer a service, in place of any other of that name; returns its absolute name.
 
         Raises:
-            NotAllowed: the role may not provide the service.
+            NotAllowed: the role may not provide the service, or not in the place of the robot's own.
             QuotaExceeded: the client offers as much as it may.
             UnknownType: no such service is known.
         """
         interface = self.registry.service(type)
-        return self._offer(
-            self._services, service, interface, self._shared.participant.advertise_service, on_call
-        )
+        advertise = self._shared.participant.advertise_service
+        return self._offer(self._services, service, interface, self._graph.service, advertise, on_call)
 
     def withdraw_service(self, service: str) -> bool:
         """Withdraw a service of this client; whether there was one. Its calls in flight fail."""
@@ -383,14 +384,13 @@ class ClientGraph(GraphView):
         """Offer an action, in place of any other of that name; returns its absolute name.
 
         Raises:
-            NotAllowed: the role may not provide the action.
+            NotAllowed: the role may not provide the action, or not in the place of the robot's own.
             QuotaExceeded: the client offers as much as it may.
             UnknownType: no such action is known.
         """
         interface = self.registry.action(type)
-        return self._offer(
-            self._actions, action, interface, self._shared.participant.advertise_action, on_goal
-        )
+        advertise = self._shared.participant.advertise_action
+        return self._offer(self._actions, action, interface, self._graph.action, advertise, on_goal)
 
     def withdraw_action(self, action: str) -> bool:
         """Withdraw an action of this client; whether there was one. Its running goals are aborted."""
@@ -401,11 +401,15 @@ class ClientGraph(GraphView):
         offers: dict[str, tuple[Registration, Charge]],
         name: str,
         interface: T,
+        find: Callable[[str], ServiceInfo | ActionInfo | None],
         advertise: Callable[[str, T, Callable[[C], None]], Registration],
         on_ask: Callable[[T, C], None],
     ) -> str:
         """Offer a service or an action; the client's own of the same name gives way to it."""
         absolute = self.require("provide", name)
+        present = find(absolute)
+        if present is not None and present.node != self._shared.participant.name:
+            self.role.require("displace", absolute)
         previous = offers.get(absolute)
         charge = self._quotas.advertisements.take() if previous is None else previous[1]
         try:

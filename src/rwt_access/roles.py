@@ -13,7 +13,7 @@ from rwt_access.settings import BUILT_IN_ROLES
 if TYPE_CHECKING:
     from rwt_access.settings import AccessSettings, RoleSettings
 
-Act = Literal["publish", "subscribe", "call", "provide", "goals", "get_param", "set_param"]
+Act = Literal["publish", "subscribe", "call", "provide", "displace", "goals", "get_param", "set_param"]
 """Something a client may want to do with a name; each is a key of a role's settings."""
 
 ACTS: Final[tuple[Act, ...]] = get_args(Act)
@@ -31,10 +31,17 @@ _WORDS: Final[Mapping[Act, str]] = {
     "subscribe": "subscribe to",
     "call": "call",
     "provide": "provide",
+    "displace": "take the place of the robot's own",
     "goals": "send goals to",
     "get_param": "read the parameter",
     "set_param": "write the parameter",
 }
+
+#: The services and topics of ROS 2 beside an action: the first need the right to its goals, whatever may be
+#: called, and the second are open to those who have it.
+_BEHIND_ACTION: Final = re.compile(
+    r"(?P<action>/.+)/_action/(?:(?P<service>send_goal|cancel_goal|get_result)|feedback|status)"
+)
 
 
 class Role:
@@ -68,9 +75,18 @@ class Role:
         if decision is None:
             if len(self._decisions) >= _MOST_DECISIONS:
                 self._decisions.clear()
-            decision = self._patterns[act].fullmatch(name) is not None
-            self._decisions[act, name] = decision
+            decision = self._decisions[act, name] = self._decide(act, name)
         return decision
+
+    def _decide(self, act: Act, name: str) -> bool:
+        allowed = self._patterns[act].fullmatch(name) is not None
+        if act in ("call", "subscribe") and (behind := _BEHIND_ACTION.fullmatch(name)):
+            to_goals = self._patterns["goals"].fullmatch(behind["action"]) is not None
+            if act == "call" and behind["service"]:
+                return to_goals
+            if act == "subscribe" and not behind["service"]:
+                return allowed or to_goals
+        return allowed
 
     def require(self, act: Act, name: str) -> None:
         """Refuse unless this role may do `act` with `name`.
@@ -79,7 +95,9 @@ class Role:
             NotAllowed: it may not; the text names the setting that would allow it.
         """
         if not self.unrestricted and not self.allows(act, name):
-            raise NotAllowed(f"role {self.name!r} may not {_WORDS[act]} {name} (roles.{self.name}.{act})")
+            behind = _BEHIND_ACTION.fullmatch(name) if act == "call" else None
+            setting = "goals" if behind and behind["service"] else act
+            raise NotAllowed(f"role {self.name!r} may not {_WORDS[act]} {name} (roles.{self.name}.{setting})")
 
     @property
     def sees_every_topic(self) -> bool:

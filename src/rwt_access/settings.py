@@ -133,7 +133,16 @@ class RoleSettings(Table):
     subscribe: Annotated[Globs, Field(description="topics to subscribe to")] = ()
     call: Annotated[Globs, Field(description="services to call; those of rosapi are always open")] = ()
     provide: Annotated[Globs, Field(description="services and actions to offer")] = ()
-    goals: Annotated[Globs, Field(description="actions to send goals to")] = ()
+    displace: Annotated[
+        Globs,
+        Field(
+            description="those of `provide` that may also be offered in the place of the robot's own, which"
+            " come back when the client leaves"
+        ),
+    ] = ()
+    goals: Annotated[
+        Globs, Field(description="actions to send goals to, over their services and topics of ROS 2 too")
+    ] = ()
     get_param: Annotated[
         Globs, Field(description="parameters to read: `/node:name` on ROS 2, `/name` on ROS 1")
     ] = ()
@@ -174,6 +183,7 @@ BUILT_IN_ROLES: Final[Mapping[str, RoleSettings]] = MappingProxyType(
             subscribe=("*",),
             call=("*",),
             provide=("*",),
+            displace=("*",),
             goals=("*",),
             get_param=("*",),
             set_param=("*",),
