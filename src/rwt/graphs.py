@@ -124,6 +124,3 @@ def _check_registry(registry: Registry, settings: Settings) -> None:
             "`interfaces`: cannot be added to the given graph or registry; give them to"
             " `registry.add_directory`, or leave out the graph or registry"
         )
-
-
-__all__ = ["MakeGraph", "check_graph", "make_graph", "make_registry"]

@@ -152,14 +152,3 @@ def start_script(
     except ScriptError as error:
         raise SettingsError(f"script: {error}") from error
     return wire.middleware
-
-
-__all__ = [
-    "NODES",
-    "ON_EVERY_WORKER",
-    "ReadyNode",
-    "http_of",
-    "start_nodes",
-    "start_recording",
-    "start_script",
-]

@@ -292,6 +292,3 @@ class SimulatedClock(Clock):
     async def drive(self) -> None:
         """Nothing to do: `advance` runs the timers."""
         await anyio.sleep_forever()
-
-
-__all__ = ["Clock", "SimulatedClock", "SteadyClock", "Timer", "TimerHeap", "WallClock"]

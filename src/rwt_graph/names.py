@@ -120,6 +120,3 @@ def split_parameter(name: str) -> tuple[str, str] | None:
     if not colon:
         return None
     return resolve(node), parameter_name(parameter)
-
-
-__all__ = ["namespace_of", "node_name", "parameter_name", "resolve", "split_parameter", "validate"]

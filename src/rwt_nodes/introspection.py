@@ -288,6 +288,3 @@ class _WatchedGoal:
 def uuid(goal_id: str) -> dict[str, bytes]:
     """A goal's id as `unique_identifier_msgs/UUID` has it."""
     return {"uuid": bytes.fromhex(goal_id)}
-
-
-__all__ = ["Introspection", "NotObservable"]

@@ -186,6 +186,3 @@ def _settings(options: Options) -> Settings:
         return load_settings(command_line=tuple(given)).settings
     except SettingsError as error:
         raise pytest.UsageError(f"rwt_settings: {error}") from None
-
-
-__all__ = ["RobotServer", "Environment", "Options", "open_environment", "transcripts"]

@@ -28,6 +28,3 @@ def instead(name: str, known: Iterable[str]) -> str:
     if near:
         return f"did you mean `{near}`?"
     return f"known are {', '.join(names)}" if names else "none is known here"
-
-
-__all__ = ["BlockingWait", "ScriptError", "instead"]

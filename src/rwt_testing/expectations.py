@@ -158,6 +158,3 @@ def _other_names(journal: Journal, wanted: Expectation, verb: str) -> str:
     everything = journal.everything(wanted.kind)
     others = [f"{name} ({len(kept)})" for name, kept in everything.items() if name not in OF_THE_SERVER]
     return f"{verb} instead: {', '.join(others)}" if others else f"{verb} instead: nothing at all"
-
-
-__all__ = ["Expectation", "PATIENCE", "expect", "expect_soon", "on_an_event_loop", "refuse_on_an_event_loop"]

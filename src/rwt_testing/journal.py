@@ -108,6 +108,3 @@ class Journal:
                 for key, entries in self._entries.items():
                     self._entries[key] = deque((e for e in entries if not only(e)), maxlen=self._kept)
             self._version += 1
-
-
-__all__ = ["OF_THE_SERVER", "Journal", "Kind", "Received"]

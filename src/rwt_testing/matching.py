@@ -91,6 +91,3 @@ def _is_number(value: object) -> TypeGuard[int | float]:
 def _shown(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 80 else text[:80] + "…"
-
-
-__all__ = ["Matching", "mismatch"]

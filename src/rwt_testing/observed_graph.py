@@ -126,6 +126,3 @@ class _ObservedPublisher(Publisher):
 
     def close(self) -> None:
         self._inner.close()
-
-
-__all__ = ["ObservedGraph"]

@@ -73,6 +73,3 @@ async def settle() -> None:
     for _ in range(_TURNS):
         await anyio.lowlevel.checkpoint()
     await anyio.wait_all_tasks_blocked()
-
-
-__all__ = ["VirtualTime", "advance", "settle"]

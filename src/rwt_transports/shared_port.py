@@ -50,6 +50,3 @@ async def hold_port(url: str, tls: SSLContext | None = None) -> HeldPort:
         # Not before it is bound: so a port that other programs share counts as in use.
         each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
     return HeldPort(target.with_port(int(sockets[0].getsockname()[1])), tuple(sockets))
-
-
-__all__ = ["HeldPort", "can_share", "hold_port"]

@@ -82,6 +82,3 @@ class WorkerMetrics:
 
     def _path(self, number: int) -> Path:
         return self._folder / f"metrics-{number}"
-
-
-__all__ = ["WorkerMetrics"]

@@ -243,6 +243,3 @@ def _signals() -> Iterator[socket.socket]:
             signal.set_wakeup_fd(wakeup)
             for number, handler in before.items():
                 signal.signal(number, handler)
-
-
-__all__ = ["Announce", "Supervisor", "Work", "parent_lives", "parent_sentinel"]

@@ -152,6 +152,3 @@ def _share(settings: Settings, shared: frozenset[str], number: int) -> Settings:
             "nodes": tuple(name for name in settings.nodes if name in ON_EVERY_WORKER),
         }
     )
-
-
-__all__ = ["InWorker", "WorkerContext", "run_workers"]

@@ -186,6 +186,3 @@ def _say_what_plays(recording: Recording) -> None:
             " (see rwt recording recover)",
             file=sys.stderr,
         )
-
-
-__all__ = ["add_play_command", "parse_remap", "press"]

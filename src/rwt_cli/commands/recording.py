@@ -130,6 +130,3 @@ def _date(time_ns: int) -> str:
 
     seconds, nanoseconds = divmod(time_ns, NANOSECONDS)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{nanoseconds:09} UTC ({time_ns})"
-
-
-__all__ = ["add_recording_command", "described", "text_of"]

@@ -49,6 +49,3 @@ def _without_lines(descriptor: int) -> Iterator[None]:
         yield
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-
-__all__ = ["Key", "key_presses"]

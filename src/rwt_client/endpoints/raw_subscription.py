@@ -142,6 +142,3 @@ class RawSubscription(RemoteHandle[MessageType]):
     def fail(self, error: RobotError) -> None:
         """No message comes any more, because of `error`."""
         self.error = error
-
-
-__all__ = ["RawCallback", "RawMessage", "RawSubscription"]

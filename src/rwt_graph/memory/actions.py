@@ -486,15 +486,3 @@ def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> 
     except Exception:
         logger.exception("the client of action %s failed on its result", action)
     return MemoryClientGoal(goal_id, action, None)
-
-
-__all__ = [
-    "ENDINGS",
-    "TRANSITIONS",
-    "Actions",
-    "GoalEvent",
-    "GoalWatcher",
-    "MemoryActionServer",
-    "MemoryGoal",
-    "RemoteActions",
-]

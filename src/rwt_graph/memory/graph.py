@@ -281,6 +281,3 @@ class MemoryGraph(Graph):
         for participant in tuple(reversed(self._participants)):
             participant.close()
         self._system.close()
-
-
-__all__ = ["MemoryGraph", "MemoryParticipant"]

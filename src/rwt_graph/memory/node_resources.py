@@ -34,6 +34,3 @@ class NodeResources:
         while self._release:
             _, release = self._release.popitem()
             release()
-
-
-__all__ = ["NodeResources"]

@@ -52,6 +52,3 @@ class ProviderTable(Generic[P]):
         if not displaced:
             self._displaced.pop(name, None)
         return restored
-
-
-__all__ = ["ProviderTable"]

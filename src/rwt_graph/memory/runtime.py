@@ -176,6 +176,3 @@ async def _guarded(task: Task, name: str) -> None:
         await task()
     except Exception:
         logger.exception("%s failed", name)
-
-
-__all__ = ["Runtime"]

@@ -329,6 +329,3 @@ class Services:
         if self.remote is not None:
             names |= self.remote.of_node(node)
         return tuple(sorted(names))
-
-
-__all__ = ["TICKS", "Deadlines", "MemoryCall", "MemoryProvider", "RemoteServices", "Services"]

@@ -380,15 +380,3 @@ class Topics:
         publishing = (t.name for t in self._topics.values() if node in t.publishing_nodes())
         subscribing = (t.name for t in self._topics.values() if node in t.subscribing_nodes())
         return tuple(sorted(publishing)), tuple(sorted(subscribing))
-
-
-__all__ = [
-    "KEEP_ALL_LIMIT",
-    "MemoryPublisher",
-    "MemorySubscription",
-    "RemoteEndpoint",
-    "RemoteTopics",
-    "Topic",
-    "Topics",
-    "TransientLocalCache",
-]

@@ -133,6 +133,3 @@ class ParameterClient:
                 response = await self._call(service.name, {}, ANSWER_TIMEOUT)
                 found += [f"{node}:{name}" for name in response.result.names]
         return tuple(sorted(found))
-
-
-__all__ = ["ANSWER_TIMEOUT", "ParameterClient"]

@@ -315,15 +315,3 @@ class NodeParameters:
         """Forget the declarations; the node leaves."""
         self._declared.clear()
         self._store.close()
-
-
-__all__ = [
-    "Declaration",
-    "NodeParameters",
-    "NodeStore",
-    "OnChange",
-    "OnStored",
-    "RunOnGraph",
-    "Store",
-    "TreeStore",
-]

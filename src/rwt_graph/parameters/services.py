@@ -166,6 +166,3 @@ class ParameterEvents:
                 group: [{"name": name, "value": encode(new)}],
             }
         )
-
-
-__all__ = ["DISCLOSURES", "EVENTS_QOS", "ParameterEvents", "ParameterServices"]

@@ -233,6 +233,3 @@ class ParameterTree:
                 self._watches.pop(name, None)
 
         return unwatch
-
-
-__all__ = ["ParameterTree", "ParameterValue", "Watch"]

@@ -140,6 +140,3 @@ def decode(message: Message) -> ParameterValue:
         return bytes(value)
     # An array may be a numpy one; what goes to the program is Python's own.
     return value.tolist() if hasattr(value, "tolist") else value
-
-
-__all__ = ["FIELDS", "ParameterType", "decode", "encode", "coerce", "type_of"]

@@ -219,6 +219,3 @@ class ActionlibServer:
                 "status_list": [self._status_of(tracked) for tracked in self._goals.values()],
             }
         )
-
-
-__all__ = ["ENDED_GOALS_STAY", "STATUS", "STATUS_PERIOD", "ActionlibServer", "ActionlibStatus"]

@@ -201,6 +201,3 @@ def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | Non
         callback(sample.payload.value())
 
     return receive
-
-
-__all__ = ["SampleQueue", "TopicPublisher", "TopicSubscription"]

@@ -166,6 +166,3 @@ class SentGoal(Goal):
         """Hear nothing more of the goal; it goes on running, and `result` waits in vain."""
         if self._goal is not None:
             self._goal.abandon()
-
-
-__all__ = ["AcceptGoal", "ActionFunction", "SentGoal"]

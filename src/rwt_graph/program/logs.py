@@ -71,6 +71,3 @@ class NodeLog:
         if self._distro.rosout_has_header:
             return {"header": {"stamp": stamp}, "level": ROS_1_LEVELS[level], "name": self._node}
         return {"stamp": stamp, "level": level, "name": self._name}
-
-
-__all__ = ["NodeLog", "rosout_qos"]

@@ -602,6 +602,3 @@ class BlockingNode(BlockingVerbs[Node]):
     once = waits(Node.once)
     call = waits(Node.call)
     advertise_action = holds(Node.advertise_action, BlockingHandle)
-
-
-__all__ = ["ActionServer", "BlockingNode", "Node", "ServiceServer"]

@@ -93,6 +93,3 @@ async def call(participant: Participant, service: str, request: Payload, seconds
         return await answer.wait()
     finally:
         pending.cancel()
-
-
-__all__ = ["ServiceFunction", "call", "failure_text"]

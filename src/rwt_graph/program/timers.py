@@ -86,6 +86,3 @@ class PeriodicTimer(Timer):
         if timer is not None:
             timer.cancel()
         self._on_cancel(self)
-
-
-__all__ = ["SHORTEST_PERIOD", "PeriodicTimer"]

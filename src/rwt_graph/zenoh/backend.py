@@ -168,6 +168,3 @@ class ZenohGraph(MemoryGraph):
         self._discovery.close()
         self._zenoh_topics.close()
         self._zenoh_services.close()
-
-
-__all__ = ["ZenohGraph"]

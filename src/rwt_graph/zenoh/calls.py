@@ -187,6 +187,3 @@ class Client:
         if self._listener is not None:
             self._listener.undeclare()
         self._querier.undeclare()
-
-
-__all__ = ["FAILED", "GONE", "Client", "RemoteCall", "abandoned_key", "read_abandoned"]

@@ -167,6 +167,3 @@ class Discovery:
                 end.dds_type,
                 why,
             )
-
-
-__all__ = ["Discovery"]

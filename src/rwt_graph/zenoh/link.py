@@ -92,6 +92,3 @@ class Link:
         gid = gid_of(key)
         self.own_gids.add(gid)
         return Presence(gid, self._liveliness.declare_token(key), self.own_gids)
-
-
-__all__ = ["Link", "NodeNumbers", "Presence"]

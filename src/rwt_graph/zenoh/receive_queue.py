@@ -138,6 +138,3 @@ def _declare(
         history=HistoryConfig(detect_late_publishers=True),
         subscriber_detection=True,
     ).undeclare
-
-
-__all__ = ["MOST_BYTES", "MOST_SAMPLES", "ReceiveQueue"]

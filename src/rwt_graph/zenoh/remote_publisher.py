@@ -94,6 +94,3 @@ def _caching(session: zenoh.Session, key: str, qos: QoS) -> zenoh.ext.AdvancedPu
         cache=CacheConfig(depth),
         publisher_detection=True,
     )
-
-
-__all__ = ["RemotePublisher"]

@@ -161,6 +161,3 @@ class SampleRouter:
 
 def _is_transient_local(publisher: RemoteEndpoint) -> bool:
     return publisher.qos.durability is Durability.TRANSIENT_LOCAL
-
-
-__all__ = ["RemoteHistory", "ReplayFilter", "SampleRouter"]

@@ -260,6 +260,3 @@ class ZenohServices:
 def _refuse(query: zenoh.Query, text: str, kind: str) -> None:
     query.reply_err(text.encode(), encoding=zenoh.Encoding.TEXT_PLAIN.with_schema(kind))
     query.drop()
-
-
-__all__ = ["Offer", "RemoteService", "ZenohServices"]

@@ -170,5 +170,3 @@ def _cannot_open(options: ZenohOptions) -> str:
 
 #: Runs a call on the graph's thread, soon and in order.
 RunOnGraph = Callable[[Callable[[], None]], None]
-
-__all__ = ["Mode", "RunOnGraph", "ZenohOptions", "ZenohSession", "configuration"]

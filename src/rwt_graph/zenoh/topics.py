@@ -150,6 +150,3 @@ def _unsubscribe(topic: Topic, channel: Channel, gone: list[MemorySubscription],
 
 def _type_of(type: MessageType) -> tuple[str, str]:
     return dds_type(type.registry.type_name(type)), type.rihs01
-
-
-__all__ = ["Channel", "ZenohTopics"]

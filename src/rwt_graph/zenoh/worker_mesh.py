@@ -66,6 +66,3 @@ def _endpoints(text: str, mode: str) -> list[str]:
     if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
         raise ZenohError(f"endpoints are a list of texts like tcp/0.0.0.0:7447, not {text}")
     return value
-
-
-__all__ = ["mesh_options"]

@@ -67,6 +67,3 @@ class ClockTopic:
         """Publish no more."""
         if self._timer is not None:
             self._timer.cancel()
-
-
-__all__ = ["PlaybackClock"]

@@ -358,6 +358,3 @@ def checked_rate(rate: float) -> float:
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"a recording is played at a rate from {SLOWEST} to {FASTEST:g}, not {rate}")
     return rate
-
-
-__all__ = ["NODE", "PlayOptions", "Player"]

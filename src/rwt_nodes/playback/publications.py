@@ -174,6 +174,3 @@ def _known(registry: Registry, name: str, text: str) -> bool:
     except InterfaceError:
         return False
     return known == parse_message(text, name, distro=registry.distro)
-
-
-__all__ = ["Publications", "read_payload"]

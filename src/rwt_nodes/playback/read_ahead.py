@@ -79,6 +79,3 @@ class ReadAhead:
             self._bytes += len(message.data)
             self._changed.notify()
             return True
-
-
-__all__ = ["AHEAD_BYTES", "AHEAD_MESSAGES", "ReadAhead"]

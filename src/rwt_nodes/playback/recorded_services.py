@@ -105,6 +105,3 @@ class _RecordedCalls:
         turn = self._asked.get(request, 0)
         self._asked[request] = turn + 1
         call.reply(responses[min(turn, len(responses) - 1)])
-
-
-__all__ = ["RecordedServices"]

@@ -138,6 +138,3 @@ def _doing(action: Callable[[], None]) -> Callable[[object], Answer]:
         return {}
 
     return handle
-
-
-__all__ = ["Controlled", "PlayerServices"]

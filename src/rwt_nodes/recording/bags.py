@@ -100,6 +100,3 @@ def _qos(profile: Qos) -> QoS:
         reliability=Reliability.BEST_EFFORT if lossy else Reliability.RELIABLE,
         durability=Durability.TRANSIENT_LOCAL if kept else Durability.VOLATILE,
     )
-
-
-__all__ = ["BagRecording"]

@@ -170,15 +170,3 @@ def _time(field_type: Time) -> Schema:
         "type": "object",
         "properties": {seconds: {"type": "integer"}, nanoseconds: {"type": "integer"}},
     }
-
-
-__all__ = [
-    "DEFINITION",
-    "ENCODINGS",
-    "KEPT",
-    "KEPT_TRANSFORMS",
-    "ChannelForm",
-    "Encoding",
-    "channel_form",
-    "qos_text",
-]

@@ -35,6 +35,3 @@ def require(library: str) -> None:
             f"recordings need the library {library}, which is not installed:"
             ' pip install "robot-web-tools[mcap]"'
         )
-
-
-__all__ = ["ExtraMissing", "RecordingError", "RecordingNotWritten", "RecordingUnreadable", "require"]

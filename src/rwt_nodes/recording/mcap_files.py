@@ -342,6 +342,3 @@ def _copy(recording: McapRecording, file: IO[bytes], writer: RecordingWriter) ->
         while writer.waiting_bytes > _MOST_WAITING and writer.failure is None:
             time.sleep(0.01)
         writer.write(recorded, message.log_time, message.publish_time, message.data)
-
-
-__all__ = ["MAGIC", "McapRecording", "RecoveryReport", "rebuild_index", "recover", "walk"]

@@ -73,6 +73,3 @@ class _Together(Recording):
         """Close every part."""
         for part in self._parts:
             part.close()
-
-
-__all__ = ["open_recording"]

@@ -46,6 +46,3 @@ def combined(offered_qos: tuple[QoS, ...]) -> QoS:
     history = History.KEEP_ALL if any(qos.history is History.KEEP_ALL for qos in kept) else History.KEEP_LAST
     depth = min(sum(max(1, qos.depth) for qos in kept), MOST_DEPTH)
     return QoS(history, depth, kept[0].reliability, Durability.TRANSIENT_LOCAL)
-
-
-__all__ = ["combined", "read_offered_qos"]

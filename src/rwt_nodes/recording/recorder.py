@@ -164,6 +164,3 @@ class _RecordedTopic:
         if channel is None:
             channel = self._channels[sample.payload.type.name] = self._recorder.channel_of(sample)
         self._recorder.record(channel, sample)
-
-
-__all__ = ["LOOK_SECONDS", "Recorder", "RecordingOptions"]

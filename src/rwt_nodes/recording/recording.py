@@ -110,8 +110,3 @@ def merged_topics(topics: list[RecordedTopic]) -> tuple[RecordedTopic, ...]:
             known.name, known.type, known.encoding, known.definition, count, offered_qos
         )
     return tuple(sorted(found.values(), key=lambda topic: (topic.name, topic.type)))
-
-
-__all__ = [
-    "MessageEncoding", "RecordedMessage", "RecordedTopic", "Recording", "merged_topics",
-]  # fmt: skip

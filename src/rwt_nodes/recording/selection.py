@@ -47,5 +47,3 @@ def _fits(topic: str, pattern: str) -> bool:
 
 #: Everything that tells of itself as a topic.
 EVERYTHING = TopicSelection(services=True, actions=True)
-
-__all__ = ["ACTION_PARTS", "EVERYTHING", "SERVICE_EVENTS", "TopicSelection"]

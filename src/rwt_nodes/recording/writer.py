@@ -377,8 +377,3 @@ def _mcap_writer(disk: _Disk, compression: Compression) -> Writer:
     # All that the library uses of a file is write, tell and flush.
     output = cast("IO[bytes]", disk)
     return Writer(output, chunk_size=_CHUNK_BYTES, compression=CompressionType[compression.upper()])
-
-
-__all__ = [
-    "COMPRESSIONS", "FLUSH_SECONDS", "METADATA", "Compression", "RecordedChannel", "RecordingWriter", "Split",
-]  # fmt: skip

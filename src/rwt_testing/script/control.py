@@ -149,6 +149,3 @@ def _by_name(entries: Mapping[str, tuple[Received, ...]]) -> dict[str, list[Para
         if name not in OF_THE_SERVER
     }
     return {name: messages for name, messages in chosen.items() if messages}
-
-
-__all__ = ["CONTROL", "ScriptControl"]

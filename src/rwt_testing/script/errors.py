@@ -93,6 +93,3 @@ def _explain(error: ValidationError, model: type[BaseModel] = Script) -> str:
         text = str(first["ctx"]["error"])
         return f"`{dotted(key)}`: {text}" if key else text
     return f"`{dotted(key)}`: expected {expected(annotation)}{but_got(first)}"
-
-
-__all__ = ["dotted", "read_recorded", "read_script"]

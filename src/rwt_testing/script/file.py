@@ -180,16 +180,3 @@ class Script(Table):
         tuple[FaultScript, ...],
         Field(description="what goes wrong from the start; `/rwt_script/faults` switches it off and on"),
     ] = ()
-
-
-__all__ = [
-    "ActionScript",
-    "AnswerScript",
-    "CaseScript",
-    "FaultScript",
-    "Recorded",
-    "Script",
-    "ServiceScript",
-    "Table",
-    "TopicScript",
-]

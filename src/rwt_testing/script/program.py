@@ -119,6 +119,3 @@ def _place(file: Path, trace: TracebackType | None) -> str:
     frames = traceback.extract_tb(trace)
     here = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
     return f"{file}:{here[-1]}" if here else str(file)
-
-
-__all__ = ["ProgramRobot", "read_program"]

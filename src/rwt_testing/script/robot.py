@@ -191,6 +191,3 @@ def _inject(faults: Faults, script: FaultScript) -> Fault:
     if script.refuse is not None:
         return faults.refuse(script.refuse, count=count)
     return faults.slow_reader(script.slow_reader or 1.0)
-
-
-__all__ = ["SteppedTopic", "TomlRobot", "inject"]

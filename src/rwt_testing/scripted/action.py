@@ -157,6 +157,3 @@ class ScriptedAction:
                 to_payload(kind, {} if message is None else message, self._clock.time_ns)
             except ValueError as error:
                 raise ScriptError(f"{self.name} ({kind.name}): {error}") from None
-
-
-__all__ = ["ScriptedAction"]

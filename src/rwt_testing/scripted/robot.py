@@ -197,6 +197,3 @@ class ScriptedRobot(Node):
         self, kind: Kind, name: str, matching: Matching, **bounds: Unpack[Bounds]
     ) -> Expectation:
         return Expectation(kind, self.resolve(name), matching, **bounds)
-
-
-__all__ = ["ScriptedRobot"]

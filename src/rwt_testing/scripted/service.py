@@ -126,6 +126,3 @@ class ScriptedService(Case):
             to_payload(self.type.response, {} if response is None else response, self._clock.time_ns)
         except ValueError as error:
             raise ScriptError(f"{self.name} ({self.type.name}) cannot answer so: {error}") from None
-
-
-__all__ = ["Case", "ScriptedService"]

@@ -184,6 +184,3 @@ class _Playing:
         """Stop the clock's timer."""
         if self._timer is not None:
             self._timer.cancel()
-
-
-__all__ = ["ScriptedTopic"]

@@ -241,6 +241,3 @@ class Faults:
         """Messages a second that a client reads now; None as fast as it can."""
         rates = [fault.amount for fault in self._faults if fault.what is FaultKind.SLOW_READER]
         return min(rates, default=None)
-
-
-__all__ = ["Fault", "Faults", "Subject", "To", "FaultAction", "FaultKind"]

@@ -280,6 +280,3 @@ class _ObservedFlow:
 
     def close(self) -> None:
         self._inner.close()
-
-
-__all__ = ["ObservedWire"]

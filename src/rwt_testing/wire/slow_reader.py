@@ -92,6 +92,3 @@ class SlowReader:
         """Send everything that waits, now."""
         while self._waiting:
             self._waiting.popleft().send()
-
-
-__all__ = ["SlowReader"]

@@ -82,6 +82,3 @@ def _cut(head: bytes, size: int) -> str:
     cut = text[:KEPT_CHARACTERS]
     one_line = cut.replace("\r", "\\r").replace("\n", "\\n")
     return one_line if len(cut.encode(errors="replace")) >= size else f"{one_line}… ({size} bytes)"
-
-
-__all__ = ["Transcript", "shown_bytes", "shown_frame"]

@@ -210,6 +210,3 @@ class _RemoteTopic:
         """End the subscription."""
         if self.subscription is not None:
             self.subscription.close()
-
-
-__all__ = ["EARLIER_NS", "RemoteRecorder"]

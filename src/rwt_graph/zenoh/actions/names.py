@@ -77,6 +77,3 @@ def uuid_struct(type: MessageType, goal_id: str) -> msgspec.Struct:
     empty: Any = type.struct()
     uuid: msgspec.Struct = empty.goal_id.__class__(uuid=bytes.fromhex(goal_id))
     return uuid
-
-
-__all__ = ["SEND_GOAL", "ActionNames", "belongs_to_action", "part_type", "struct_payload", "uuid_struct"]

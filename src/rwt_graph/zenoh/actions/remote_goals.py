@@ -256,6 +256,3 @@ class RemoteGoal(ClientGoal):
             callback()
         except Exception:
             logger.exception("a callback of goal %s of %s failed", self.id, self.action)
-
-
-__all__ = ["ZenohActions", "RemoteGoal"]

@@ -156,6 +156,3 @@ class Ros2ActionServer:
 
     def _now(self) -> dict[str, int]:
         return self._server.type.goal.registry.distro.time(self._clock.time_ns())
-
-
-__all__ = ["RESULTS_KEPT", "Ros2ActionServer"]

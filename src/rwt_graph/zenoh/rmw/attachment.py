@@ -53,6 +53,3 @@ def decode(data: bytes) -> Attachment:
     if size != _GID_SIZE:
         raise WireError(f"an attachment whose GID has {size} bytes; rmw_zenoh's has {_GID_SIZE}")
     return Attachment(sequence, stamp_ns, gid)
-
-
-__all__ = ["SIZE", "Attachment", "decode", "pack", "unpack"]

@@ -62,6 +62,3 @@ def mangle(name: str) -> str:
 def demangle(part: str) -> str:
     """The absolute name that :func:`mangle` made `part` of; `/` for `%`."""
     return part.replace(SLASH, "/")
-
-
-__all__ = ["data_key", "dds_type", "demangle", "mangle", "type_name"]

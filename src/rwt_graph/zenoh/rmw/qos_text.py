@@ -82,6 +82,3 @@ def _number(text: str, default: int) -> int:
     if not text.isascii() or not text.isdigit() or len(text) > 20:
         raise ValueError(text)
     return min(int(text), _LARGEST)
-
-
-__all__ = ["DEFAULT_DEPTH", "decode", "encode"]

@@ -131,6 +131,3 @@ def _number(text: str, key: str) -> int:
     if not text.isascii() or not text.isdigit() or len(text) > 20:
         raise WireError(f"{key[:120]!r}: {text[:20]!r} is not a number")
     return int(text)
-
-
-__all__ = ["Endpoint", "Kind", "Token", "all_tokens", "gid_of", "parse"]
