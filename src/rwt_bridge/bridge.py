@@ -18,6 +18,7 @@ from rwt_delivery.shared_graph import SharedGraph
 from rwt_program.errors import RobotError
 from rwt_protocol import ops
 from rwt_protocol.codecs import CODECS, Codec, Encoding, bson_codec, encoding_of
+from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.fragments import FragmentLimits
@@ -148,7 +149,8 @@ def _wire_limits(settings: BridgeSettings) -> WireLimits:
     fragments = FragmentLimits(
         limits.fragmented_messages, limits.fragment_characters, limits.fragment_seconds
     )
-    return WireLimits(settings.max_message_size, limits.max_depth, fragments)
+    split = SplitLimits(limits.max_depth, limits.structure_bytes)
+    return WireLimits(settings.max_message_size, split, fragments)
 
 
 def _exclusive_codec(settings: BridgeSettings) -> Codec | None:

@@ -32,6 +32,9 @@ class BridgeLimits(ClientLimits):
         int,
         Field(ge=4, le=500, description="objects and arrays open at once in one message, itself included"),
     ] = 100
+    structure_bytes: Annotated[
+        Bytes, Field(description="bytes of one message in CBOR beside its long strings and typed arrays")
+    ] = 512 * 1024
     fragmented_messages: Annotated[
         Count, Field(description="messages of one client that may be in pieces at the same time")
     ] = 16
@@ -62,7 +65,7 @@ class BridgeSettings(AccessSettings):
         Field(description="protocol text to follow; `compat` takes what any client sends"),
     ] = "compat"
     max_message_size: Annotated[Bytes, Field(description="largest message taken from a client, bytes")] = (
-        64 * MIB
+        10_000_000
     )
     default_call_service_timeout: Annotated[
         SecondsOrNone,

@@ -10,7 +10,7 @@ import msgspec
 from pydantic import ValidationError
 
 from rwt_protocol.codecs import BINARY_CODECS, JSON, png
-from rwt_protocol.codecs.base import Codec, DecodeFailure, Members
+from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitLimits
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
@@ -31,12 +31,12 @@ class WireLimits:
 
     Attributes:
         max_message_size: bytes in one frame.
-        max_depth: objects and arrays open at once in one message, itself included.
+        split: the structure of one frame.
         fragments: messages in pieces.
     """
 
     max_message_size: int = 10_000_000
-    max_depth: int = 100
+    split: SplitLimits = field(default_factory=SplitLimits)
     fragments: FragmentLimits = field(default_factory=FragmentLimits)
 
 
@@ -84,11 +84,11 @@ class Session:
         "_direction",
         "_inside",
         "_level",
-        "_max_depth",
         "_max_size",
         "_profile",
         "_readers",
         "_reassembly",
+        "_split_limits",
         "call",
         "encode",
         "response",
@@ -104,7 +104,7 @@ class Session:
         self._profile = profile
         self._direction = direction
         self._max_size = limits.max_message_size
-        self._max_depth = limits.max_depth
+        self._split_limits = limits.split
         self._codec = codec
         outgoing = codec or JSON
         # The codec's own methods: a method of the session in between would cost each message a call.
@@ -135,7 +135,7 @@ class Session:
             return (
                 self._refusal({}, f"{len(data)} bytes: the limit is {self._max_size} (max_message_size)"),
             )
-        parts = codec.split(data, self._max_depth)
+        parts = codec.split(data, self._split_limits)
         if len(parts) == 1:
             return self._read(parts[0], now)
         return [read for part in parts for read in self._read(part, now)]

@@ -14,6 +14,7 @@ from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
 from rwt_protocol.codecs import JSON, png
+from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
 from rwt_protocol.errors import Refused
@@ -25,7 +26,7 @@ from tests.bridge.recording_client import Client
 
 _PROFILES = list(PROFILES.values())
 _DIRECTIONS = [Direction.TO_SERVER, Direction.TO_CLIENT]
-LIMITS = WireLimits(max_message_size=100_000, max_depth=50, fragments=FragmentLimits(4, 20_000, 10.0))
+LIMITS = WireLimits(100_000, SplitLimits(max_depth=50), FragmentLimits(4, 20_000, 10.0))
 LONGEST_REASON = 2_000
 
 PICTURE_BYTES = 50_000

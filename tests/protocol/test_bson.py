@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
+from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.ops import Direction, Op, Publish
 from rwt_protocol.payloads import Decoded
@@ -78,7 +79,7 @@ def nested(levels: int) -> bytes:
 
 
 def test_depth_is_limited() -> None:
-    limits = WireLimits(max_depth=5)
+    limits = WireLimits(split=SplitLimits(max_depth=5))
     assert reason(nested(5), limits).startswith('no "op"')
     assert reason(nested(6), limits) == "nested more than 5 levels deep"
     assert reason(nested(300)) == "nested more than 100 levels deep"

@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import CBOR
+from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.cbor import publish_frame, publish_prefix
 from rwt_protocol.ops import Direction, Publish, ServiceResponse, Subscribe
 from rwt_protocol.payloads import Decoded, RawJson
-from rwt_protocol.session import Refusal, Session
+from rwt_protocol.session import Refusal, Session, WireLimits
 from tests.protocol.wire_examples import EXAMPLES, CborFrame
 
 
@@ -92,11 +93,36 @@ def test_typed_arrays_of_both_byte_orders(tag: int, code: str) -> None:
     "message",
     [
         {"op": "subscribe", "topic": "/a", "id": 5},
-        {"op": "subscribe", "topic": "/a", "id": 5, 7: 8, "x": b""},
+        {"op": "subscribe", "topic": "/a", "id": 5, b"7": 8, "x": b""},
     ],
 )
 def test_any_op_is_read(message: dict[Any, Any]) -> None:
     assert one(cbor2.dumps(message)) == Subscribe(topic="/a", id=5)
+
+
+@pytest.mark.parametrize("key", [7, 1 << 70, -(1 << 70), (1, 2), 0.5, None, True])
+def test_keys_that_are_no_strings_are_refused_before_they_can_collide(key: object) -> None:
+    message = {"op": "publish", "topic": "/a", "msg": {"data": {key: 1}}}
+    assert reason(cbor2.dumps(message)).startswith("not CBOR: malformed, nested too deeply, with a key")
+
+
+_ITEMS = [b"\xa0", b"\x80", b"\x81\x80", b"\xa1\x60\x80", b"\x61a", b"\x59\x03\x00" + bytes(768)]
+
+
+@pytest.mark.parametrize("item", _ITEMS)
+def test_small_items_are_bounded_in_bytes_and_long_strings_are_not(item: bytes) -> None:
+    count = 100_000 // len(item)
+    data = b"\xa3\x62op\x67publish\x65topic\x62/a\x63msg\x9a" + count.to_bytes(4, "big") + item * count
+    most = WireLimits(split=SplitLimits(max_structure=90_000))
+    (found,) = Session(limits=most).decode(data, True, 0.0)
+    assert isinstance(found, Refusal)
+    assert found.reason == "more than 90000 bytes beside long strings and typed arrays (structure_bytes)"
+    assert isinstance(one(data), Publish)
+    octets = {"a": bytes(200_000), "b": cbor2.CBORTag(70, bytes(200_000))}
+    (found,) = Session(limits=most).decode(
+        cbor2.dumps({"op": "publish", "topic": "/a", "msg": octets}), True, 0.0
+    )
+    assert isinstance(found, Publish)
 
 
 def test_the_text_of_a_failure() -> None:
@@ -144,7 +170,7 @@ def test_bombs_are_refused(data: bytes) -> None:
 def test_any_damaged_frame_is_an_op_or_a_refusal(damage: bytes, example: CborFrame, place: int) -> None:
     whole = bytes.fromhex(example.hex)
     assert len(Session().decode(whole[:place] + damage + whole[place + len(damage) :], True, 0.0)) <= 1001
-    assert len(CBOR.split(b"\xa1" + damage, 100)) == 1
+    assert len(CBOR.split(b"\xa1" + damage, SplitLimits())) == 1
 
 
 @given(st.text(), st.dictionaries(st.text(), st.integers(-(2**63), 2**64 - 1) | st.text() | st.booleans()))

@@ -46,3 +46,10 @@ def test_brackets_in_strings_do_not_cancel_brackets() -> None:
     assert depth(json.loads(hidden)) == 4
     assert deeper_than(hidden, 3)
     assert not deeper_than(hidden, 4)
+
+
+@pytest.mark.parametrize("levels", [90, 99, 100, 101, 150])
+def test_what_is_deep_all_over_is_counted_as_well(levels: int) -> None:
+    each = b"[" * (levels - 1) + b'{"[\\"]\\\\":1}' + b"]" * (levels - 1)
+    assert deeper_than(b"[" + b",".join([each] * 2_000) + b"]", 100) is (levels + 1 > 100)
+    assert deeper_than(b",".join([each] * 2_000), 100) is (levels > 100)

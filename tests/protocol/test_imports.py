@@ -9,7 +9,7 @@ _REPORT = "import sys; print(*sorted({name.partition('.')[0] for name in sys.mod
 _OURS = "import rwt_protocol.session, rwt_protocol.dispatcher, rwt_protocol.codecs, rwt_protocol.profiles; "
 
 #: Of the standard library, and light.
-_LIGHT = {"difflib", "_heapq", "heapq", "rwt_protocol"}
+_LIGHT = {"difflib", "gc", "_heapq", "heapq", "rwt_protocol"}
 
 
 def loaded(program: str) -> set[str]:

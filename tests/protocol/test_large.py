@@ -237,3 +237,22 @@ def test_any_damaged_message_is_never_taken_for_another(
     except ValueError:
         return
     check_like_a_full_parse(data)  # json.loads(data) within must succeed: slice valid, so the frame is valid
+
+
+@pytest.mark.parametrize("value", ["[" + "[]," * 30_000 + "[]]", '"' + "a" * 70_000 + '"', "1" * 70_000])
+@pytest.mark.parametrize("payload", ["", ',"msg":{"data":"FILL"}'], ids=["alone", "with a payload"])
+def test_a_large_member_beside_the_payload_is_refused_by_name(value: str, payload: str) -> None:
+    text = f'{{"op":"publish","id":"i","topic":{value}{payload.replace("FILL", FILL)}}}'
+    (found,) = Session().decode(text.encode(), False, 0.0)
+    assert isinstance(found, Refusal)
+    assert (found.op, found.id) == ("publish", "i")
+    assert found.reason == f"publish.topic: {len(value)} bytes; a member beside the payload may have 65536"
+
+
+def test_a_piece_of_a_message_may_be_large() -> None:
+    inner = json.dumps({"op": "publish", "topic": "/a", "msg": {"data": FILL * 3}})
+    pieces = [{"op": "fragment", "id": "f", "data": part, "num": num, "total": 2}
+              for num, part in enumerate((inner[:-2], inner[-2:]))]  # fmt: skip
+    session = Session()
+    (found,) = (op for piece in pieces for op in session.decode(json.dumps(piece).encode(), False, 0.0))
+    assert isinstance(found, Publish)

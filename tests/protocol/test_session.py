@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.ops import (
     ActionResult,
     Advertise,
@@ -158,7 +159,7 @@ def test_the_constants_that_python_writes_are_null() -> None:
 
 
 def test_sizes_and_depths_are_limited() -> None:
-    session = Session(limits=WireLimits(max_message_size=100, max_depth=5))
+    session = Session(limits=WireLimits(max_message_size=100, split=SplitLimits(max_depth=5)))
     assert refusals(b"x" * 101, session) == ["101 bytes: the limit is 100 (max_message_size)"]
     deep = b'{"op":"publish","topic":"/a","id":"i","msg":%s}'
     assert isinstance(decode(deep % b'{"a":[[[]]]}', session)[0], Publish)

@@ -19,6 +19,20 @@ Members = dict[str, object]
 
 
 @dataclass(frozen=True, slots=True)
+class SplitLimits:
+    """Limits of the structure of one frame.
+
+    Attributes:
+        max_depth: objects and arrays that may be open at once; the message itself is the first.
+        max_structure: bytes of a frame in CBOR beside its long strings and typed arrays. Each of them can
+            cost eighty bytes of memory once it is decoded.
+    """
+
+    max_depth: int = 100
+    max_structure: int = 512 * 1024
+
+
+@dataclass(frozen=True, slots=True)
 class DecodeFailure:
     """Something in a frame that is not a message.
 
@@ -34,13 +48,8 @@ class DecodeFailure:
 class Codec(Protocol):
     """The envelope in one encoding. Stateless; one instance serves every session."""
 
-    def split(self, data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
-        """The messages in one frame, in order. Never raises.
-
-        Args:
-            data: the frame.
-            max_depth: objects and arrays that may be open at once; the message itself is the first.
-        """
+    def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
+        """The messages in one frame, in order. Never raises."""
 
     def encode(self, op: Op) -> Frame:
         """One op as a frame. A payload is spliced in where the encoding of both is the same.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members
+from rwt_protocol.codecs.base import DecodeFailure, Members, SplitLimits
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_within
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.transport import Frame
@@ -30,13 +30,13 @@ _INT64: Final = range(-(2**63), 2**63)
 class BsonCodec(ObjectCodec):
     """The BSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    def split(self, data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
+    def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
         """The message in one frame. Never raises."""
         try:
             found = bson.decode(data)
         except (BSONError, ValueError, OverflowError, RecursionError):
             return (DecodeFailure("not BSON: expected one document, neither malformed nor cut short"),)
-        return (members_within(found, len(data), max_depth, _SMALLEST_LEVEL),)
+        return (members_within(found, len(data), limits.max_depth, _SMALLEST_LEVEL),)
 
     def frame(self, message: Mapping[str, object]) -> Frame:
         """A message as one document. Octets are binary of subtype 0, NaN and infinities are kept (BSN-01).

@@ -6,12 +6,13 @@ decoded once, envelope and payload together: a payload is handed on as the plain
 
 from __future__ import annotations
 
+import gc
 import struct
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import TYPE_CHECKING, Final, NoReturn
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
 from rwt_protocol.payloads import Sample
 from rwt_protocol.transport import Buffer, Frame
@@ -41,6 +42,16 @@ TYPED_ARRAYS: Final = {
 """Byte order of the elements of each kind of typed array and their letter in :mod:`struct`, by tag (RFC 8746
 section 2.1)."""
 
+_NOT_CBOR: Final = (
+    "not CBOR: malformed, nested too deeply, with a key that is no string, or a tag that ROS has not"
+)
+
+_READ_SIZE: Final = 1024
+"""Bytes that the library reads at a time; of a longer string it reads the rest at once."""
+
+_LARGE: Final = 64 * 1024
+"""Frames of no more bytes than this may be anything: what they can cost is little."""
+
 _FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
 """Tags that the library would turn into dates, patterns, shared references and so on, which ROS has not."""
 
@@ -48,19 +59,39 @@ _FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258
 class CborCodec(ObjectCodec):
     """The CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    def split(self, data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
+    def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
         """The message in one binary frame. Never raises."""
         import cbor2  # only for those who use it
 
-        stream = BytesIO(data)
+        large = len(data) > _LARGE
+        counted = _Stream(data, limits.max_structure) if large else None
+        stream = counted or BytesIO(data)
+        # Among hundreds of thousands of new objects the collector finds nothing, and takes most of the time.
+        collecting = large and gc.isenabled()
+        if collecting:
+            gc.disable()
         try:
-            foreign = dict.fromkeys(_FOREIGN, _refuse)
             decoder = cbor2.CBORDecoder(
-                stream, tag_hook=_typed_array, semantic_decoders=foreign, max_depth=max_depth
+                stream,
+                tag_hook=_typed_array,
+                semantic_decoders=dict.fromkeys(_FOREIGN, _refuse),
+                read_size=_READ_SIZE,
+                max_depth=limits.max_depth,
+                strict_hashable_types=True,
             )
             found = decoder.decode()
-        except cbor2.CBORError:
-            return (DecodeFailure("not CBOR: malformed, nested too deeply, or with a tag that ROS has not"),)
+        except (cbor2.CBORError, _TooMuchStructure):
+            if counted is None or counted.left >= 0:
+                return (DecodeFailure(_NOT_CBOR),)
+            most = limits.max_structure
+            return (
+                DecodeFailure(
+                    f"more than {most} bytes beside long strings and typed arrays (structure_bytes)"
+                ),
+            )
+        finally:
+            if collecting:
+                gc.enable()
         if stream.tell() != len(data):
             return (DecodeFailure("not CBOR: more than one value in the frame"),)
         if not isinstance(found, dict):
@@ -129,6 +160,34 @@ def _head(major: int, argument: int) -> bytes:
     size = (argument.bit_length() + 7) // 8
     exponent = (size - 1).bit_length()
     return bytes((major << 5 | 24 + exponent,)) + argument.to_bytes(1 << exponent, "big")
+
+
+class _TooMuchStructure(Exception):
+    """The frame holds more items, and strings that are short, than it may."""
+
+
+class _Stream(BytesIO):
+    """A frame to decode, which counts what is read of it beside long strings.
+
+    Attributes:
+        left: bytes that may still be read; negative once it was too much.
+    """
+
+    def __init__(self, data: bytes, max_structure: int) -> None:
+        super().__init__(data)
+        self.left = max_structure
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As of any stream.
+
+        Raises:
+            _TooMuchStructure: the library has read more small pieces than it may.
+        """
+        if size is not None and size <= _READ_SIZE:
+            self.left -= size
+            if self.left < 0:
+                raise _TooMuchStructure
+        return super().read(size)
 
 
 def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:

@@ -36,15 +36,22 @@ UNDECODED: Final = frozenset[str]().union(*PAYLOADS.values())
 """The members that hold undecoded JSON in some op."""
 
 
-def _decoder() -> msgspec.json.Decoder[Members]:
-    """One decoder for all ops: with a type per op the name of the op would have to come first to be cheap."""
+def _decoder(other: Any) -> msgspec.json.Decoder[Members]:
+    """One decoder for all ops: with a type per op the name of the op would have to come first to be cheap.
+
+    Args:
+        other: what it makes of the members that are no payloads.
+    """
     names = dict.fromkeys(
         (*_FIRST, *(name for spec in OPS.values() for name in spec.model.model_fields), *_OTHERS)
     )
     # The key "msg" is a payload in one op and a text in another, so it is left undecoded in both.
-    kinds: dict[str, Any] = {name: msgspec.Raw if name in UNDECODED else Any for name in names}
+    kinds: dict[str, Any] = {name: msgspec.Raw if name in UNDECODED else other for name in names}
     return msgspec.json.Decoder(TypedDict("AnyOp", kinds, total=False))  # type: ignore[operator]  # made at run time
 
 
-DECODER: Final = _decoder()
+DECODER: Final = _decoder(Any)
 """Takes the members that some op has; others are skipped (ENV-01). Of equal keys the last counts."""
+
+RAW_DECODER: Final = _decoder(msgspec.Raw)
+"""Takes the same members, and decodes none."""

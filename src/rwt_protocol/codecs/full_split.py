@@ -9,17 +9,31 @@ from typing import Final
 import msgspec
 
 from rwt_protocol.codecs.base import DecodeFailure, Members
-from rwt_protocol.codecs.envelope import DECODER, UNDECODED
+from rwt_protocol.codecs.envelope import DECODER, RAW_DECODER, UNDECODED
 
 MOST_MESSAGES: Final = 1000
 """Messages and faults that one frame may hold; what follows is one more fault."""
 
-_decode: Final = DECODER.decode
+MOST_MEMBER: Final = 64 * 1024
+"""Bytes of JSON that a member of a message may have which is neither a payload nor :data:`_LONG_TEXT`."""
+
+_LONG_TEXT: Final = "data"
+"""The member that holds a piece of a message (FRG-01), or a picture (PNG-01)."""
+
+_MOST_TEXTS: Final = 200_000
+"""Texts in one frame with the tokens NaN or Infinity, which have to be looked for between the texts."""
+
+_ROUNDS: Final = 8
+"""Levels that are removed one by one before the depth of what is left is counted."""
+
+_CHUNK: Final = 1 << 16
+"""Brackets that are counted at once."""
+
+_decode_small: Final = DECODER.decode
+_decode_no_member: Final = RAW_DECODER.decode
 _decode_raw: Final = msgspec.json.Decoder(msgspec.Raw).decode
-_decode_raw_members: Final = msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
 
 _TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
-_STRING_OR_CONSTANT: Final = re.compile(rb'"(?:[^"\\]|\\.)*+"|-?Infinity|NaN', re.DOTALL)
 _SURROGATE: Final = re.compile(rb"\\u[dD][89a-fA-F]")
 _KIND: Final = {
     ord("["): "an array",
@@ -29,9 +43,37 @@ _KIND: Final = {
     ord("f"): "false",
 }
 _SAME_KIND: Final = bytes.maketrans(b"[]", b"{}")
-_NOT_STRUCTURE: Final = bytes(byte for byte in range(256) if byte not in b'{}[]"\\')
+_NOT_STRUCTURE: Final = bytes(byte for byte in range(256) if byte not in b'{}[]"')
 _NOT_BRACKETS: Final = bytes(byte for byte in range(256) if byte not in b"{}[]")
-_STRING: Final = re.compile(rb'"(?:[^"\\]|\\.)*+"', re.DOTALL)
+_STRING_APART: Final = re.compile(rb'("(?:[^"\\]|\\.)*+")', re.DOTALL)
+
+
+class _MemberTooLarge(Exception):
+    """A member of a message has more bytes than it may."""
+
+    def __init__(self, name: str, size: int) -> None:
+        self.name = name
+        self.size = size
+
+
+def _decode(data: bytes) -> Members:
+    """The members of the object `data`.
+
+    Raises:
+        msgspec.DecodeError, RecursionError: it is not one object, or not one that can be read.
+        _MemberTooLarge: a member that would be decoded is larger than :data:`MOST_MEMBER`.
+    """
+    if len(data) <= MOST_MEMBER:
+        return _decode_small(data)
+    members = _decode_no_member(data)
+    for name, raw in members.items():
+        if name not in UNDECODED:
+            assert isinstance(raw, msgspec.Raw)
+            view = memoryview(raw)
+            if len(view) > MOST_MEMBER and not (name == _LONG_TEXT and view[0] == ord('"')):
+                raise _MemberTooLarge(name, len(view))
+            members[name] = msgspec.json.decode(raw)
+    return members
 
 
 def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
@@ -47,6 +89,8 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure
         return (DecodeFailure(f"not UTF-8, at byte {error.start}"),)
     except (msgspec.DecodeError, RecursionError):
         return _split_several(data, max_depth)
+    except _MemberTooLarge as error:
+        return (_too_large(data, error),)
     if len(data) > 2 * max_depth and deeper_than(data, max_depth):
         return (_too_deep(max_depth, members),)
     return (members,)
@@ -54,6 +98,14 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure
 
 def _too_deep(max_depth: int, members: Members | None = None) -> DecodeFailure:
     return DecodeFailure(f"nested more than {max_depth} levels deep (max_depth)", members or {})
+
+
+def _too_large(data: bytes, error: _MemberTooLarge) -> DecodeFailure:
+    readable, _ = _readable(data)
+    where = f"{readable['op']}.{error.name}" if "op" in readable else error.name
+    return DecodeFailure(
+        f"{where}: {error.size} bytes; a member beside the payload may have {MOST_MEMBER}", readable
+    )
 
 
 def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]:
@@ -130,9 +182,16 @@ def _without_constants(text: bytes) -> bytes:
     Python writes them for numbers that JSON has not, and roslibpy sends them. Null is how such a number is
     written on the way out (X16), so it is read that way too.
     """
-    if b"NaN" not in text and b"Infinity" not in text:
+    if (b"NaN" not in text and b"Infinity" not in text) or text.count(b'"') > 2 * _MOST_TEXTS:
         return text
-    return _STRING_OR_CONSTANT.sub(lambda found: found[0] if found[0][:1] == b'"' else b"null", text)
+    parts = _STRING_APART.split(text)
+    between = b"\0".join(parts[::2])
+    for constant in (b"-Infinity", b"Infinity", b"NaN"):
+        between = between.replace(constant, b"null")
+    apart = between.split(b"\0")
+    if len(apart) == len(parts[::2]):  # else it has zero bytes of its own, which JSON has not
+        parts[::2] = apart
+    return b"".join(parts)
 
 
 def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
@@ -141,6 +200,8 @@ def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
         return DecodeFailure(f"expected an object, got {_KIND.get(piece[0], 'a number')}")
     try:
         members = _decode(piece)
+    except _MemberTooLarge as error:
+        return _too_large(piece, error)
     except (msgspec.DecodeError, UnicodeDecodeError):
         return _unreadable(piece)
     return _too_deep(max_depth, members) if deeper_than(piece, max_depth) else members
@@ -148,46 +209,78 @@ def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
 
 def _unreadable(piece: bytes) -> DecodeFailure:
     """An object with a member that cannot be read: its name, and what can be read to address the answer."""
+    members, wrong = _readable(piece)
+    where = f".{wrong}" if wrong else ""
+    reason = f"{members.get('op', 'it')}{where}: holds a number too large, or text that is not Unicode"
+    return DecodeFailure(reason, members)
+
+
+def _readable(piece: bytes) -> tuple[Members, str]:
+    """What can be read of an object to address the answer, and the first of its members that cannot be."""
     members: Members = {}
-    where = ""
-    for name, raw in _decode_raw_members(piece).items():
+    wrong = ""
+    for name, raw in _decode_no_member(piece).items():
+        assert isinstance(raw, msgspec.Raw)
+        if name in UNDECODED or len(memoryview(raw)) > MOST_MEMBER:
+            continue
         try:
-            value: object = None if name in UNDECODED else msgspec.json.decode(raw)
+            value: object = msgspec.json.decode(raw)
         except (msgspec.DecodeError, UnicodeDecodeError):
-            where = where or f".{name}"
+            wrong = wrong or name
             continue
         if name in ("op", "id", "service", "action") and isinstance(value, str | int):
             members[name] = value
-    reason = f"{members.get('op', 'it')}{where}: holds a number too large, or text that is not Unicode"
-    return DecodeFailure(reason, members)
+    return members, wrong
 
 
 def deeper_than(data: bytes, limit: int) -> bool:
     """Whether more than `limit` objects and arrays of `data`, which is valid JSON, are open at once.
 
     Every level costs two brackets, so for a text with few brackets it is enough to count them. Otherwise the
-    innermost pairs are removed, all at once, as often as the limit allows: each round is one level.
+    innermost pairs are removed, all at once: each round is one level. What is deeper than usual is counted.
     """
     if len(data) <= 2 * limit or len(data.translate(None, _NOT_BRACKETS)) <= 2 * limit:
         return False
     brackets = _brackets(data)
-    for _ in range(limit):
+    rounds = limit if len(brackets) <= _CHUNK else min(limit, _ROUNDS)
+    for _ in range(rounds):
         if not brackets:
             return False
         brackets = brackets.replace(b"{}", b"")
-    return bool(brackets)
+    return bool(brackets) if rounds == limit else _depth_of(brackets) > limit - rounds
+
+
+def _depth_of(brackets: bytes) -> int:
+    """The most braces of `brackets` that are open at once."""
+    import numpy as np  # heavy, and hardly any message needs it
+
+    deepest = opened = 0
+    steps = ord("{") + 1 - np.frombuffer(brackets, np.uint8).astype(np.int8)
+    for start in range(0, len(steps), _CHUNK):
+        heights = np.cumsum(steps[start : start + _CHUNK], dtype=np.int32)
+        deepest = max(deepest, opened + int(heights.max()))
+        opened += int(heights[-1])
+    return deepest
 
 
 def _brackets(data: bytes) -> bytes:
     """The brackets of `data` that are not inside a string, all written as braces.
 
-    With only brackets and quotes kept, and no backslash among them, a string without brackets is an adjacent
-    pair of quotes. If a bracket stands inside a string, the run of quotes before it is odd, and a quote is
-    left over when all pairs are gone; only then are the strings looked for one by one.
+    Without escapes and with only brackets and quotes kept, a string without brackets is an adjacent pair of
+    quotes. If a bracket stands inside a string, the run of quotes before it is odd, and a quote is left over
+    when all pairs are gone; only then is it counted how many quotes stand before each bracket.
     """
-    kept = data.translate(_SAME_KIND, _NOT_STRUCTURE)
-    if b"\\" not in kept:
-        kept = kept.replace(b'""', b"")
-        if b'"' not in kept:
-            return kept
-    return _STRING.sub(b"", data).translate(_SAME_KIND, _NOT_BRACKETS)
+    if b"\\" in data:
+        data = data.replace(b"\\\\", b"").replace(b'\\"', b"")
+    kept = data.translate(_SAME_KIND, _NOT_STRUCTURE).replace(b'""', b"")
+    if b'"' not in kept:
+        return kept
+    if len(kept) <= _CHUNK:
+        return b"".join(kept.split(b'"')[::2])
+    import numpy as np  # heavy, and hardly any message needs it
+
+    each = np.frombuffer(kept, np.uint8)
+    quotes = each == ord('"')
+    inside = np.cumsum(quotes, dtype=np.uint8) & 1 == 1
+    outside: bytes = each[~(quotes | inside)].tobytes()
+    return outside

@@ -66,7 +66,7 @@ def split_large(data: bytes, max_depth: int) -> Members | None:
 
     The nesting of the payload is not looked at either: the type that it is decoded as bounds it.
     """
-    head = _HEAD.match(data)
+    head = _HEAD.match(data, 0, 2 * LARGE)
     if head is None:
         return None
     begin = head.end()
@@ -89,6 +89,8 @@ def split_large(data: bytes, max_depth: int) -> Members | None:
 
 
 def _read_envelope(envelope: bytes) -> Members | None:
+    if len(envelope) > LARGE:
+        return None
     try:
         if not envelope.isascii():
             str(envelope, "utf-8")

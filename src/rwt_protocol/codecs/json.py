@@ -12,7 +12,7 @@ from typing import Final
 import msgspec
 from pydantic import BaseModel
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits
 from rwt_protocol.codecs.envelope import DECODER, PAYLOADS, RELIED_ON
 from rwt_protocol.codecs.full_split import split_whole
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
@@ -36,9 +36,9 @@ _encode: Final = msgspec.json.Encoder(enc_hook=_plain_model).encode
 class JsonCodec:
     """The JSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    def split(self, data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
+    def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
         """The messages in one frame, in order. Never raises."""
-        size = len(data)
+        size, max_depth = len(data), limits.max_depth
         if size <= 2 * max_depth and data.isascii():
             # The usual frame: short, so not deep, and of one object.
             try:

@@ -14,11 +14,11 @@ from typing import Any, Final
 import anyio
 
 from rwt_protocol.codecs import CODECS, SELECTABLE, Codec
-from rwt_protocol.codecs.base import DecodeFailure
+from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
 from rwt_protocol.payloads import Decoded
 from rwt_protocol.transport import Frame, PeerInfo, Sink
 
-_DEEPEST: Final = 64
+_LIMITS: Final = SplitLimits(max_depth=64)
 """Objects and arrays that may be open at once in a message of the server."""
 
 
@@ -112,7 +112,7 @@ class WireProbe:
 
 def _decoded(data: bytes, codec: Codec | None) -> Mapping[str, Any]:
     if codec is not None:
-        members = codec.split(data, _DEEPEST)[0]
+        members = codec.split(data, _LIMITS)[0]
         if isinstance(members, DecodeFailure):
             return {}
         return {name: each.value if isinstance(each, Decoded) else each for name, each in members.items()}
