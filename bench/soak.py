@@ -37,7 +37,7 @@ ROOM_MB = 4.0
 EMPTY_SECONDS = 5.0
 """How long the server may take to let everyone go."""
 
-_HANDSHAKE = b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConn"
+_HANDSHAKE = b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConn"
 _CLOSE = masked((1000).to_bytes(2, "big"), 8)
 
 

@@ -98,7 +98,7 @@ def guarded(
         origin = request.headers.get("origin")
         # An origin is ASCII (RFC 6454 section 6.2); what is not cannot be sent back, whatever globs allow.
         if (
-            origin is None
+            not origin
             or not origin.isascii()
             or not access.admission.allows_page(request.headers, loopback=loopback)
         ):

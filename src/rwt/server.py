@@ -332,6 +332,7 @@ class Server:
                     url,
                     accept_at(url),
                     routes=routes(bridge, metrics, http, loopback=is_loopback_listener(url), gather=gather),
+                    hosts=settings.origins.hosts,
                     limits=limits,
                     tls=tls,
                     bson=settings.bson_only_mode,

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from rwt_access.audit import LineRate
 from rwt_access.credentials import Tokens, presented_token, rosauth_of
 from rwt_access.errors import NotAuthenticated
-from rwt_access.origins import Origins, is_local
+from rwt_access.origins import NO_SITE, Origins
 from rwt_access.roles import roles
 from rwt_transports.errors import Refused
+from rwt_transports.http import is_local
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -104,12 +105,12 @@ class Admission:
         return self._origins.allows(headers.get("origin", ""), headers.get("host", ""), loopback=loopback)
 
     def _check_origin(self, info: PeerInfo, *, loopback: bool) -> None:
-        origin = info.headers.get("origin")
-        if origin is None:
+        if self.allows_page(info.headers, loopback=loopback):
             return
-        if not self._origins.allows(origin, info.headers.get("host", ""), loopback=loopback):
-            shown = origin if origin.isprintable() else ascii(origin)
-            raise self._refused(info, 403, f"pages of {shown[:200]} may not connect here (origins.allow)")
+        origin = info.headers["origin"]
+        shown = origin if origin.isprintable() else ascii(origin)
+        hint = ": serve the page over http://, or list that origin" if origin in NO_SITE else ""
+        raise self._refused(info, 403, f"pages of {shown[:200]} may not connect here{hint} (origins.allow)")
 
     def _role(self, info: PeerInfo) -> Role | None:
         role = self._by_token(info) or self.default_role

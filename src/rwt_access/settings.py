@@ -150,13 +150,22 @@ class RoleSettings(Table):
 
 
 class OriginSettings(Table):
-    """Which web pages may connect. Programs that are no browsers send no origin and are not asked."""
+    """Which web pages may connect, and by which names. Programs that send no origin are not asked for one."""
 
     allow: Annotated[
         Globs,
         Field(
             description="origins that may connect besides the default ones, for example"
-            ' `https://ui.example.com` or `https://*.example.com`; `"*"` lets every page in'
+            ' `https://ui.example.com` or `https://*.example.com`; `"null"` for pages from files, which lets'
+            ' in sandboxed frames of every site; `"*"` lets every page in'
+        ),
+    ] = ()
+    hosts: Annotated[
+        Globs,
+        Field(
+            description="names by which this server may be addressed over HTTP and WebSocket, for example"
+            " `robot.example.com`; those of this machine always are. Not set: on a loopback address no other,"
+            " elsewhere every name"
         ),
     ] = ()
 

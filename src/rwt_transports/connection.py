@@ -14,6 +14,7 @@ from rwt_protocol.transport import Accept, Buffer, Endpoint, PeerInfo
 from rwt_transports.api import DriverCallbacks, FlowControlled, Framing, Link, OversizeAware, Wire, WireEvents
 from rwt_transports.background import TaskStarter
 from rwt_transports.errors import Refused, log_exception
+from rwt_transports.http import EVERY_NAME, Hosts
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
@@ -61,6 +62,7 @@ class ListenerState:
         single: whether everything ends with the one peer that there is.
         idle_seconds: silence after which a peer counts as gone; 0 for never.
         max_message_size: bytes of the largest message that can be sent; 0 for any.
+        hosts: the names by which HTTP requests may address the listener.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
         connections: those that are open.
@@ -74,6 +76,7 @@ class ListenerState:
     single: bool = False
     idle_seconds: float = 0.0
     max_message_size: int = 0
+    hosts: Hosts = EVERY_NAME
     tasks: TaskStarter | None = None
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)

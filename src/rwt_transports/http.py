@@ -1,11 +1,15 @@
-"""Plain HTTP on a transport's port: requests, responses, routes, and what a node adds to them."""
+"""Plain HTTP on a transport's port: its names, requests, responses, routes, and what a node adds to them."""
 
 from __future__ import annotations
 
+import fnmatch
+import ipaddress
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Literal, NamedTuple, Protocol
+from urllib.parse import urlsplit
 
 TEXT = "text/plain; charset=utf-8"
 
@@ -162,3 +166,64 @@ class Routes:
     def _not_found(self, path: str) -> HttpResponse:
         known = ", ".join(sorted(self._handlers)) or "nothing but WebSocket connections"
         return HttpResponse(f"there is no {path} here; this port serves {known}\n".encode(), 404)
+
+
+class Hosts:
+    """The names that a listener answers to: the ``Host`` of a request (RFC 9110 section 7.2).
+
+    A site can make its own name lead to any address (DNS rebinding); its pages then count as pages of what
+    is there. So a listener on a loopback address answers to ``localhost``, ``*.localhost``, loopback
+    addresses and the names that are configured. Any other listener answers to every name, or, where names
+    are configured, to local ones, to any address and to those. A request without
+    ``Host`` comes from no browser, and is answered.
+
+    Args:
+        names: globs of further names, without port (the setting `origins.hosts`).
+        loopback: whether the listener is only reached from this machine.
+    """
+
+    def __init__(self, names: Iterable[str], *, loopback: bool) -> None:
+        names = tuple(names)
+        self._every_name = not loopback and not names
+        self._every_address = not loopback
+        self._names = any_of(names)
+
+    def include(self, host: str) -> bool:
+        """Whether the listener answers to the ``Host`` of a request, empty where there is none."""
+        if self._every_name or not host:
+            return True
+        name = host_name(host)
+        if is_local(name) or self._names.fullmatch(name):
+            return True
+        return self._every_address and _address(name) is not None
+
+
+def any_of(globs: Iterable[str]) -> re.Pattern[str]:
+    """What matches whatever one of the globs fits, in lower case."""
+    return re.compile("|".join(fnmatch.translate(glob.lower()) for glob in globs) or r"(?!)")
+
+
+def is_local(host: str) -> bool:
+    """Whether a host, by name or address, is this machine as seen from itself."""
+    if host == "localhost" or host.endswith(".localhost"):
+        return True
+    address = _address(host)
+    return address is not None and address.is_loopback
+
+
+def host_name(text: str) -> str:
+    """The host of ``host:port``, in lower case and without brackets; empty if there is none."""
+    try:
+        return (urlsplit(f"//{text}").hostname or "").removesuffix(".")
+    except ValueError:
+        return ""
+
+
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(host)
+    except ValueError:
+        return None
+
+
+EVERY_NAME = Hosts((), loopback=False)

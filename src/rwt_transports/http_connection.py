@@ -176,6 +176,11 @@ class HttpConnection:
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
         request = HttpRequest(method, path, query, headers, bytes(self._body), self._address)
+        if not self._state.hosts.include(headers.get("host", "")):
+            shown = ascii(headers["host"])[1:-1][:200]
+            text = f"this server does not answer to the name {shown} (origins.hosts)\n"
+            self._respond_text(403, text, {"Connection": "close"})
+            return
         if wants_websocket(pairs):
             if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; a proxy's default, more often than not
                 self._respond_text(426, "a WebSocket needs HTTP/1.1, this request is HTTP/1.0\n")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
@@ -15,7 +15,7 @@ from rwt_transports.api import Driver
 from rwt_transports.background import TaskStarter
 from rwt_transports.connection import ListenerState
 from rwt_transports.errors import BadUrl
-from rwt_transports.http import Routes
+from rwt_transports.http import Hosts, Routes, is_local
 from rwt_transports.http_connection import HttpConnection
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import parse_listen_url
@@ -48,6 +48,7 @@ async def listen(
     accept: Accept,
     *,
     routes: Routes | None = None,
+    hosts: Iterable[str] = (),
     limits: Limits | None = None,
     driver: Driver | None = None,
     tls: SSLContext | None = None,
@@ -62,6 +63,7 @@ async def listen(
         url: where to listen; :data:`rwt_transports.schemes.SCHEMES` lists the schemes.
         accept: makes the endpoint of each new peer; may raise :exc:`~rwt_transports.errors.Refused`.
         routes: plain HTTP requests that the same port answers.
+        hosts: names by which it may be addressed; see :class:`~rwt_transports.http.Hosts`.
         limits: bounds per listener and per connection.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
         bson: whether every message is a BSON document; on a stream it says itself where it ends (BSN-03).
@@ -88,6 +90,7 @@ async def listen(
         single=scheme.single,
         idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,
         max_message_size=scheme.max_message_size,
+        hosts=Hosts(hosts, loopback=is_local(target.address.host)),
     )
     mover = driver or scheme.driver()
     failure: Exception | None = None

@@ -19,7 +19,7 @@ from rwt_access.origins import Origins, is_loopback_listener
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import Refused
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http import Audience, Hosts, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.bridge.recording_client import Client
 
 pytestmark = pytest.mark.asyncio_only
@@ -38,8 +38,17 @@ TOKEN = "a-token-of-some-length"
         ("http://127.1.2.3", True, False),
         ("http://[::1]:5000", True, False),
         ("http://app.localhost:5173", True, False),
-        ("null", True, False),
-        ("file://", True, False),
+        ("null", False, False),
+        ("file://", False, False),
+        ("file:///home/somebody/page.html", False, False),
+        ("capacitor://localhost", False, False),
+        ("ws://127.0.0.1:9090", True, False),
+        ("wss://localhost", True, False),
+        ("127.0.0.1:9090", True, False),
+        ("ws://robot.local:9090", False, True),
+        ("robot.local:9090", False, True),
+        ("ws://evil.example", False, False),
+        ("evil.example:9090", False, False),
         ("http://robot.local", False, True),
         ("http://robot.local:8080", False, True),
         ("https://ROBOT.local", False, True),
@@ -52,7 +61,7 @@ TOKEN = "a-token-of-some-length"
         ("http://127.0.0.1.evil.example", False, False),
         ("chrome-extension://abc", False, False),
         ("http://", False, False),
-        ("", False, False),
+        ("", True, True),
         ("http://localhost, http://evil.example", False, False),
         ("http://[::1", False, False),
     ],
@@ -79,13 +88,17 @@ def test_the_same_host_on_a_loopback_listener_is_not_enough() -> None:
         ("https://*.example.com", "https://example.com", False),
         ("https://*.example.com", "https://a.example.com.evil.org", False),
         ("null", "null", True),
+        ("null", "file://", False),
+        ("file://", "file://", True),
+        ("capacitor://localhost", "capacitor://localhost", True),
+        ("ionic://*", "ionic://localhost", True),
         ("*", "http://anything.example", True),
     ],
 )
 def test_what_is_configured_may_connect(glob: str, origin: str, fits: bool) -> None:
     for loopback in (True, False):
         allowed = Origins((glob,)).allows(origin, "robot:9090", loopback=loopback)
-        assert allowed is (fits or (loopback and origin == "null"))
+        assert allowed is fits
 
 
 @given(st.text(), st.text(), st.booleans())
@@ -168,10 +181,68 @@ async def test_origins_over_a_socket() -> None:
     async with _served(origins={"allow": ["https://ui.example.com"]}) as url:
         await _works(url)
         await _works(url, origin=Origin("http://localhost:5173"))
-        await _works(url, origin=Origin("null"))
+        await _works(url, origin=Origin("ws://127.0.0.1:9090"))
+        await _works(url, origin=Origin(""))
         await _works(url, origin=Origin("https://ui.example.com"))
         status, text, _ = await _is_refused(url, origin=Origin("http://evil.example"))
         assert (status, text) == (403, "pages of http://evil.example may not connect here (origins.allow)\n")
+
+
+@pytest.mark.anyio
+async def test_a_sandboxed_frame_of_any_site_is_kept_out_until_pages_from_files_are_let_in() -> None:
+    null = Origin("null")
+    async with _served() as url:
+        status, text, _ = await _is_refused(url, origin=null)
+        assert status == 403
+        assert "serve the page over http://" in text and "(origins.allow)" in text
+        assert b"Access-Control" not in await _index_of(url, b"Host: localhost", b"Origin: null")
+    async with _served(origins={"allow": ["null"]}) as url:
+        await _works(url, origin=null)
+        answer = await _index_of(url, b"Host: localhost", b"Origin: null")
+        assert b"Access-Control-Allow-Origin: null\r\n" in answer
+
+
+@pytest.mark.anyio
+async def test_a_name_that_was_made_to_lead_here_opens_nothing() -> None:
+    """DNS rebinding: for the browser, evil.example is this server now, and its pages are of one origin."""
+    evil = b"Host: evil.example:9090"
+    async with _served() as url:
+        for target in (b"/", b"/healthz", b"/metrics", b"/nothing"):
+            answer = await _answer(url, target, evil)
+            assert answer.startswith(b"HTTP/1.1 403 ")
+            assert answer.endswith(b"does not answer to the name evil.example:9090 (origins.hosts)\n")
+        upgrade = (b"Upgrade: websocket", b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==")
+        answer = await _answer(url, b"/", evil, *upgrade, b"Sec-WebSocket-Version: 13")
+        assert answer.startswith(b"HTTP/1.1 403 ") and b"origins.hosts" in answer
+        for host in (b"localhost", b"app.localhost:80", b"127.0.0.1:9090", b"[::1]:9090", b"LOCALHOST.:1"):
+            assert (await _answer(url, b"/", b"Host: " + host)).startswith(b"HTTP/1.1 200 ")
+    async with _served(origins={"hosts": ["robot.local", "*.example.com"]}) as url:
+        assert (await _answer(url, b"/", b"Host: Robot.local:9090")).startswith(b"HTTP/1.1 200 ")
+        assert (await _answer(url, b"/", b"Host: a.example.com")).startswith(b"HTTP/1.1 200 ")
+        assert (await _answer(url, b"/", evil)).startswith(b"HTTP/1.1 403 ")
+
+
+@pytest.mark.parametrize(
+    ("host", "unset", "set_"),
+    [
+        ("robot.local:9090", True, True),
+        ("evil.example", True, False),
+        ("192.0.2.7:9090", True, True),
+        ("[2001:db8::7]", True, True),
+        ("localhost", True, True),
+        ("", True, True),
+    ],
+)
+def test_a_listener_for_others_answers_to_its_names_where_they_are_set(
+    host: str, unset: bool, set_: bool
+) -> None:
+    assert Hosts((), loopback=False).include(host) is unset
+    assert Hosts(("robot.local",), loopback=False).include(host) is set_
+
+
+@given(st.text(), st.booleans())
+def test_any_host_is_judged(host: str, loopback: bool) -> None:
+    assert Hosts(("robot",), loopback=loopback).include(host) in (True, False)
 
 
 @pytest.mark.anyio
@@ -318,7 +389,7 @@ _PAGES = HttpExtension(
     ("origin", "allow", "named"),
     [
         ("http://localhost:5173", (), True),
-        ("null", (), True),
+        ("null", (), False),
         ("http://evil.example", (), False),
         ("http://ui.example", ("http://ui.example",), True),
         (None, (), False),
@@ -345,9 +416,15 @@ async def test_pages_of_nodes_may_be_read_by_pages_that_may_connect(
 
 async def _index_of(url: str, *headers: bytes) -> bytes:
     """The index page as it comes, for a request with these headers."""
+    return await _answer(url, b"/", *headers)
+
+
+async def _answer(url: str, target: bytes, *headers: bytes) -> bytes:
     port = int(url.rpartition(":")[2])
     async with await anyio.connect_tcp("127.0.0.1", port) as stream:
-        await stream.send(b"\r\n".join([b"GET / HTTP/1.1", b"Connection: close", *headers, b"", b""]))
+        head = b"GET " + target + b" HTTP/1.1"
+        hop = b"Connection: upgrade" if b"Upgrade: websocket" in headers else b"Connection: close"
+        await stream.send(b"\r\n".join([head, hop, *headers, b"", b""]))
         return b"".join([part async for part in stream])
 
 
@@ -362,7 +439,7 @@ async def _index_of(url: str, *headers: bytes) -> bytes:
     ],
 )
 async def test_the_index_says_how_to_connect(host: str, url: str, address: str) -> None:
-    async with _served() as served:
+    async with _served(origins={"hosts": ["robot.local"]}) as served:
         page = (await _index_of(served, f"Host: {host}".encode())).decode()
         assert f"new ROSLIB.Ros({{ {url} }})" in page
         assert f"roslibpy.Ros({address})" in page
@@ -370,7 +447,7 @@ async def test_the_index_says_how_to_connect(host: str, url: str, address: str) 
 
 @pytest.mark.anyio
 async def test_an_origin_that_is_no_ascii_is_answered_too() -> None:
-    async with _served(origins={"allow": ["*"]}) as url:
+    async with _served(origins={"allow": ["*"], "hosts": ["robot"]}) as url:
         answer = await _index_of(url, b"Host: robot:9090", b"Origin: http://\xfcber")
         assert answer.startswith(b"HTTP/1.1 200 OK")
         assert b"Access-Control" not in answer

@@ -102,7 +102,7 @@ async def upgraded(hub: OpenHub, path: str) -> AsyncIterator[SocketStream]:
     """A WebSocket that is opened, says nothing, reads nothing, and is cut off at the end."""
     host, _, port = hub.url.removeprefix("ws://").partition(":")
     request = (
-        f"GET {path} HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        f"GET {path} HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
         "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
     )
     stream = await anyio.connect_tcp(host, int(port))
@@ -352,7 +352,7 @@ async def test_what_speaks_like_no_hub_is_let_go() -> None:
 
 
 async def test_the_pages_of_a_hub() -> None:
-    async with open_hub("ws://127.0.0.1:0", limits=SHORT) as hub, robot(hub, Program()):
+    async with open_hub("ws://127.0.0.1:0", limits=SHORT, hosts=["hub"]) as hub, robot(hub, Program()):
         host, _, port = hub.url.removeprefix("ws://").partition(":")
 
         async def get(path: str) -> tuple[bytes, bytes]:

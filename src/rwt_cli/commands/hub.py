@@ -61,6 +61,13 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
         metavar="FILE",
         help=f"file with a token on each line (or ${TOKEN_VARIABLE})",
     )
+    parser.add_argument(
+        "--host",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="name by which clients address the hub, a glob; on a loopback address others are refused",
+    )
     parser.add_argument("--certfile", type=Path, metavar="FILE", help="certificate for wss://, PEM")
     parser.add_argument("--keyfile", type=Path, metavar="FILE", help="its private key, PEM")
     parser.add_argument("--log-format", choices=FORMATS, default="text", help="how to log (default text)")
@@ -84,7 +91,7 @@ def _run(arguments: argparse.Namespace) -> int:
             exit_code=2,
         )
     try:
-        anyio.run(_serve, arguments.url, tokens, _tls(arguments))
+        anyio.run(_serve, arguments.url, tokens, _tls(arguments), arguments.host)
     except TransportError as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
@@ -112,9 +119,9 @@ def _tls(arguments: argparse.Namespace) -> TlsSettings:
     return TlsSettings(certfile=arguments.certfile, keyfile=arguments.keyfile)
 
 
-async def _serve(url: str, tokens: tuple[str, ...], tls: TlsSettings) -> None:
+async def _serve(url: str, tokens: tuple[str, ...], tls: TlsSettings, hosts: list[str]) -> None:
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
-        async with open_hub(url, tokens=tokens, tls=server_tls(tls)) as hub:
+        async with open_hub(url, tokens=tokens, tls=server_tls(tls), hosts=hosts) as hub:
             print(f"listening on {hub.url}", flush=True)
             async for _ in signals:
                 break

@@ -15,7 +15,7 @@ import logging
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from ssl import SSLContext
@@ -375,6 +375,7 @@ async def open_hub(
     tokens: Collection[str] = (),
     limits: Limits | None = None,
     tls: SSLContext | None = None,
+    hosts: Iterable[str] = (),
     grace: float = GRACE_SECONDS,
 ) -> AsyncIterator[OpenHub]:
     """Let robots dial in at `url` within the block, and clients reach them; leaving it closes all with 1001.
@@ -384,6 +385,7 @@ async def open_hub(
         tokens: bearer tokens of which a robot must show one; none lets every robot in.
         limits: bounds of the listener and of each connection.
         tls: certificate and key for ``wss``.
+        hosts: names by which the hub may be addressed; see :class:`~rwt_transports.http.Hosts`.
         grace: seconds for which a robot without a connection still counts as here, and its clients wait.
 
     Raises:
@@ -392,7 +394,7 @@ async def open_hub(
     """
     hub = Hub(tokens, grace)
     async with (
-        listen(url, hub.accept, routes=hub_routes(hub), limits=limits, tls=tls) as listener,
+        listen(url, hub.accept, routes=hub_routes(hub), limits=limits, tls=tls, hosts=hosts) as listener,
         background_tasks() as tasks,
     ):
         tasks.start_soon(hub.watch)

@@ -733,12 +733,12 @@ async def test_plain_http_on_the_same_port(site: Site) -> None:
             ("/slow", b"later\n"),
             ("/stream", b"5\r\n00000\r\n5\r\n11111"),
         ):
-            await peer.send(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+            await peer.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
             answer = b""
             while body not in answer:
                 answer += await peer.receive()
             assert answer.startswith(b"HTTP/1.1 200 OK\r\n")
-        await peer.send(b"GET /now HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
+        await peer.send(b"GET /now HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
         answer = b""
         with pytest.raises(anyio.EndOfStream):
             while True:
@@ -760,7 +760,7 @@ async def test_a_handler_that_answers_nonsense_costs_its_own_connection_only(
     async with site.listen(routes=routes) as listener, site.client(listener) as bystander:
         for path in ("/now", "/later"):
             async with await site.stream(listener) as peer:
-                await peer.send(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+                await peer.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
                 with pytest.raises((anyio.EndOfStream, anyio.BrokenResourceError)):
                     await peer.receive()
         await site.endpoint(bystander)
@@ -784,7 +784,7 @@ async def test_an_endless_body_ends_with_its_reader(site: Site) -> None:
     routes.get("/video", lambda request: HttpResponse(chunks()))
     async with site.listen(routes=routes) as listener:
         async with await site.stream(listener) as peer:
-            await peer.send(b"GET /video HTTP/1.1\r\nHost: x\r\n\r\n")
+            await peer.send(b"GET /video HTTP/1.1\r\nHost: localhost\r\n\r\n")
             for _ in range(10):
                 await peer.receive()
         with anyio.fail_after(5):

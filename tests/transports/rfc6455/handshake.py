@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 REQUEST = (
-    b"GET /robot HTTP/1.1\r\nHost: r2\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"GET /robot HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
 )
 ACCEPT = b"s3pPLMBiTxaQ9kYGzzhZRbK+xOo="
@@ -45,7 +45,7 @@ HANDSHAKES = (
     _with("a subprotocol that nobody asked for", b"Sec-WebSocket-Protocol: rosbridge", 101),
     _changed("not GET", b"GET ", b"POST ", 405),
     _changed("HTTP/1.0", b"HTTP/1.1", b"HTTP/1.0", 426),
-    _changed("no host", b"Host: r2\r\n", b"", 400),
+    _changed("no host", b"Host: localhost\r\n", b"", 400),
     _changed("no connection header", b"Connection: Upgrade\r\n", b"", 426),
     _changed("another connection header", b"Connection: Upgrade", b"Connection: close", 426),
     _changed("no key", _KEY_LINE, b"", 400),
