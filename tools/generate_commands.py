@@ -13,18 +13,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rwt_cli import COMMANDS, parser_for
+from rwt_cli.parser import Parser
 from rwt_transports.schemes import url_forms
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"
 
-_ELSEWHERE = ("serve", "hub", "record", "play", "recording", "conformance", "config")
+_ELSEWHERE = ("serve", "hub", "record", "play", "recording", "bag", "conformance", "config")
 _ROBOT_OPTIONS = ("--url", "--token", "--timeout", "--json", "--help")
 
 _HEAD = """\
 # Verbs of the command line
 
 This page is made from the program by `tools/generate_commands.py`. [The tour](../how-to/command-line.md) shows the verbs
-at work; `rwt serve`, `rwt hub`, `rwt record`, `rwt play`, `rwt recording`, `rwt conformance` and `rwt config` have
+at work; `rwt serve`, `rwt hub`, `rwt record`, `rwt play`, `rwt recording`, `rwt bag`, `rwt conformance` and `rwt config` have
 [a page of their own](command-line.md).
 
 Names, options and output are those of the `ros2` tool where it has them. A name may lack its first slash, a type may be
@@ -80,10 +81,11 @@ def _lines() -> Iterator[str]:
             yield from _verb(verb)
 
 
-def _subcommands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+def _subcommands(parser: argparse.ArgumentParser) -> dict[str, Parser]:
+    """The commands of a parser, by name, without those that cannot be had."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            return dict(action.choices)
+            return {name: each for name, each in action.choices.items() if not each.unavailable}
     return {}
 
 

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import os
 import sys
@@ -16,7 +15,7 @@ from typing import Final
 
 from rwt_cli.console.output import OutputClosed, OutputFailed, failure_line
 from rwt_cli.errors import INTERRUPTED, PIPE_CLOSED, CommandError
-from rwt_cli.parser import Parser, ShowVersion
+from rwt_cli.parser import Commands, Parser, ShowVersion, add_commands
 
 __all__ = ["COMMANDS", "Command", "main", "parser_for"]
 
@@ -29,37 +28,40 @@ class Command:
     Attributes:
         name: as it is typed.
         help: what it is about, in one line.
+        module: below ``rwt_cli.commands``, where it is not that of the name.
     """
 
     name: str
     help: str
+    module: str = ""
 
-    def add_to(self, commands: argparse._SubParsersAction[Parser]) -> None:
+    def add_to(self, commands: Commands) -> None:
         """Import it and add its parser."""
-        getattr(importlib.import_module(f"rwt_cli.commands.{self.name}"), f"add_{self.name}_command")(
-            commands
-        )
+        module = importlib.import_module(f"rwt_cli.commands.{self.module or self.name}")
+        getattr(module, f"add_{self.name}_command")(commands)
 
 
 COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
     Command("hub", "let robots behind a NAT dial in, and clients reach them"),
     Command("topic", "topics: list, echo, pub, hz and more"),
-    Command("service", "services: list, type, call, find"),
-    Command("action", "actions: list, info, type, send_goal"),
-    Command("param", "parameters: list, get, set, delete, dump, load"),
+    Command("service", "services: list, info, type, call, echo, find"),
+    Command("action", "actions: list, info, type, find, send_goal"),
+    Command("param", "parameters: list, get, set, describe, delete, dump, load"),
     Command("node", "nodes: list, info"),
     Command("tf", "frames: echo, tree"),
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),
-    Command("record", "write what a robot publishes to an MCAP file"),
-    Command("play", "serve a recording as a robot"),
-    Command("recording", "recordings: info, recover"),
+    Command("record", "write what a robot publishes to an MCAP file", "bag.record"),
+    Command("play", "serve a recording as a robot", "bag.play"),
+    Command("recording", "recordings: info, recover", "bag.recording"),
+    Command("bag", "the same as verbs of ros2: record, play, info"),
     Command("doctor", "find out what is wrong with a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
     Command("config", "print the settings in effect"),
     Command("completion", "make a shell complete what you type"),
+    Command("help", "print the help of a command"),
 )
 
 _EXAMPLES: Final = """\
@@ -82,7 +84,7 @@ def parser_for(wanted: str | None) -> Parser:
         prog="rwt", description="Robot Web Tools without ROS: rosbridge v2 for any robot.", epilog=_EXAMPLES
     )
     parser.add_argument("--version", action=ShowVersion, help="print the version and end")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = add_commands(parser)
     for command in COMMANDS:
         if wanted in (command.name, "*"):
             command.add_to(commands)

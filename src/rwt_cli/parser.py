@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Final, NoReturn, TypeAlias
 
-from rwt_cli.errors import CALLED_WRONGLY, did_you_mean
+from rwt_cli.errors import CALLED_WRONGLY, CommandError, did_you_mean
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What commands are added to."""
@@ -18,7 +18,13 @@ _INVALID_CHOICE: Final = re.compile(r"(?:argument (.*?): )?invalid choice: '(.*)
 
 class Parser(argparse.ArgumentParser):
     """An :class:`argparse.ArgumentParser` that keeps the line ends of texts, and whose errors are one
-    line."""
+    line.
+
+    Attributes:
+        unavailable: why the command cannot be had; empty if it can.
+    """
+
+    unavailable = ""
 
     def __init__(
         self,
@@ -47,7 +53,13 @@ class Parser(argparse.ArgumentParser):
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
         """Parse the words of one command. Unknown ones are an error of that command, which knows its options;
-        argparse leaves them to the outermost parser."""
+        argparse leaves them to the outermost parser.
+
+        Raises:
+            CommandError: the command cannot be had.
+        """
+        if self.unavailable:
+            raise CommandError(f"`{self.prog}` cannot be had: {self.unavailable}", CALLED_WRONGLY)
         found, left = super().parse_known_args(args, namespace)
         if left:
             self.error(self._unknown(left[0]))
@@ -63,6 +75,31 @@ class Parser(argparse.ArgumentParser):
         """End the program with one line on stderr and the exit code for being called wrongly."""
         sys.stderr.write(f"{self.prog}: {_plainly(message)} (`{self.prog} --help` says more)\n")
         raise SystemExit(CALLED_WRONGLY)
+
+
+def add_commands(
+    parser: argparse.ArgumentParser, title: str = "commands", metavar: str = "COMMAND"
+) -> Commands:
+    """What the commands of `parser` are added to. Without any of them it prints its help and ends with 0, as
+    the ``ros2`` tool does."""
+
+    def print_help(_: argparse.Namespace) -> int:
+        parser.print_help()
+        return 0
+
+    parser.set_defaults(run=print_help)
+    return parser.add_subparsers(title=title, metavar=metavar)
+
+
+def add_unavailable(commands: Commands, name: str, why: str) -> None:
+    """Add a verb of the ``ros2`` tool that cannot be had here: it says why in one line, whatever follows it.
+
+    Args:
+        why: the reason, and what serves instead.
+    """
+    parser = commands.add_parser(name, add_help=False)
+    assert isinstance(parser, Parser)  # Parsers of commands have the class of the outermost.
+    parser.unavailable = why
 
 
 class ShowVersion(argparse.Action):

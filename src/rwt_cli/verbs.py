@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 from rwt_cli.console.output import Output, standard_output
 from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
-from rwt_cli.parser import Commands
+from rwt_cli.parser import Commands, add_commands
 
 if TYPE_CHECKING:
     from rwt_client import ConnectionEvent, Robot, RobotError
@@ -70,7 +70,7 @@ class Verb:
 def add_family(commands: Commands, name: str, description: str, verbs: Sequence[Verb]) -> Commands:
     """Add a command whose verbs all talk to a robot; returns what further verbs are added to."""
     family = commands.add_parser(name, description=description)
-    added = family.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    added = add_commands(family)
     for verb in verbs:
         _add_verb(added, verb)
     return added

@@ -18,8 +18,8 @@ import pytest
 from mcap.reader import make_reader
 
 from rwt_cli import main
-from rwt_cli.commands.play import parse_remap, press
-from rwt_cli.commands.record import parse_split
+from rwt_cli.commands.bag.play import parse_remap, press
+from rwt_cli.commands.bag.record import parse_split
 from rwt_client.blocking import connect
 from rwt_interfaces import JAZZY
 from rwt_nodes.recording import RecordingWriter, open_recording

@@ -12,7 +12,7 @@ import pytest
 
 from rwt import Settings
 from rwt_bridge import Bridge
-from rwt_cli.commands.record.remote_recorder import EARLIER_NS, RemoteRecorder
+from rwt_cli.commands.bag.remote_recorder import EARLIER_NS, RemoteRecorder
 from rwt_client import connect
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_nodes import Rosapi

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import base64
 import io
 import sys
 from importlib.metadata import version
@@ -13,10 +15,14 @@ import pytest
 from rwt import Server
 from rwt_cli import COMMANDS, main, parser_for
 from rwt_cli.commands.topic.echo import ECHO
+from rwt_cli.commands.topic.qos import qos_from
 from rwt_cli.console.output import Output
 from rwt_cli.console.yaml_text import read_yaml
 from rwt_cli.graph_lookup import absolute_name
 from rwt_client import connect
+from rwt_interfaces.distro import JAZZY
+from rwt_interfaces.registry import Registry
+from rwt_protocol.ops import Qos
 from tests.cli.conftest import Rwt, demo_server
 
 _ADD = "example_interfaces/srv/AddTwoInts"
@@ -155,6 +161,41 @@ def test_long_arrays_are_cut(rwt: Rwt) -> None:
     assert rwt("topic", "echo", "/scan", "--once", "--field", "ranges", "-l", "3").out.count("\n") == 5
 
 
+def test_echo_only_what_a_filter_lets_through(rwt: Rwt) -> None:
+    # Six that come 50 ms after each other do not all fall into the same tenths of a second.
+    words = ("topic", "echo", "/odom", "-n", "6", "--json", "--field", "header.stamp.nanosec")
+    records = rwt(*words, "--filter", "m.header.stamp.nanosec // 10**8 % 2 == 0").records
+    assert [nanosec // 10**8 % 2 for nanosec in records] == [0] * 6
+    ended = rwt("topic", "echo", "/odom", "--filter", "m.pose >")
+    assert (ended.code, "'m.pose >' is no Python expression" in ended.err) == (2, True)
+    ended = rwt("topic", "echo", "/odom", "--filter", "m.poses")
+    assert (ended.code, "--filter: AttributeError: " in ended.err) == (2, True)
+
+
+def test_echo_undecoded(rwt: Rwt) -> None:
+    (octets,) = rwt("topic", "echo", "/odom", "--raw", "--once", "--json").records
+    odometry = Registry(JAZZY).message("nav_msgs/Odometry")
+    assert odometry.from_cdr(base64.b64decode(octets)).child_frame_id == "base_link"  # type: ignore[attr-defined]
+    text, end, _ = rwt("topic", "echo", "/odom", "--raw", "--once").out.partition("\n---\n")
+    assert isinstance(ast.literal_eval(text), bytes)
+    assert end
+    assert rwt("topic", "echo", "/odom", "--raw", "--field", "pose").code == 2
+    silent = rwt("topic", "echo", "/silent", "std_msgs/msg/String", "--raw", "--timeout", "0.2")
+    assert (silent.code, silent.err) == (4, "rwt: no message came on /silent within 0.2 s\n")
+
+
+def test_qos_profiles_are_those_of_ros_2() -> None:
+    def asked(*words: str) -> Qos | None:
+        return qos_from(parser_for("topic").parse_args(["topic", "echo", "/a", *words]))
+
+    assert asked() is None
+    assert asked("--qos-profile", "sensor_data") == Qos(
+        reliability="best_effort", durability="volatile", history="keep_last", depth=5
+    )
+    status = asked("--qos-profile", "action_status_default", "--qos-depth", "3")
+    assert status == Qos(reliability="reliable", durability="transient_local", history="keep_last", depth=3)
+
+
 def test_echo_that_hears_nothing_in_time(rwt: Rwt) -> None:
     ended = rwt("topic", "echo", "/nothing", "std_msgs/msg/String", "--once", "--timeout", "0.2")
     assert (ended.code, ended.err) == (4, "rwt: no message came on /nothing within 0.2 s\n")
@@ -262,6 +303,20 @@ def test_service_list_type_find(rwt: Rwt) -> None:
     assert int(rwt("service", "list", "-c").out) > 20
 
 
+def test_service_info(rwt: Rwt) -> None:
+    said = rwt("service", "info", "/add_two_ints", "-v").out
+    assert said.startswith(f"Type: {_ADD}\nClients count: ")
+    assert said.endswith("Services count: 1\n    /demo_robot\n")
+    assert rwt("service", "info", "/add_two_ints", "--json").json["servers"] == ["/demo_robot"]
+    assert "did you mean /add_two_ints?" in rwt("service", "info", "/add_two_int").err
+
+
+def test_service_echo_says_who_would_have_to_publish(rwt: Rwt) -> None:
+    ended = rwt("service", "echo", "/add_two_ints", "--once", "--timeout", "0.2")
+    assert ended.code == 4
+    assert ended.err.startswith("rwt: nobody publishes /add_two_ints/_service_event yet; ")
+
+
 def test_service_call(rwt: Rwt) -> None:
     for words in ((_ADD, "{a: 1, b: 2}"), ("{a: 1, b: 2}",), ("a: 1\nb: 2",), ('{"a": 1, "b": 2}',)):
         assert rwt("service", "call", "/add_two_ints", *words).out == (
@@ -294,10 +349,22 @@ def test_action_list_type_info(rwt: Rwt) -> None:
     assert rwt("action", "list", "-c", "--json").json == {"count": 4}
     assert rwt("action", "type", "/fibonacci").out == f"{kind}\n"
     assert rwt("action", "info", "/fibonacci").out == (
-        f"Action: /fibonacci\nType: {kind}\nAction servers: 1\n    /demo_robot\n"
+        f"Action: /fibonacci\nType: {kind}\nAction clients: 0\nAction servers: 1\n    /demo_robot\n"
     )
     info = rwt("action", "info", "/fibonacci", "--json").json
-    assert info == {"name": "/fibonacci", "type": kind, "servers": ["/demo_robot"]}
+    assert info == {"name": "/fibonacci", "type": kind, "clients": [], "servers": ["/demo_robot"]}
+
+
+def test_action_find(rwt: Rwt) -> None:
+    assert rwt("action", "find", "example_interfaces/Fibonacci").out == "/fibonacci\n"
+    assert rwt("action", "find", "example_interfaces/action/Fibonacci", "-c", "--json").json == {"count": 1}
+
+
+def test_action_info_as_ros2_prints_it(rwt: Rwt) -> None:
+    said = rwt("action", "info", "/fibonacci", "-t").out
+    assert "Action clients: 0\nAction servers: 1\n" in said
+    assert said.endswith("    /demo_robot [example_interfaces/action/Fibonacci]\n")
+    assert rwt("action", "info", "/fibonacci", "-c").out.endswith("Action servers: 1\n")
 
 
 def test_send_goal(rwt: Rwt) -> None:
@@ -358,6 +425,41 @@ def test_param_that_is_refused(rwt: Rwt) -> None:
     ended = rwt("param", "get", "/demo_robot", "max_sped")
     assert (ended.code, "did you mean /demo_robot max_speed?" in ended.err) == (1, True)
     assert rwt("param", "delete", "/demo_robot", "max_speed").code == 1
+
+
+def test_param_describe(rwt: Rwt) -> None:
+    said = rwt("param", "describe", "/demo_robot", "max_speed", "use_sim_time")
+    assert said.out.startswith(
+        "Parameter name: max_speed\n  Type: double\n  Description: Fastest the robot drives"
+    )
+    assert "Parameter name: use_sim_time\n  Type: boolean\n" in said.out
+    (described,) = rwt("param", "describe", "/demo_robot", "max_speed", "--json").json
+    assert (described["name"], described["type"]) == ("max_speed", "double")
+    ended = rwt("param", "describe", "/demo_robot", "max_sped")
+    assert ended.err == "rwt: /demo_robot has no parameter max_sped; did you mean max_speed?\n"
+
+
+@pytest.mark.parametrize(
+    ("descriptor", "said"),
+    [
+        ({"name": "n", "type": 2, "integer_range": [{"from_value": 0, "to_value": 9, "step": 3}]},
+         "Type: integer\n  Constraints:\n    Min value: 0\n    Max value: 9\n    Step: 3\n"),
+        ({"name": "x", "type": 3, "read_only": True, "additional_constraints": "even"},
+         "Type: double\n  Read only: true\n  Constraints:\n    Additional constraints: even\n"),
+        ({"name": "s", "type": 99}, "Type: unknown\n"),
+    ],
+)  # fmt: skip
+def test_what_a_node_declares_of_a_parameter(rwt: Rwt, descriptor: dict[str, object], said: str) -> None:
+    server, name = Server("ws://127.0.0.1:0"), str(descriptor["name"])
+    server.node("far").parameters.declare(name, 1)
+    server.node("lab").advertise_service(
+        "/far/describe_parameters",
+        "rcl_interfaces/srv/DescribeParameters",
+        lambda _: {"descriptors": [descriptor]},
+    )
+    with server:
+        printed = rwt("param", "describe", "/far", name, "--url", server.urls[0]).out
+    assert printed == f"Parameter name: {name}\n  {said}"
 
 
 def test_param_dump_and_load(rwt: Rwt, tmp_path: Path) -> None:
@@ -502,17 +604,31 @@ def test_every_command_and_verb_has_help_with_an_example(rwt: Rwt) -> None:
         assert f"    {command.name} " in said or f"    {command.name}\n" in said
     for family, verbs in (
         ("topic", "list info type echo pub hz bw delay find"),
-        ("service", "list type call find"),
-        ("action", "list info type send_goal"),
-        ("param", "list get set delete dump load"),
+        ("service", "list info type call echo find"),
+        ("action", "list info type find send_goal"),
+        ("param", "list get set describe delete dump load"),
         ("node", "list info"),
-        ("interface", "list show generate"),
+        ("interface", "list package packages show proto generate"),
     ):
         for verb in verbs.split():
             help = rwt(family, verb, "--help").out
             assert f"example:\n  rwt {family} {verb}" in help
             assert "--json prints:" in help
     assert parser_for("*").prog == "rwt"
+
+
+@pytest.mark.parametrize("words", [(), ("topic",), ("interface",), ("bag",), ("config",), ("completion",)])
+def test_a_command_without_its_verb_prints_its_help(rwt: Rwt, words: tuple[str, ...]) -> None:
+    bare, asked = rwt(*words), rwt(*words, "--help")
+    assert (bare.code, bare.out, bare.err) == (0, asked.out, "")
+    assert bare.out.startswith(" ".join(["usage: rwt", *words, "["]))
+    assert rwt("help", *words).out == bare.out
+
+
+def test_help_of_a_verb(rwt: Rwt) -> None:
+    assert rwt("help", "topic", "echo").out == rwt("topic", "echo", "--help").out
+    ended = rwt("help", "tpic")
+    assert (ended.code, "did you mean topic?" in ended.err) == (2, True)
 
 
 def test_names_may_lack_their_slash() -> None:

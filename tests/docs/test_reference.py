@@ -13,8 +13,8 @@ import pytest
 
 import rwt_graph
 from rwt import Settings
-from rwt_cli.commands.play import add_play_command
-from rwt_cli.commands.record import add_record_command
+from rwt_cli.commands.bag.play import add_play_command
+from rwt_cli.commands.bag.record import add_record_command
 from rwt_cli.commands.serve import add_serve_command
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from rwt_cli.console.message_argument import type_and_message, with_stamps
 from rwt_cli.console.message_format import Formatting, plain
 from rwt_cli.console.output import Output, note
-from rwt_cli.console.printing import print_count, print_names, print_type
+from rwt_cli.console.printing import print_count, print_found, print_names, print_type
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt_cli.graph_lookup import absolute_name, ask_rosapi, known_action
-from rwt_cli.parser import Commands
+from rwt_cli.graph_lookup import absolute_name, ask_rosapi, known_action, same_type
+from rwt_cli.parser import Commands, add_unavailable
 from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
 if TYPE_CHECKING:
@@ -24,7 +24,13 @@ if TYPE_CHECKING:
 
 def add_action_command(commands: Commands) -> None:
     """Add `action` to the command line."""
-    add_family(commands, "action", "The robot's actions.", VERBS)
+    verbs = add_family(commands, "action", "The robot's actions.", VERBS)
+    add_unavailable(
+        verbs,
+        "echo",
+        "goals and results of others come in no one topic; `rwt topic echo ACTION/_action/feedback` and"
+        " `rwt service echo ACTION/_action/send_goal` have their parts",
+    )
 
 
 def _list_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,30 +58,50 @@ async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
     print_type(name, await known_action(robot, name), output)
 
 
+def _find_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("type", metavar="TYPE", help="for example example_interfaces/action/Fibonacci")
+    parser.add_argument("-c", "--count-actions", action="store_true", help="only how many there are")
+
+
+async def _find(robot: Robot, arguments: Arguments, output: Output) -> None:
+    names = sorted(await ask_rosapi(robot.api.action_servers))
+    types = await gather([partial(robot.api.action_type, name) for name in names])
+    found = [name for name, kind in zip(names, types, strict=True) if same_type(kind, arguments.type)]
+    print_found(found, output, only_count=arguments.count_actions)
+
+
+def _info_arguments(parser: argparse.ArgumentParser) -> None:
+    _action_argument(parser)
+    parser.add_argument("-t", "--show-types", action="store_true", help="with the type beside each node")
+    parser.add_argument("-c", "--count", action="store_true", help="only how many nodes take part")
+
+
 async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
     name = absolute_name(arguments.action)
     kind = await known_action(robot, name)
-    servers = await servers_of(robot, name)
+    nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
+    clients = sorted(node.name for node in nodes if _follows(name, node.subscribing))
+    servers = sorted(node.name for node in nodes if offers(name, node.services, node.publishing))
     if output.json:
-        output.record({"name": name, "type": kind, "servers": servers})
+        output.record({"name": name, "type": kind, "clients": clients, "servers": servers})
         return
     output.line(f"Action: {output.styled(name, 'name')}")
     output.line(f"Type: {output.styled(kind, 'type')}")
-    output.line(f"Action servers: {len(servers)}")
-    for node in servers:
-        output.line(f"    {output.styled(node, 'name')}")
+    for heading, found in (("Action clients", clients), ("Action servers", servers)):
+        output.line(f"{heading}: {len(found)}")
+        for node in () if arguments.count else found:
+            shown = f" [{output.styled(kind, 'type')}]" if arguments.show_types else ""
+            output.line(f"    {output.styled(node, 'name')}{shown}")
 
 
-async def servers_of(robot: Robot, action: str) -> list[str]:
-    """The nodes that offer an action. rosapi does not list them: they offer its services (ROS 2) or its
-    topics (ROS 1)."""
-    nodes = await ask_rosapi(robot.api.nodes)
-    details = await gather([partial(robot.api.node, node) for node in nodes])
-    return sorted(node.name for node in details if offers(action, node.services, node.publishing))
+def _follows(action: str, subscribing: tuple[str, ...]) -> bool:
+    """Whether a node with these subscriptions follows goals of an action."""
+    return f"{action}/_action/feedback" in subscribing or f"{action}/feedback" in subscribing
 
 
 def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) -> bool:
-    """Whether a node with these services and topics offers an action."""
+    """Whether a node with these services and topics offers an action. rosapi does not list the nodes: they
+    offer its services (ROS 2) or its topics (ROS 1)."""
     return f"{action}/_action/cancel_goal" in services or f"{action}/feedback" in publishing
 
 
@@ -178,11 +204,20 @@ VERBS = (
     ),
     Verb(
         "info",
-        "print an action's type and servers",
+        "print an action's type, clients and servers",
         _info,
         "rwt action info /fibonacci",
-        '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "servers": ["/demo_robot"]}',
-        _action_argument,
+        '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "clients": [],\n'
+        '"servers": ["/demo_robot"]}; the clients are nodes: rosbridge clients are none',
+        _info_arguments,
+    ),
+    Verb(
+        "find",
+        "list the actions of a type",
+        _find,
+        "rwt action find example_interfaces/action/Fibonacci",
+        '["/fibonacci"]; with -c {"count": 1}',
+        _find_arguments,
     ),
     Verb(
         "type",

@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from typing import TYPE_CHECKING, Final, NoReturn, cast
 
 from rwt_cli.console.output import standard_output
-from rwt_cli.parser import Commands
+from rwt_cli.parser import Commands, add_commands
 from rwt_cli.verbs import Arguments, connecting, sentence
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def add_completion_command(commands: Commands) -> None:
     """Add `completion` to the command line."""
     help = "print what makes a shell complete what you type, names of the robot's live graph included"
     parser = commands.add_parser("completion", description=sentence(help), epilog=_EXAMPLES)
-    shells = parser.add_subparsers(title="shells", metavar="SHELL", required=True)
+    shells = add_commands(parser, "shells", "SHELL")
     for shell in SHELLS:
         of_shell = shells.add_parser(shell, help=f"for {shell}", description=f"The script for {shell}.")
         of_shell.set_defaults(run=_print_script, shell=shell)

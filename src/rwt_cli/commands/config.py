@@ -16,6 +16,7 @@ from rwt.settings.errors import is_secret
 from rwt.settings.sources import DEFAULT, Given, LoadedSettings, from_text, load_settings
 from rwt_access.settings import SettingsError
 from rwt_cli.errors import CommandError
+from rwt_cli.parser import add_commands
 
 if TYPE_CHECKING:
     from rwt.settings.errors import Key
@@ -34,7 +35,7 @@ _COMMENT_COLUMN = 44
 def add_config_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `config` to the command line."""
     parser = commands.add_parser("config", description="Look at the settings.")
-    actions = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    actions = add_commands(parser)
     show = actions.add_parser(
         "show",
         help="print the settings in effect, and where each came from",

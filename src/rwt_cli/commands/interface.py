@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rwt_cli.console.output import Output, note, standard_output
-from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt_cli.parser import Commands
+from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError, did_you_mean
+from rwt_cli.parser import Commands, add_commands
 from rwt_cli.verbs import Arguments, add_robot_options, connecting, epilog, run_async, sentence
 
 if TYPE_CHECKING:
@@ -27,9 +27,11 @@ def add_interface_command(commands: Commands) -> None:
         "interface",
         description="Messages, services and actions: of the standard set, of folders, or of a robot.",
     )
-    verbs = family.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    verbs = add_commands(family)
     _add_list(verbs)
+    _add_packages(verbs)
     _add_show(verbs)
+    _add_proto(verbs)
     _add_generate(verbs)
 
 
@@ -94,22 +96,45 @@ def _add_list(verbs: Commands) -> None:
         _list,
     )
     parser.add_argument("package", metavar="PACKAGE", nargs="?", help="only of this package")
+    _add_kinds(parser)
+    _add_source(parser)
+
+
+def _add_kinds(parser: argparse.ArgumentParser) -> None:
     for kind, heading in _HEADINGS.items():
         what = heading.lower()
         parser.add_argument(
             f"-{kind[0]}", f"--only-{kind}s", action="store_true", dest=kind, help=f"only {what}"
         )
-    _add_source(parser)
+
+
+def _kinds(arguments: Arguments) -> list[str]:
+    """The kinds that were asked for; all without an option."""
+    return [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
+
+
+def _names(arguments: Arguments) -> list[str]:
+    return _live_names(arguments) if _is_live(arguments) else _offline_names(arguments)
+
+
+def _of_package(names: list[str], package: str) -> list[str]:
+    """Those of a package.
+
+    Raises:
+        CommandError: it has none; names the nearest package.
+    """
+    found = [name for name in names if name.startswith(f"{package}/")]
+    if not found:
+        packages = {name.partition("/")[0] for name in names}
+        raise CommandError(f"no package {package} is known{did_you_mean(package, packages)}", FAILED)
+    return found
 
 
 def _list(arguments: Arguments, output: Output) -> None:
-    names = _live_names(arguments) if _is_live(arguments) else _offline_names(arguments)
+    names = _names(arguments)
     if arguments.package:
-        names = [name for name in names if name.startswith(f"{arguments.package}/")]
-        if not names:
-            raise CommandError(f"no package {arguments.package} is known", FAILED)
-    kinds = [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
-    by_kind = {kind: [name for name in names if name.split("/")[1] == kind] for kind in kinds}
+        names = _of_package(names, arguments.package)
+    by_kind = {kind: [name for name in names if name.split("/")[1] == kind] for kind in _kinds(arguments)}
     if output.json:
         output.record({_HEADINGS[kind].lower(): of_kind for kind, of_kind in by_kind.items()})
         return
@@ -117,6 +142,47 @@ def _list(arguments: Arguments, output: Output) -> None:
         output.line(output.styled(f"{_HEADINGS[kind]}:", "heading"))
         for name in of_kind:
             output.line(f"    {output.styled(name, 'type')}")
+
+
+def _add_packages(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "packages",
+        "list the packages that have messages, services or actions",
+        "rwt interface packages -s",
+        '["example_interfaces", …]',
+        _packages,
+    )
+    _add_kinds(parser)
+    _add_source(parser)
+    parser = _add(
+        verbs,
+        "package",
+        "list what a package has",
+        "rwt interface package geometry_msgs",
+        '["geometry_msgs/msg/Accel", …]',
+        _package,
+    )
+    parser.add_argument("package", metavar="PACKAGE", help="for example geometry_msgs")
+    _add_source(parser)
+
+
+def _packages(arguments: Arguments, output: Output) -> None:
+    kinds = _kinds(arguments)
+    packages = sorted({name.split("/")[0] for name in _names(arguments) if name.split("/")[1] in kinds})
+    _print_types(packages, output)
+
+
+def _package(arguments: Arguments, output: Output) -> None:
+    _print_types(_of_package(_names(arguments), arguments.package), output)
+
+
+def _print_types(names: list[str], output: Output) -> None:
+    if output.json:
+        output.record(names)
+        return
+    for name in names:
+        output.line(output.styled(name, "type"))
 
 
 def _offline_names(arguments: Arguments) -> list[str]:
@@ -162,14 +228,52 @@ def _add_show(verbs: Commands) -> None:
     _add_source(parser)
 
 
-def _show(arguments: Arguments, output: Output) -> None:
+def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
+    """The type that was asked for."""
     if "/" not in arguments.type:
         raise CommandError(
             f"expected a type, for example geometry_msgs/msg/Twist, got {arguments.type!r}; "
-            "`rwt interface list PACKAGE` has the types of a package",
+            "`rwt interface package PACKAGE` has the types of a package",
             CALLED_WRONGLY,
         )
     registry, (found,) = _types(arguments, [arguments.type])
+    return registry, found
+
+
+def _add_proto(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "proto",
+        "print a message, request or goal with its defaults, to be filled in and sent",
+        "rwt interface proto geometry_msgs/msg/Twist",
+        '{"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {…}}',
+        _proto,
+    )
+    parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
+    parser.add_argument("--no-quotes", action="store_true", help="without quotes around it")
+    _add_source(parser)
+
+
+def _proto(arguments: Arguments, output: Output) -> None:
+    from rwt_cli.console.message_format import Formatting, plain
+    from rwt_cli.console.yaml_text import block
+    from rwt_interfaces.structs import ActionType, ServiceType
+
+    _, found = _type(arguments)
+    if isinstance(found, ServiceType):
+        message_type = found.request
+    else:
+        message_type = found.goal if isinstance(found, ActionType) else found
+    value = plain(message_type, message_type.struct(), Formatting(json=output.json))
+    if output.json:
+        output.record(value)
+    else:
+        quote = "" if arguments.no_quotes else '"'
+        output.text(f"{quote}{block(value)}{quote}\n" if quote else block(value))
+
+
+def _show(arguments: Arguments, output: Output) -> None:
+    registry, found = _type(arguments)
     parts = _parts(found)
     if output.json:
         fields = {name: [_field(field) for field in part.fields] for name, part in parts.items()}

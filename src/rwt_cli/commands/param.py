@@ -20,10 +20,21 @@ from rwt_protocol.spelling import nearest
 if TYPE_CHECKING:
     from rwt_cli.console.yaml_text import YamlValue
     from rwt_client import Robot
-    from rwt_program.messages import ParameterValue
+    from rwt_program.messages import Message, ParameterValue
 
 PARAMETERS: Final = "ros__parameters"
 """What stands between a node and its parameters in the files of ROS 2."""
+_KINDS: Final = (
+    "not set", "boolean", "integer", "double", "string", "byte array", "boolean array", "integer array",
+    "double array", "string array",
+)  # fmt: skip
+"""The names of the types of parameters, by the numbers of ``rcl_interfaces/msg/ParameterType``."""
+_CONSTRAINTS: Final = {
+    "min": "Min value",
+    "max": "Max value",
+    "step": "Step",
+    "constraints": "Additional constraints",
+}
 _ANY_NODE: Final = ("/**", "**")
 
 
@@ -196,6 +207,67 @@ async def _delete(robot: Robot, arguments: Arguments, output: Output) -> None:
         output.line("Deleted parameter successfully")
 
 
+# -- describe ----------------------------------------------------------------------------------------------
+
+
+def _describe_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
+    parser.add_argument("parameters", metavar="PARAMETER", nargs="+", help="for example max_speed")
+
+
+async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
+    node = absolute_name(arguments.node)
+    if not robot.types.registry.distro.parameters_belong_to_nodes:
+        raise CommandError("parameters of ROS 1 have no description: there is only `rwt param get`", FAILED)
+    known = await _of_node(robot, node)
+    for name in arguments.parameters:
+        if name not in known:
+            raise CommandError(f"{node} has no parameter {name}{did_you_mean(name, known)}", FAILED)
+    answer = await robot.call(
+        f"{node}/describe_parameters",
+        {"names": arguments.parameters},
+        "rcl_interfaces/srv/DescribeParameters",
+    )
+    descriptions = [_description(descriptor) for descriptor in answer.descriptors]
+    if output.json:
+        output.record(descriptions)
+        return
+    for described in descriptions:
+        _print_description(described, output)
+
+
+def _description(descriptor: Message) -> dict[str, object]:
+    """A ``rcl_interfaces/msg/ParameterDescriptor`` without what it leaves open."""
+    limits = [*descriptor.floating_point_range, *descriptor.integer_range]
+    kind = _KINDS[descriptor.type] if descriptor.type < len(_KINDS) else "unknown"
+    found: dict[str, object] = {"name": descriptor.name, "type": kind}
+    if descriptor.description:
+        found["description"] = descriptor.description
+    if descriptor.read_only:
+        found["read_only"] = True
+    if limits:
+        found |= {"min": limits[0].from_value, "max": limits[0].to_value}
+        if limits[0].step:
+            found["step"] = limits[0].step
+    if descriptor.additional_constraints:
+        found["constraints"] = descriptor.additional_constraints
+    return found
+
+
+def _print_description(described: Mapping[str, object], output: Output) -> None:
+    output.line(f"Parameter name: {output.styled(str(described['name']), 'name')}")
+    output.line(f"  Type: {described['type']}")
+    if "description" in described:
+        output.line(f"  Description: {output.escape_terminal(str(described['description']))}")
+    if "read_only" in described:
+        output.line("  Read only: true")
+    if not _CONSTRAINTS.keys().isdisjoint(described):
+        output.line("  Constraints:")
+    for key, heading in _CONSTRAINTS.items():
+        if key in described:
+            output.line(f"    {heading}: {output.escape_terminal(str(described[key]))}")
+
+
 # -- dump, load --------------------------------------------------------------------------------------------
 
 
@@ -356,6 +428,15 @@ VERBS = (
         "rwt param delete /my_node my_parameter",
         '{"name": "/my_node:my_parameter", "deleted": true}',
         _name_arguments,
+    ),
+    Verb(
+        "describe",
+        "print what a node says of its parameters",
+        _describe,
+        "rwt param describe /demo_robot max_speed",
+        '[{"name": "max_speed", "type": "double", "description": …, "min": 0.0, "max": 2.0}]; also "step",\n'
+        '"read_only" and "constraints", each only where the node declares it',
+        _describe_arguments,
     ),
     Verb(
         "dump",

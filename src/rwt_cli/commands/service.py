@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from rwt_cli.commands.topic.echo import add_echo_arguments, echo_messages
 from rwt_cli.console.message_argument import type_and_message, with_stamps
 from rwt_cli.console.message_format import Formatting, constructor, plain
-from rwt_cli.console.output import Output
+from rwt_cli.console.output import Output, note
 from rwt_cli.console.printing import print_count, print_found, print_names, print_type
 from rwt_cli.errors import CALLED_WRONGLY, CommandError
 from rwt_cli.graph_lookup import absolute_name, ask_rosapi, is_hidden, known_service, same_type
@@ -17,6 +18,9 @@ from rwt_cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, gather, he
 
 if TYPE_CHECKING:
     from rwt_client import Robot
+
+_EVENTS: Final = "/_service_event"
+"""What ROS 2 adds to a service's name for the topic of its introspection."""
 
 
 def add_service_command(commands: Commands) -> None:
@@ -59,6 +63,43 @@ async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
     name = absolute_name(arguments.service)
     kind = await known_service(robot, name)
     print_type(name, kind, output)
+
+
+async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = absolute_name(arguments.service)
+    kind = await known_service(robot, name)
+    nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
+    servers = sorted(node.name for node in nodes if name in node.services)
+    if output.json:
+        output.record({"name": name, "type": kind, "servers": servers})
+        return
+    output.line(f"Type: {output.styled(kind, 'type')}")
+    output.line("Clients count: not known, rosapi does not tell")
+    output.line(f"Services count: {len(servers)}")
+    for node in servers if arguments.verbose else ():
+        output.line(f"    {output.styled(node, 'name')}")
+
+
+def _info_arguments(parser: argparse.ArgumentParser) -> None:
+    _service_argument(parser)
+    parser.add_argument("-v", "--verbose", action="store_true", help="with the nodes that offer it")
+
+
+def _echo_arguments(parser: argparse.ArgumentParser) -> None:
+    _service_argument(parser)
+    parser.add_argument("type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it")
+    add_echo_arguments(parser)
+
+
+async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = absolute_name(arguments.service)
+    kind = arguments.type or await known_service(robot, name)
+    topic = f"{name}{_EVENTS}"
+    if not await ask_rosapi(lambda: robot.api.publishers(topic)):
+        note(
+            f"rwt: nobody publishes {topic} yet; `rwt serve --introspection` does, a node of ROS 2 if set so"
+        )
+    await echo_messages(robot, topic, f"{kind}_Event", arguments, output)
 
 
 def _find_arguments(parser: argparse.ArgumentParser) -> None:
@@ -144,6 +185,24 @@ VERBS = (
         "rwt service find std_srvs/srv/SetBool",
         '["/enable_motors"]; with -c {"count": 1}',
         _find_arguments,
+    ),
+    Verb(
+        "info",
+        "print a service's type and how many servers it has",
+        _info,
+        "rwt service info /add_two_ints",
+        '{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts", "servers": ["/demo_robot"]}',
+        _info_arguments,
+    ),
+    Verb(
+        "echo",
+        "print the requests and responses of a service that publishes them (ROS 2)",
+        _echo,
+        "rwt service echo /add_two_ints --flow-style",
+        'one line for each: {"info": {"event_type": 1, …}, "request": [{"a": 1, "b": 2}], "response": []}',
+        _echo_arguments,
+        definitions=True,
+        lasting=True,
     ),
     Verb(
         "call",

@@ -18,6 +18,7 @@ import anyio
 import anyio.to_thread
 
 from rwt_cli.errors import CALLED_WRONGLY, CommandError
+from rwt_cli.parser import Commands
 from rwt_cli.verbs import (
     DEFAULT_URL,
     TOKEN_VARIABLE,
@@ -40,7 +41,7 @@ from rwt_nodes.recording import (
 )
 
 if TYPE_CHECKING:
-    from rwt_cli.commands.record.remote_recorder import RemoteRecorder
+    from rwt_cli.commands.bag.remote_recorder import RemoteRecorder
     from rwt_client import Robot
 
 logger = logging.getLogger(__name__)
@@ -91,6 +92,29 @@ def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
         metavar="URL",
         help=f"the robot's server (default ${URL_VARIABLE}, or {DEFAULT_URL})",
     )
+    _add_topics_option(parser)
+    _add_options(parser)
+
+
+def add_bag_record_verb(verbs: Commands) -> None:
+    """Add `record` to `bag`: as the ``ros2`` tool has it, with topics where `rwt record` has the robot."""
+    parser = verbs.add_parser(
+        "record",
+        help="write what a robot publishes to an MCAP file",
+        description=__doc__,
+        epilog="example:\n  rwt bag record -o run.mcap /odom /scan",
+    )
+    parser.add_argument(
+        "topics", nargs="*", metavar="TOPIC", type=topic_glob, help="only these, or what fits these patterns"
+    )
+    parser.add_argument("--all", "-a", action="store_true", help="all topics, which is the default")
+    parser.add_argument(
+        "--url", metavar="URL", help=f"the robot's server (default ${URL_VARIABLE}, or {DEFAULT_URL})"
+    )
+    _add_options(parser)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--token", metavar="TOKEN", help=f"bearer token to show (default ${TOKEN_VARIABLE})")
     parser.add_argument(
         "--output", "-o", type=Path, metavar="FILE", help="the file (default rwt_DATE-TIME.mcap)"
@@ -108,11 +132,14 @@ def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
     parser.set_defaults(run=_run)
 
 
-def _add_topics(parser: argparse.ArgumentParser) -> None:
+def _add_topics_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topics", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB",
         help="only topics that fit one of these patterns (default: all)",
     )  # fmt: skip
+
+
+def _add_topics(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--exclude",
         nargs="+",
@@ -220,7 +247,7 @@ async def _record_robot(
     robot: Robot, order: _RecordArguments, signals: AsyncIterator[signal.Signals]
 ) -> None:
     """Record until there is a signal, the connection is over, or the time is."""
-    from rwt_cli.commands.record.remote_recorder import RemoteRecorder
+    from rwt_cli.commands.bag.remote_recorder import RemoteRecorder
 
     if robot.types.distro is None:
         raise CommandError(
@@ -318,4 +345,4 @@ class Progress:
         )
 
 
-__all__ = ["Progress", "add_record_command", "parse_split"]
+__all__ = ["Progress", "add_bag_record_verb", "add_record_command", "parse_split"]

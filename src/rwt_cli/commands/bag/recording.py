@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rwt_cli.errors import CommandError
+from rwt_cli.parser import Commands, add_commands
 
 if TYPE_CHECKING:
     from rwt_nodes.recording import Recording
@@ -31,11 +32,8 @@ def add_recording_command(commands: argparse._SubParsersAction[argparse.Argument
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    actions = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    info = actions.add_parser("info", help="list topics, types, counts and times")
-    info.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP, .bag or folder of rosbag2")
-    info.add_argument("--json", action="store_true", help="as JSON")
-    info.set_defaults(run=_run_info)
+    actions = add_commands(parser)
+    add_info_verb(actions)
     recover = actions.add_parser(
         "recover", help="copy what can be read of an MCAP file that was not ended into a complete one"
     )
@@ -43,6 +41,14 @@ def add_recording_command(commands: argparse._SubParsersAction[argparse.Argument
     recover.add_argument("--output", "-o", type=Path, required=True, metavar="FILE", help="the complete file")
     recover.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
     recover.set_defaults(run=_run_recover)
+
+
+def add_info_verb(verbs: Commands) -> None:
+    """Add `info` to `recording`, or to `bag`."""
+    info = verbs.add_parser("info", help="list topics, types, counts and times")
+    info.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP, .bag or folder of rosbag2")
+    info.add_argument("--json", action="store_true", help="as JSON")
+    info.set_defaults(run=_run_info)
 
 
 def _run_info(arguments: argparse.Namespace) -> int:

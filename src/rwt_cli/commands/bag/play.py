@@ -35,9 +35,10 @@ _FASTER = 1.1
 
 
 def add_play_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `play` to the command line."""
+    """Add `play` to the command line, or to `bag`."""
     parser = commands.add_parser(
         "play",
+        help="serve a recording as a robot",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -56,7 +57,7 @@ def add_play_command(commands: argparse._SubParsersAction[argparse.ArgumentParse
         "--exclude", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB", help="not these"
     )
     parser.add_argument(
-        "--remap", nargs="+", action="extend", default=[], type=parse_remap, metavar="OLD:=NEW",
+        "--remap", "-m", nargs="+", action="extend", default=[], type=parse_remap, metavar="OLD:=NEW",
         help="publish a topic under another name",
     )  # fmt: skip
     parser.add_argument(
@@ -72,10 +73,14 @@ def add_play_command(commands: argparse._SubParsersAction[argparse.ArgumentParse
 
 
 def _add_time(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--speed", "-r", type=float, default=1.0, metavar="RATE", help="2 is twice as fast")
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="seconds from its beginning")
+    parser.add_argument(
+        "--speed", "--rate", "-r", type=float, default=1.0, metavar="RATE", help="2 is twice as fast"
+    )
+    parser.add_argument(
+        "--start", "--start-offset", type=float, default=0.0, metavar="S", help="seconds from its beginning"
+    )
     parser.add_argument("--end", type=float, metavar="S", help="seconds from its beginning")
-    parser.add_argument("--paused", "-p", action="store_true", help="wait to be resumed")
+    parser.add_argument("--paused", "--start-paused", "-p", action="store_true", help="wait to be resumed")
     parser.add_argument("--loop", "-l", action="store_true", help="begin again at the end")
     parser.add_argument(
         "--stay", action="store_true", help="go on serving what is kept when the end was reached"
