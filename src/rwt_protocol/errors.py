@@ -4,12 +4,13 @@
 
   * :exc:`Refused`: a message is well formed and is not done; handlers raise it.
 
+    * :exc:`MalformedMessage`: a frame that :func:`rwt_protocol.parse` cannot read.
     * :exc:`MalformedPayload`: the bytes of a payload are not one JSON value.
     * :exc:`EncodingUnavailable`: an encoding needs a package that is not installed.
 
   * :exc:`IncompleteDispatcher`: the table of handlers and the table of ops disagree.
 
-Decoding raises nothing: :meth:`rwt_protocol.session.Session.decode` returns what is wrong as a `Refusal`.
+A session raises nothing: :meth:`rwt_protocol.session.Session.decode` returns what is wrong as a `Refusal`.
 """
 
 from __future__ import annotations
@@ -38,8 +39,24 @@ class Refused(ProtocolError):
         self.level: Level = level
 
 
+class MalformedMessage(Refused):
+    """A frame holds something that is not a message of the protocol. The text is what the wire would say.
+
+    Attributes:
+        op: the name of the op as it was sent, empty when none could be read.
+        id: the sender's id, None when none could be read.
+        name: the service or action that was meant, empty when none could be read.
+    """
+
+    def __init__(self, reason: str, op: str = "", id: str | int | None = None, name: str = "") -> None:
+        super().__init__(reason)
+        self.op = op
+        self.id = id
+        self.name = name
+
+
 class MalformedPayload(Refused):
-    """The bytes of a payload are not one JSON value in UTF-8."""
+    """The bytes of a payload are not one JSON value in UTF-8, or its value is none that an encoding has."""
 
 
 class EncodingUnavailable(Refused):

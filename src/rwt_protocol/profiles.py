@@ -44,7 +44,9 @@ class Profile:
         return Direction.BOTH if op in self.both_ways else OPS[op].direction
 
     def arriving(self, direction: Direction) -> frozenset[str]:
-        """The names of the ops that arrive where messages of `direction` do."""
+        """The names of the ops that arrive where messages of `direction` do; all of them for `BOTH`."""
+        if direction is Direction.BOTH:
+            return self.ops
         return frozenset(op for op in self.ops if self.direction(op) in (direction, Direction.BOTH))
 
     def __hash__(self) -> int:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
 from typing import Any
 
+import bson
+import cbor2
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.codecs import JSON
+from rwt_protocol.codecs import JSON, bson_codec
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
-from rwt_protocol.ops import Direction
-from rwt_protocol.profiles import PROFILES
+from rwt_protocol.ops import OPS, Direction
+from rwt_protocol.profiles import PROFILES, Profile
 from rwt_protocol.session import Refusal, Session
 from tests.protocol.wire_examples import EXAMPLES
 
@@ -87,3 +92,78 @@ def test_any_damaged_message(session: Session, data: bytes, damage: list[tuple[i
 def test_any_sequence_of_messages_and_garbage(frames: list[bytes], garbage: list[bytes]) -> None:
     pieces = [part for pair in zip(frames, garbage, strict=False) for part in pair]
     check(Session(), b"".join(pieces), False)
+
+
+_EXTREMES = ("1e30", "-1e30", "1e308", "-1e308", "1e999", "9" * 400, "-" + "9" * 5000, "NaN", "-Infinity")
+_NUMBERS = (1e30, 1e308, -1e308, 10**400, -(10**400), 2**63, math.nan, math.inf)
+
+
+def _nested(member: str, number: object) -> list[object]:
+    """A number in each place where a member may hold one."""
+    inside = [{"depth": number}, {"deadline": number}, {"lifespan": {"secs": number, "nsecs": number}}]
+    return [number, {"sec": number}, *(inside if member == "qos" else [])]
+
+
+_ONE_OF_EACH = {example.message["op"]: example for example in EXAMPLES.examples if example.valid}
+
+
+def check_refusals(session: Session, data: bytes, binary: bool) -> None:
+    """As :func:`check`, for messages whose payload may hold what has not been looked at."""
+    for item in session.decode(data, binary, 0.0):
+        if isinstance(item, Refusal):
+            assert 0 < len(item.reason) < 1000
+            if item.answer is not None:
+                assert isinstance(json.loads(JSON.encode(item.answer).data), dict)
+
+
+@pytest.mark.parametrize("op", OPS)
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: str(profile.name))
+def test_no_number_is_too_large_to_be_refused(op: str, profile: Profile) -> None:
+    valid = _ONE_OF_EACH[op].message
+    for direction in Direction:
+        for member in (*OPS[op].model.model_fields, "unknown"):
+            for text in _EXTREMES:
+                for place in _nested(member, "HERE"):
+                    written = json.dumps(valid | {member: place}).replace('"HERE"', text)
+                    check_refusals(Session(profile, direction), written.encode(), False)
+            for number in _NUMBERS:
+                for place in _nested(member, number):
+                    message = valid | {member: place}
+                    check_refusals(Session(profile, direction), cbor2.dumps(message), True)
+                    with contextlib.suppress(OverflowError):  # BSON has no such number
+                        data = bson.encode(message)
+                        check_refusals(Session(profile, direction, codec=bson_codec()), data, True)
+
+
+@pytest.mark.parametrize(
+    ("message", "where"),
+    [
+        ({"op": "subscribe", "topic": "/a", "queue_length": 0}, "queue_length"),
+        ({"op": "subscribe", "topic": "/a", "throttle_rate": 0}, "throttle_rate"),
+        ({"op": "subscribe", "topic": "/a", "fragment_size": 0}, "fragment_size"),
+        ({"op": "subscribe", "topic": "/a", "qos": {"depth": 0}}, "qos.depth"),
+        ({"op": "subscribe", "topic": "/a", "qos": {"deadline": 0}}, "qos.deadline"),
+        ({"op": "subscribe", "topic": "/a", "qos": {"lifespan": 0}}, "qos.lifespan"),
+        ({"op": "advertise", "topic": "/a", "type": "a/A", "queue_size": 0}, "queue_size"),
+        ({"op": "publish", "topic": "/a", "queue_size": 0}, "queue_size"),
+        ({"op": "call_service", "service": "/a", "timeout": 0}, "timeout"),
+        ({"op": "call_service", "service": "/a", "id": 0}, "id"),
+        ({"op": "action_result", "action": "/a", "status": 0}, "status"),
+        ({"op": "fragment", "id": "", "data": "", "num": 0, "total": 1}, "num"),
+        ({"op": "fragment", "id": "", "data": "", "num": 0, "total": 1}, "total"),
+        ({"op": "auth", "mac": "", "client": "", "dest": "", "rand": "", "level": "", "end": 0, "t": 0}, "t"),
+    ],
+)
+@pytest.mark.parametrize("number", [1e30, 1e308, -1e308, 10**40, -(10**400), 10**400])
+def test_a_number_out_of_range_is_refused_by_its_name(
+    message: dict[str, Any], where: str, number: float
+) -> None:
+    outer, _, inner = where.partition(".")
+    changed = message | {outer: {inner: number} if inner else number}
+    op, answers = message["op"], []
+    for data in (json.dumps(changed).encode(), cbor2.dumps(changed)):
+        (refusal,) = Session().decode(data, data[:1] != b"{", 0.0)
+        assert isinstance(refusal, Refusal)
+        answers.append(refusal.reason)
+    assert answers[1].startswith(f"{op}.{where}: expected ")
+    assert answers[0].startswith((f"{op}.{where}: expected ", f"{op}.{outer}: holds a number too large"))

@@ -10,12 +10,12 @@ from typing import Final
 
 from rwt_protocol.codecs.base import DecodeFailure, Members, SplitLimits
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_within
-from rwt_protocol.errors import EncodingUnavailable
+from rwt_protocol.errors import EncodingUnavailable, MalformedPayload
 from rwt_protocol.transport import Frame
 
 try:
     import bson
-    from bson.errors import BSONError
+    from bson.errors import BSONError, InvalidDocument
 except ImportError as missing:
     raise EncodingUnavailable(
         "BSON needs the package pymongo: install robot-web-tools with the extra `bson`"
@@ -42,11 +42,16 @@ class BsonCodec(ObjectCodec):
         """A message as one document. Octets are binary of subtype 0, NaN and infinities are kept (BSN-01).
 
         BSON has no unsigned 64-bit integers: one beyond the signed ones goes out as the nearest double.
+
+        Raises:
+            MalformedPayload: a name holds a character NUL.
         """
         try:
             data = bson.encode(message)
         except OverflowError:
             data = bson.encode({key: _within(value) for key, value in message.items()})
+        except InvalidDocument as error:
+            raise MalformedPayload(f"not a value that BSON has: {error}") from None
         return Frame(data, binary=True)
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final
+from typing import Annotated, Final
+
+from pydantic import Field
 
 from rwt_protocol.ops import actions, control, services, topics
 from rwt_protocol.ops.actions import (
@@ -29,6 +31,39 @@ OPS: Final[Mapping[str, OpSpec]] = MappingProxyType({spec.name: spec for spec in
 SPEC_OF: Final[Mapping[type[Op], OpSpec]] = MappingProxyType({spec.model: spec for spec in _SPECS})
 """Every op, by its model."""
 
+
+_FromClients = (
+    Auth
+    | SetLevel
+    | Advertise
+    | Unadvertise
+    | Subscribe
+    | Unsubscribe
+    | AdvertiseService
+    | UnadvertiseService
+    | AdvertiseAction
+    | UnadvertiseAction
+)
+_FromServers = Png | Status
+_FromEither = (
+    Fragment
+    | Publish
+    | CallService
+    | ServiceResponse
+    | SendActionGoal
+    | CancelActionGoal
+    | ActionFeedback
+    | ActionResult
+)
+
+AnyOp = Annotated[_FromClients | _FromServers | _FromEither, Field(discriminator="op")]
+"""Any op, told apart by `op`: for `pydantic.TypeAdapter`, and for members of other models."""
+
+OpToServer = Annotated[_FromClients | _FromEither, Field(discriminator="op")]
+"""Any op that a client sends."""
+
+OpToClient = Annotated[_FromServers | _FromEither, Field(discriminator="op")]
+"""Any op that a server sends."""
 
 ALIASES: Final[Mapping[str, str]] = MappingProxyType(
     {alias: spec.name for spec in _SPECS for alias in spec.aliases}
@@ -57,6 +92,7 @@ __all__ = [
     "Advertise",
     "AdvertiseAction",
     "AdvertiseService",
+    "AnyOp",
     "Auth",
     "CallService",
     "CancelActionGoal",
@@ -65,6 +101,8 @@ __all__ = [
     "GoalStatus",
     "Op",
     "OpSpec",
+    "OpToClient",
+    "OpToServer",
     "Png",
     "Publish",
     "Qos",

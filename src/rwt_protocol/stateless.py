@@ -1,0 +1,133 @@
+"""One frame to its ops and one op to its frame, without a session: for tools, logs and tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Final, Literal, overload
+
+from rwt_protocol.codecs import BINARY_CODECS, CBOR, JSON, bson_codec, png
+from rwt_protocol.codecs.base import Codec
+from rwt_protocol.codecs.envelope import PAYLOADS
+from rwt_protocol.errors import EncodingUnavailable, MalformedMessage, MalformedPayload, Refused
+from rwt_protocol.ops import Direction, Op, Png
+from rwt_protocol.payloads import RawJson
+from rwt_protocol.profiles import COMPAT, Profile
+from rwt_protocol.session import Refusal, Session, WireLimits
+
+EncodingName = Literal["json", "cbor", "bson", "png"]
+"""The encodings of whole messages. `png` is JSON in the pixels of a picture, which an op `png` carries."""
+
+_CODECS: Final[Mapping[str, Callable[[], Codec]]] = MappingProxyType(
+    {"json": lambda: JSON, "png": lambda: JSON, "cbor": lambda: CBOR, "bson": bson_codec}
+)
+
+_LIMITS: Final = WireLimits()
+
+
+class _Stateless(Session):
+    """A session that gives out every op, and does nothing itself."""
+
+    __slots__ = ()
+
+    def _do(self, op: Op, now: float) -> Sequence[Op | Refusal]:
+        return (op,)
+
+
+def parse(
+    frame: str | bytes | bytearray | memoryview,
+    encoding: EncodingName | None = None,
+    *,
+    profile: Profile = COMPAT,
+    direction: Direction = Direction.BOTH,
+    limits: WireLimits = _LIMITS,
+) -> list[Op]:
+    """The ops in one frame, in order; usually one.
+
+    A `fragment` and a `png` are given out as they are. With the encoding `png` it is the messages in the
+    pictures that are.
+
+    Args:
+        frame: the whole frame, as text or as bytes.
+        encoding: how it is written; None: as CBOR if it begins with the first byte of a map, else as JSON.
+        profile: which version of the protocol is spoken.
+        direction: who may have sent it: `TO_SERVER` a client, `TO_CLIENT` a server, `BOTH` either of them.
+        limits: how large and how deep it may be.
+
+    Raises:
+        MalformedMessage: something in the frame is not a message of that version; the text names the member.
+        MalformedPayload: the payload of a large message is not JSON.
+        EncodingUnavailable: the encoding needs a package that is not installed.
+    """
+    data = frame.encode("utf-8", "surrogatepass") if isinstance(frame, str) else bytes(frame)
+    codec = BINARY_CODECS.get(data[:1], JSON) if encoding is None else _codec(encoding)
+    session = _Stateless(profile, direction, limits, codec)
+    ops = [_checked(found) for found in session.decode(data, False, 0.0)]
+    if encoding != "png":
+        return ops
+    return [
+        inner
+        for op in ops
+        for inner in parse(_text_in(op, limits), "json", profile=profile, direction=direction, limits=limits)
+    ]
+
+
+@overload
+def dump(op: Op, encoding: Literal["json", "png"] = "json") -> str: ...
+@overload
+def dump(op: Op, encoding: Literal["cbor", "bson"]) -> bytes: ...
+@overload
+def dump(op: Op, encoding: EncodingName) -> str | bytes: ...
+def dump(op: Op, encoding: EncodingName = "json") -> str | bytes:
+    """One op as a message: text in JSON and in a picture, bytes in CBOR and BSON.
+
+    Written are the members that the op requires, those that were given, payloads, and what readers rely on.
+
+    Raises:
+        MalformedPayload: a member holds what the encoding has not, for example half of a character.
+        EncodingUnavailable: the encoding needs a package that is not installed.
+    """
+    try:
+        frame = _codec(encoding).encode(op)
+        data = (png.encode(frame) if encoding == "png" else frame).data
+    except (ValueError, OverflowError) as error:
+        raise MalformedPayload(f"{op.op}: a member that {encoding} has not: {error}") from None
+    return data if frame.binary else data.decode()
+
+
+def _codec(encoding: str) -> Codec:
+    if encoding not in _CODECS:
+        raise EncodingUnavailable(f"no encoding {encoding!r}: expected one of {', '.join(_CODECS)}")
+    return _CODECS[encoding]()
+
+
+def _checked(found: Op | Refusal) -> Op:
+    """An op whose payloads have all been looked at.
+
+    Raises:
+        MalformedMessage: it is a refusal.
+        MalformedPayload: the payload of a large message is not JSON.
+    """
+    if isinstance(found, Refusal):
+        raise MalformedMessage(found.reason, found.op, found.id, found.name)
+    payloads = {name: getattr(found, name) for name in PAYLOADS[found.op]}
+    checked = {
+        name: payload.validated()
+        for name, payload in payloads.items()
+        if isinstance(payload, RawJson) and not payload.is_validated
+    }
+    return found.model_copy(update=checked) if checked else found
+
+
+def _text_in(op: Op, limits: WireLimits) -> bytes:
+    """The text in the picture that a message is.
+
+    Raises:
+        MalformedMessage: it is another message, or the picture cannot be read.
+    """
+    if not isinstance(op, Png):
+        raise MalformedMessage(f'{op.op}: expected a message "png"', op.op, op.id)
+    try:
+        return png.decode(op.data, limits.max_message_size)
+    except Refused as refused:
+        raise MalformedMessage(refused.reason, op.op, op.id) from None
