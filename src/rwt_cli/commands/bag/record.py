@@ -343,6 +343,3 @@ class Progress:
         print(
             f"\r{text}" if is_terminal else text, end="" if is_terminal else "\n", file=sys.stderr, flush=True
         )
-
-
-__all__ = ["Progress", "add_bag_record_verb", "add_record_command", "parse_split"]
