@@ -22,11 +22,11 @@ from pathlib import Path
 import anyio
 import anyio.lowlevel
 
-from rwt_graph import MemoryGraph, QoS
+from rwt_graph import MemoryGraph
 from rwt_graph.api import Participant, Publisher, Sample
 from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.payload import Payload
-from rwt_program.qos import DEFAULT_QOS, History
+from rwt_program.qos import DEFAULT_QOS, History, QoS
 
 SMALL, LARGE = "std_msgs/String", "sensor_msgs/Image"
 #: Messages between two looks at the event loop.

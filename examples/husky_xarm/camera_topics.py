@@ -9,7 +9,7 @@ import anyio.to_thread
 from husky_xarm.camera import Picture, Renderer, RendererGone
 from husky_xarm.description import OPTICAL
 from husky_xarm.simulation import Simulation
-from rwt_graph import SENSOR_DATA, Node
+from rwt import SENSOR_DATA, Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.world.lens import Lens
 

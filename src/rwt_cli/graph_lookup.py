@@ -52,7 +52,7 @@ async def ask_rosapi(question: Callable[[], Awaitable[T]]) -> T:
     Raises:
         CommandError: there is no rosapi.
     """
-    from rwt_client import ProviderNotFound, ServiceFailed
+    from rwt_program.errors import ProviderNotFound, ServiceFailed
 
     try:
         return await question()
@@ -92,7 +92,7 @@ async def known_action(robot: Robot, name: str) -> str:
     Raises:
         CommandError: there is no such action; names the nearest one.
     """
-    from rwt_client import ProviderNotFound, ServiceFailed
+    from rwt_program.errors import ProviderNotFound, ServiceFailed
 
     try:
         found = await robot.api.action_type(name)

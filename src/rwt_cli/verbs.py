@@ -20,7 +20,8 @@ from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, Co
 from rwt_cli.parser import Commands, add_commands
 
 if TYPE_CHECKING:
-    from rwt_client import ConnectionEvent, Robot, RobotError
+    from rwt_client import ConnectionEvent, Robot
+    from rwt_program.errors import RobotError
 
 DEFAULT_URL: Final = "ws://127.0.0.1:9090"
 URL_VARIABLE: Final = "RWT_URL"
@@ -225,7 +226,7 @@ def run_async(program: Callable[[], Awaitable[None]]) -> None:
     """
     import anyio  # takes a while, and `--help` needs none of it
 
-    from rwt_client import RobotError
+    from rwt_program.errors import RobotError
 
     try:
         anyio.run(program)
@@ -260,7 +261,8 @@ def _log_connection(event: ConnectionEvent) -> None:
 
 def command_error(error: RobotError) -> CommandError:
     """An error of the client with its exit code."""
-    from rwt_client import BadAddress, ConnectionLost, InvalidMessage, TimedOut, TransformUnavailable
+    from rwt_client import BadAddress, ConnectionLost
+    from rwt_program.errors import InvalidMessage, TimedOut, TransformUnavailable
 
     if isinstance(error, BadAddress | InvalidMessage):
         code = CALLED_WRONGLY
@@ -279,7 +281,7 @@ async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
     """
     import anyio
 
-    from rwt_client import RobotError
+    from rwt_program.errors import RobotError
 
     answers: dict[int, T] = {}
     failures: list[RobotError] = []

@@ -32,7 +32,10 @@
 
 from __future__ import annotations
 
-from rwt_interfaces.errors import InterfaceError, InvalidMessage, RobotError, UnknownType
+from rwt_interfaces.errors import InterfaceError as InterfaceError
+from rwt_interfaces.errors import InvalidMessage as InvalidMessage
+from rwt_interfaces.errors import RobotError as RobotError
+from rwt_interfaces.errors import UnknownType as UnknownType
 
 
 class CallFailed(RobotError):
@@ -107,27 +110,3 @@ class GoalCanceled(GoalEnded):
 
 class GoalAborted(GoalEnded):
     """Ends a goal as aborted: it cannot be reached."""
-
-
-__all__ = [
-    "RobotError",
-    "CallFailed",
-    "ServiceFailed",
-    "CallTimeout",
-    "ProviderGone",
-    "ProviderNotFound",
-    "GoalRejected",
-    "NotFound",
-    "InvalidQoS",
-    "ParameterRejected",
-    "TimedOut",
-    "WrongThread",
-    "HandleClosed",
-    "TransformUnavailable",
-    "GoalEnded",
-    "GoalCanceled",
-    "GoalAborted",
-    "InterfaceError",
-    "InvalidMessage",
-    "UnknownType",
-]

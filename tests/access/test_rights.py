@@ -10,11 +10,12 @@ import pytest
 from rwt import Settings
 from rwt_access.access import Access
 from rwt_bridge import Bridge
-from rwt_graph import MemoryGraph, Node, ReceivedGoal, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_graph.api import GoalEvents
 from rwt_interfaces.payload import Payload
 from rwt_nodes import Rosapi
 from rwt_nodes.rosapi import DISCLOSURES
+from rwt_program.goals import ReceivedGoal
 from tests.bridge.recording_client import Client
 
 FIBONACCI = "example_interfaces/Fibonacci"

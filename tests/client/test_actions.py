@@ -8,17 +8,10 @@ import anyio
 import anyio.lowlevel
 import pytest
 
-from rwt_client import (
-    CallFailed,
-    ConnectionLost,
-    GoalAborted,
-    GoalCanceled,
-    GoalStatus,
-    ProviderNotFound,
-    ReceivedGoal,
-    TimedOut,
-)
+from rwt_client import ConnectionLost
 from rwt_interfaces import NOETIC
+from rwt_program.errors import CallFailed, GoalAborted, GoalCanceled, ProviderNotFound, TimedOut
+from rwt_program.goals import GoalStatus, ReceivedGoal
 from tests.client.worlds import World, scripted, world
 
 pytestmark = pytest.mark.anyio

@@ -8,8 +8,10 @@ from typing import Any, cast
 
 import pytest
 
-from rwt_client import BadAddress, CannotConnect, ConnectionClosed, GoalStatus, ReceivedGoal, TimedOut
+from rwt_client import BadAddress, CannotConnect, ConnectionClosed
 from rwt_client.blocking import BlockingRobot, connect
+from rwt_program.errors import TimedOut
+from rwt_program.goals import GoalStatus, ReceivedGoal
 
 FIBONACCI = "example_interfaces/Fibonacci"
 

@@ -9,17 +9,10 @@ import pytest
 from anyio.abc import TaskStatus
 
 from rwt import Server
-from rwt_client import (
-    Backoff,
-    CannotConnect,
-    ConnectionEvent,
-    ConnectionLost,
-    NotConnected,
-    TimedOut,
-    connect,
-)
+from rwt_client import Backoff, CannotConnect, ConnectionEvent, ConnectionLost, NotConnected, connect
 from rwt_client.connection import ConnectKeywords
 from rwt_graph import MemoryGraph, Node
+from rwt_program.errors import TimedOut
 from tests.client.worlds import AT_ONCE, ScriptedServer, scripted, until
 
 pytestmark = pytest.mark.anyio

@@ -9,15 +9,8 @@ import anyio
 import anyio.lowlevel
 import pytest
 
-from rwt_client import (
-    CallFailed,
-    ConnectionLost,
-    InvalidMessage,
-    NotConnected,
-    ProviderNotFound,
-    ServiceFailed,
-    TimedOut,
-)
+from rwt_client import ConnectionLost, NotConnected
+from rwt_program.errors import CallFailed, InvalidMessage, ProviderNotFound, ServiceFailed, TimedOut
 from tests.client.worlds import scripted, world
 
 pytestmark = pytest.mark.anyio

@@ -11,7 +11,9 @@ import anyio.lowlevel
 import numpy as np
 import pytest
 
-from rwt_client import InvalidMessage, NotFound, QoS, RobotError, ServerRefused, UnknownType
+from rwt_client import ServerRefused
+from rwt_program.errors import InvalidMessage, NotFound, RobotError, UnknownType
+from rwt_program.qos import QoS
 from tests.client.worlds import scripted, until, world
 
 pytestmark = pytest.mark.anyio

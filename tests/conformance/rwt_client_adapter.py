@@ -14,20 +14,17 @@ from typing import Any
 import anyio
 import msgspec
 
-from rwt_client import (
-    Backoff,
+from rwt_client import Backoff, ConnectionEvent, Robot, connect
+from rwt_program.errors import (
     CallFailed,
-    ConnectionEvent,
     GoalAborted,
     GoalCanceled,
     NotFound,
     ParameterRejected,
-    ReceivedGoal,
-    Robot,
     RobotError,
     ServiceFailed,
-    connect,
 )
+from rwt_program.goals import ReceivedGoal
 from rwt_protocol.ops import Qos
 
 # Commands and messages, which have no types.

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import pytest
 
+import rwt
 import rwt_graph
 from rwt import Settings
 from rwt_cli.commands.bag.play import add_play_command
@@ -18,6 +19,7 @@ from rwt_cli.commands.bag.record import add_record_command
 from rwt_cli.commands.serve import add_serve_command
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi
+from rwt_program import errors, goals, qos
 from rwt_protocol.codecs import SELECTABLE
 from rwt_transports.schemes import url_forms
 from tests.docs.blocks import ROOT, blocks_of
@@ -68,7 +70,10 @@ def test_every_setting_is_listed_with_its_default() -> None:
 
 def test_every_public_name_of_the_graph_is_listed() -> None:
     page = _page("graph.md")
-    assert [name for name in rwt_graph.__all__ if f"`{name}" not in page and f"## {name}" not in page] == []
+    shared = [name for module in (errors, goals, qos) for name in rwt.__all__ if hasattr(module, name)]
+    assert {"CallFailed", "GoalStatus", "QoS"} <= set(shared)
+    names = [*rwt_graph.__all__, *shared]
+    assert [name for name in names if f"`{name}" not in page and f"## {name}" not in page] == []
 
 
 def test_every_method_of_a_node_is_listed() -> None:

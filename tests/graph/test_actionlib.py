@@ -5,8 +5,11 @@ from typing import TYPE_CHECKING
 import anyio
 import pytest
 
-from rwt_graph import GoalAborted, GoalCanceled, GoalStatus, MemoryGraph, Message, Node, ReceivedGoal
+from rwt_graph import MemoryGraph, Node
 from rwt_graph.program.actionlib import STATUS, ActionlibStatus
+from rwt_program.errors import GoalAborted, GoalCanceled
+from rwt_program.goals import GoalStatus, ReceivedGoal
+from rwt_program.messages import Message
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

@@ -4,7 +4,8 @@ import logging
 
 import pytest
 
-from rwt_graph import MemoryGraph, Message, Node, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
+from rwt_program.messages import Message
 
 
 @pytest.mark.parametrize(

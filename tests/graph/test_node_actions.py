@@ -5,21 +5,12 @@ from typing import TYPE_CHECKING
 import anyio
 import pytest
 
-from rwt_graph import (
-    CallFailed,
-    GoalAborted,
-    GoalCanceled,
-    GoalRejected,
-    GoalStatus,
-    MemoryGraph,
-    Message,
-    Node,
-    NotFound,
-    ProviderGone,
-    ReceivedGoal,
-)
+from rwt_graph import MemoryGraph, Node
 from rwt_graph.memory.actions import ENDINGS, TRANSITIONS, GoalEvent
 from rwt_interfaces.errors import InvalidMessage
+from rwt_program.errors import CallFailed, GoalAborted, GoalCanceled, GoalRejected, NotFound, ProviderGone
+from rwt_program.goals import GoalStatus, ReceivedGoal
+from rwt_program.messages import Message
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

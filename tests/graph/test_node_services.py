@@ -7,19 +7,10 @@ from typing import TYPE_CHECKING
 import anyio
 import pytest
 
-from rwt_graph import (
-    CallFailed,
-    CallTimeout,
-    MemoryGraph,
-    Message,
-    Node,
-    NotFound,
-    NotRunning,
-    ProviderGone,
-    ServiceFailed,
-    WallClock,
-)
+from rwt_graph import MemoryGraph, Node, NotRunning, WallClock
 from rwt_interfaces.errors import InvalidMessage
+from rwt_program.errors import CallFailed, CallTimeout, NotFound, ProviderGone, ServiceFailed
+from rwt_program.messages import Message
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

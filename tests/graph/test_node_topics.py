@@ -5,10 +5,12 @@ from typing import TYPE_CHECKING
 import anyio
 import pytest
 
-from rwt_graph import LATCHED, HandleClosed, MemoryGraph, Message, Node, QoS, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces.errors import InvalidMessage, UnknownType
 from rwt_interfaces.payload import Payload
-from rwt_program.messages import is_coroutine_function
+from rwt_program.errors import HandleClosed
+from rwt_program.messages import Message, is_coroutine_function
+from rwt_program.qos import LATCHED, QoS
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

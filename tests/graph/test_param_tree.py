@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_graph import NotFound, ParameterRejected
 from rwt_graph.parameters.tree import ParameterTree
+from rwt_program.errors import NotFound, ParameterRejected
 from rwt_program.messages import ParameterValue
 
 WHOLES = st.integers(-(2**63), 2**63 - 1)

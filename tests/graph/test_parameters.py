@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_graph import CallTimeout, GraphError, MemoryGraph, Message, Node, NotFound, ParameterRejected
+from rwt_graph import GraphError, MemoryGraph, Node
 from rwt_graph.parameters.values import ParameterType, coerce, decode, encode, type_of
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_program.messages import ParameterValue
+from rwt_program.errors import CallTimeout, NotFound, ParameterRejected
+from rwt_program.messages import Message, ParameterValue
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

@@ -7,7 +7,9 @@ from functools import partial
 import anyio
 import pytest
 
-from rwt_graph import MemoryGraph, Message, Node, NotRunning, ProviderNotFound, TypeConflict, WrongThread
+from rwt_graph import MemoryGraph, Node, NotRunning, TypeConflict
+from rwt_program.errors import ProviderNotFound, WrongThread
+from rwt_program.messages import Message
 
 pytestmark = pytest.mark.anyio
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rwt_graph import GoalAborted, MemoryGraph, Node, ReceivedGoal
+from rwt_graph import MemoryGraph, Node
 from rwt_graph.disclosure import NOTHING, Disclosure, Lists, Reads, Writes
 from rwt_graph.parameters.services import DISCLOSURES as OF_PARAMETERS
 from rwt_interfaces import Payload
@@ -17,6 +17,8 @@ from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_nodes import Rosapi
 from rwt_nodes.rosapi import DISCLOSURES as OF_ROSAPI
+from rwt_program.errors import GoalAborted
+from rwt_program.goals import ReceivedGoal
 
 pytestmark = pytest.mark.anyio
 

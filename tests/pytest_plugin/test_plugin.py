@@ -267,7 +267,7 @@ def test_faults_reach_a_real_client(suite: Suite) -> None:
     suite.passes(
         """
         import pytest
-        from rwt_client import TimedOut
+        from rwt_program.errors import TimedOut
         from rwt_client.blocking import connect
         from websockets.exceptions import ConnectionClosed, InvalidStatus
         from websockets.sync.client import connect as connect_socket

@@ -15,7 +15,8 @@ import pytest
 from rwt import BlockingNode, Server, Settings, SettingsError
 from rwt.server import Loop
 from rwt_client.blocking import connect
-from rwt_graph import NotFound, NotRunning, ServiceFailed, TimedOut, WrongThread
+from rwt_graph import NotRunning
+from rwt_program.errors import NotFound, ServiceFailed, TimedOut, WrongThread
 
 URL = "ws://127.0.0.1:0"
 

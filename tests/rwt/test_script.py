@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from rwt import Server
-from rwt_client import CallFailed, TimedOut
 from rwt_client.blocking import BlockingRobot, connect
+from rwt_program.errors import CallFailed, TimedOut
 
 LAB = """
 name = "lab"

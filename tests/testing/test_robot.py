@@ -5,7 +5,9 @@ from __future__ import annotations
 import anyio
 import pytest
 
-from rwt_graph import CallTimeout, GoalRejected, GoalStatus, Node, ServiceFailed, SimulatedClock
+from rwt_graph import Node, SimulatedClock
+from rwt_program.errors import CallTimeout, GoalRejected, ServiceFailed
+from rwt_program.goals import GoalStatus
 from rwt_testing import BlockingWait, ObservedGraph, ScriptedRobot, ScriptError
 from rwt_testing.virtual_time import advance, settle
 

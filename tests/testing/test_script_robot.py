@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from rwt_graph import GoalRejected, GoalStatus, Node, ServiceFailed, SimulatedClock
+from rwt_graph import Node, SimulatedClock
+from rwt_program.errors import GoalRejected, ServiceFailed
+from rwt_program.goals import GoalStatus
 from rwt_testing import Faults, ObservedGraph, ObservedWire
 from rwt_testing.script.control import ScriptControl
 from rwt_testing.script.file import FaultScript

@@ -9,21 +9,14 @@ import anyio
 import anyio.lowlevel
 import pytest
 
-from rwt_graph import (
-    CallFailed,
-    GoalCanceled,
-    GoalStatus,
-    Message,
-    ParameterRejected,
-    ProviderGone,
-    QoS,
-)
 from rwt_graph.api import GoalEvents, ServerGoal, ServiceCall
 from rwt_graph.zenoh import ZenohGraph, receive_queue
 from rwt_interfaces.payload import Payload
 from rwt_nodes.introspection import Introspection
-from rwt_program.goals import ReceivedGoal
-from rwt_program.qos import DEFAULT_QOS, History
+from rwt_program.errors import CallFailed, GoalCanceled, ParameterRejected, ProviderGone
+from rwt_program.goals import GoalStatus, ReceivedGoal
+from rwt_program.messages import Message
+from rwt_program.qos import DEFAULT_QOS, History, QoS
 from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
 
 pytestmark = pytest.mark.anyio

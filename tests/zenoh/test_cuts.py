@@ -8,8 +8,9 @@ import anyio
 import anyio.abc
 import pytest
 
-from rwt_graph import LATCHED, ProviderGone
 from rwt_graph.zenoh import ZenohGraph
+from rwt_program.errors import ProviderGone
+from rwt_program.qos import LATCHED
 from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
 
 pytestmark = pytest.mark.anyio

@@ -12,11 +12,14 @@ import pytest
 import zenoh
 from zenoh.ext import CacheConfig, HistoryConfig, declare_advanced_publisher, declare_advanced_subscriber
 
-from rwt_graph import LATCHED, Durability, Message, QoS, ServiceFailed, TypeConflict
+from rwt_graph import TypeConflict
 from rwt_graph.api import Sample
 from rwt_graph.zenoh import ZenohGraph
 from rwt_graph.zenoh.rmw.tokens import gid_of
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import ServiceFailed
+from rwt_program.messages import Message
+from rwt_program.qos import LATCHED, Durability, QoS
 from tests.zenoh_links import PATIENCE, session_of, until
 
 pytestmark = pytest.mark.anyio

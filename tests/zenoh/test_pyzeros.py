@@ -17,9 +17,11 @@ from pyzeros.qos import QosProfile
 from ros2_pyterfaces.cydr import all_srvs
 from ros2_pyterfaces.cydr.all_msgs import String
 
-from rwt_graph import SENSOR_DATA, CallFailed, Message, ProviderNotFound, ServiceFailed
 from rwt_graph.api import Sample
 from rwt_graph.zenoh import ZenohGraph
+from rwt_program.errors import CallFailed, ProviderNotFound, ServiceFailed
+from rwt_program.messages import Message
+from rwt_program.qos import SENSOR_DATA
 from tests.zenoh_links import PATIENCE, until
 
 #: Their parts are made at run time, which checkers cannot follow.

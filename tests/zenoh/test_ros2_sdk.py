@@ -12,8 +12,9 @@ import pytest
 import zenoh_ros2_sdk as sdk
 from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 
-from rwt_graph import LATCHED, Message
 from rwt_graph.zenoh import ZenohGraph
+from rwt_program.messages import Message
+from rwt_program.qos import LATCHED
 from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
 
 pytestmark = pytest.mark.anyio

@@ -147,7 +147,7 @@ async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
 
 async def live_type(robot: Robot, name: str) -> InterfaceType:
     """The type of that name, asked of the robot where it is not known."""
-    from rwt_client import UnknownType
+    from rwt_program.errors import UnknownType
 
     unavailable: UnknownType | None = None
     for kind in _kinds(name):

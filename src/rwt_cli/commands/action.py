@@ -17,9 +17,10 @@ from rwt_cli.parser import Commands, add_unavailable
 from rwt_cli.verbs import Arguments, Verb, add_family, gather
 
 if TYPE_CHECKING:
-    from rwt_client import Goal, Robot
+    from rwt_client import Robot
     from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType, MessageType
+    from rwt_program.goals import Goal
 
 
 def add_action_command(commands: Commands) -> None:

@@ -87,7 +87,7 @@ def _addressed(robot: Robot, words: list[str]) -> str:
 
 
 async def _get_value(robot: Robot, name: str) -> YamlValue:
-    from rwt_client import NotFound
+    from rwt_program.errors import NotFound
 
     try:
         return await ask_rosapi(lambda: robot.params.get(name))
@@ -184,7 +184,7 @@ def _set_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
-    from rwt_client import ParameterRejected
+    from rwt_program.errors import ParameterRejected
 
     words = _given(arguments.node, arguments.parameter, arguments.value)
     name, value = _addressed(robot, words[:-1]), read_value(words[-1], "the value")
@@ -336,7 +336,7 @@ async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 async def _load_one(robot: Robot, name: str, value: YamlValue) -> str:
     """Give a parameter its value; why that failed, empty if it has it now, as read-only ones may."""
-    from rwt_client import NotFound, ParameterRejected
+    from rwt_program.errors import NotFound, ParameterRejected
 
     try:
         await robot.params.set(name, value)

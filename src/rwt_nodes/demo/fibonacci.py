@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from rwt_graph import GoalCanceled, Node, ReceivedGoal
+from rwt_graph import Node
 from rwt_nodes.demo.messages import Message
+from rwt_program.errors import GoalCanceled
+from rwt_program.goals import ReceivedGoal
 
 #: As many numbers, from 0 on, fit the message's int32.
 _MOST_NUMBERS = 47

@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from rwt_graph import Node, ParameterRejected
+from rwt_graph import Node
+from rwt_program.errors import ParameterRejected
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from rwt_graph import Graph, Node, ServiceFailed
+from rwt_graph import Graph, Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.arm.controller import ArmController
 from rwt_nodes.demo.arm.kinematics import Arm
@@ -27,6 +27,7 @@ from rwt_nodes.demo.world.lens import DEFAULT_LENS, Lens
 from rwt_nodes.demo.world.lidar import Lidar
 from rwt_nodes.demo.world.map import World, draw_map, house
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
+from rwt_program.errors import ServiceFailed
 
 #: Seconds from one control step to the next.
 CONTROL_PERIOD = 0.05

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
 
-from rwt_graph import Node, ParameterRejected
+from rwt_graph import Node
+from rwt_program.errors import ParameterRejected
 
 
 @dataclass(frozen=True, slots=True)

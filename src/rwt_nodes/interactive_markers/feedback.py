@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from rwt_graph import Message
+from rwt_program.messages import Message
 
 
 class Event(IntEnum):

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import msgspec
 
-from rwt_graph import Message, MessageLike, Node, RobotError
+from rwt_graph import Node
 from rwt_interfaces.payload import Payload
 from rwt_nodes.interactive_markers.feedback import BadFeedback, Event, Feedback, read_feedback
 from rwt_nodes.interactive_markers.menu import Menu, OnFeedback
 from rwt_nodes.interactive_markers.topics import MarkerTopics
+from rwt_program.errors import RobotError
+from rwt_program.messages import Message, MessageLike
 
 logger = logging.getLogger(__name__)
 

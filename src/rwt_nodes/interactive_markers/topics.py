@@ -18,7 +18,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 
-from rwt_graph import Message, Node, QoS
+from rwt_graph import Node
+from rwt_program.messages import Message
+from rwt_program.qos import QoS
 
 _TYPE = "visualization_msgs/InteractiveMarker"
 _DEPTH = QoS(depth=100)

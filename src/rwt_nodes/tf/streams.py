@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from rwt_graph import Durability, Node, QoS, ReceivedGoal, Timer, TopicPublisher
+from rwt_graph import Node, Timer, TopicPublisher
 from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.transform_filters import TransformFilter
+from rwt_program.goals import ReceivedGoal
+from rwt_program.qos import Durability, QoS
 from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
 
 FEEDBACK_TIMEOUT: Final = 10.0

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable
 import anyio
 import pytest
 
-from rwt_graph import MemoryGraph, Message, SimulatedClock
+from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_graph.api import GoalEvents, Graph
 from rwt_graph.zenoh import ZenohGraph
 from rwt_graph.zenoh import topics as zenoh_topics
@@ -16,6 +16,7 @@ from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_program.errors import CallFailed
 from rwt_program.goals import GoalStatus
+from rwt_program.messages import Message
 from tests.contract.graph.zenoh_pair import PairedGraph
 
 

@@ -5,17 +5,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from rwt_graph import (
-    GoalRejected,
-    GoalStatus,
-    InvalidGraphName,
-    InvalidTransition,
-    Message,
-    ProviderGone,
-    ProviderNotFound,
-)
+from rwt_graph import InvalidGraphName, InvalidTransition
 from rwt_graph.api import GoalEvents, Registration, ServerGoal
 from rwt_interfaces.payload import Payload
+from rwt_program.errors import GoalRejected, ProviderGone, ProviderNotFound
+from rwt_program.goals import GoalStatus
+from rwt_program.messages import Message
 
 if TYPE_CHECKING:
     from collections.abc import Callable

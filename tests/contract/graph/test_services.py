@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from rwt_graph import (
+from rwt_graph.api import ServiceCall
+from rwt_interfaces.payload import Payload
+from rwt_program.errors import (
     CallFailed,
     CallTimeout,
-    Message,
     NotFound,
     ProviderGone,
     ProviderNotFound,
     ServiceFailed,
 )
-from rwt_graph.api import ServiceCall
-from rwt_interfaces.payload import Payload
+from rwt_program.messages import Message
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ServiceType

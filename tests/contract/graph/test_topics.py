@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from rwt_graph import LATCHED, Durability, Message, NotRunning, QoS, TypeConflict
+from rwt_graph import NotRunning, TypeConflict
 from rwt_graph.api import Sample, Subscription
-from rwt_program.qos import DEFAULT_QOS
+from rwt_program.messages import Message
+from rwt_program.qos import DEFAULT_QOS, LATCHED, Durability, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

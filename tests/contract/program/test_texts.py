@@ -15,8 +15,10 @@ import pytest
 from rwt import Server
 from rwt_client.blocking import connect
 from rwt_client.robot import Robot
-from rwt_graph import MemoryGraph, Node, ParameterRejected, ReceivedGoal, ServiceFailed
+from rwt_graph import MemoryGraph, Node
 from rwt_program.api import RobotApi
+from rwt_program.errors import ParameterRejected, ServiceFailed
+from rwt_program.goals import ReceivedGoal
 from tests.client.worlds import world
 from tests.contract.program import texts
 

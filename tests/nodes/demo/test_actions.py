@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from rwt_graph import GoalRejected, GoalStatus, ServiceFailed
 from rwt_interfaces import NOETIC
+from rwt_program.errors import GoalRejected, ServiceFailed
+from rwt_program.goals import GoalStatus
 
 pytestmark = pytest.mark.anyio
 

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_graph import GoalRejected, GoalStatus
 from rwt_nodes.demo.arm.kinematics import ARM, REST
 from rwt_nodes.demo.arm.trajectory import Trajectory, Waypoint
+from rwt_program.errors import GoalRejected
+from rwt_program.goals import GoalStatus
 
 ACTION = "/arm_controller/follow_joint_trajectory"
 TOPIC = "/arm_controller/joint_trajectory"

@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
-from rwt_graph import GoalRejected, GoalStatus, MemoryGraph, Node, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_nodes.demo import DemoRobot
+from rwt_program.errors import GoalRejected
+from rwt_program.goals import GoalStatus
 from rwt_tf2 import Buffer, UnknownFrame, read_transform
 from tests.conftest import REGISTRIES, START_NS
 from tests.nodes.demo.conftest import Lab

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from rwt_graph import ParameterRejected
 from rwt_nodes.demo.parameters import TUNABLES
+from rwt_program.errors import ParameterRejected
 
 pytestmark = pytest.mark.anyio
 

@@ -8,11 +8,12 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from rwt_graph import MemoryGraph, Node, ParameterRejected, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_nodes.demo import DemoRobot
 from rwt_nodes.demo.world.lidar import Lidar
 from rwt_nodes.demo.world.map import draw_map, house
 from rwt_nodes.demo.world.pose import Pose
+from rwt_program.errors import ParameterRejected
 
 pytestmark = pytest.mark.anyio
 

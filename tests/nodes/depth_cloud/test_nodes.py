@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rwt_graph import ParameterRejected
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 from rwt_nodes.depth_cloud.encoder import CROP_SIZE
 from rwt_nodes.depth_cloud.latest_only import LatestOnly
 from rwt_nodes.depth_cloud.picture import decode_picture
+from rwt_program.errors import ParameterRejected
 from tests.nodes.video.conftest import image
 
 pytestmark = pytest.mark.anyio

@@ -9,7 +9,7 @@ import threading
 import anyio.to_thread
 import pytest
 
-from rwt_graph import Message, Node
+from rwt_graph import Node
 from rwt_interfaces.errors import InvalidMessage
 from rwt_nodes.interactive_markers import (
     Event,
@@ -21,6 +21,7 @@ from rwt_nodes.interactive_markers import (
     interactive_marker,
     move_plane,
 )
+from rwt_program.messages import Message
 from tests.nodes.interactive_markers.conftest import Lab, pose
 
 pytestmark = pytest.mark.anyio

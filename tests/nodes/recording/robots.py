@@ -7,9 +7,10 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from rwt_graph import LATCHED, MemoryGraph, Node, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import DISTROS, Registry
 from rwt_nodes.recording import EVERYTHING, Encoding, Recorder, RecordingOptions, TopicSelection
+from rwt_program.qos import LATCHED
 
 START_NS = 1_700_000_000_123_456_789
 

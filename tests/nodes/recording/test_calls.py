@@ -9,11 +9,14 @@ from typing import Any
 import anyio
 import pytest
 
-from rwt_graph import MemoryGraph, Message, Node, ReceivedGoal, ServiceFailed, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import NOETIC, Registry
 from rwt_nodes.introspection import Introspection, NotObservable
 from rwt_nodes.playback import Player, PlayOptions
 from rwt_nodes.recording import Recorder, open_recording
+from rwt_program.errors import ServiceFailed
+from rwt_program.goals import ReceivedGoal
+from rwt_program.messages import Message
 from tests.nodes.recording.robots import OWN, START_NS, graph_at, of_topic, rows
 
 pytestmark = pytest.mark.asyncio_only

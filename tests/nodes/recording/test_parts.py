@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from rwt_graph import LATCHED, Durability, History, MemoryGraph, Node, QoS, Reliability, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import JAZZY, NOETIC, Payload, Registry
 from rwt_nodes.playback import Player
 from rwt_nodes.recording import (
@@ -26,6 +26,7 @@ from rwt_nodes.recording import (
 )
 from rwt_nodes.recording.channels import qos_text
 from rwt_nodes.recording.recorded_qos import combined, read_offered_qos
+from rwt_program.qos import LATCHED, Durability, History, QoS, Reliability
 from tests.nodes.recording.robots import OWN, graph_at, rows
 
 

@@ -12,11 +12,12 @@ import anyio
 import pytest
 from anyio.lowlevel import checkpoint
 
-from rwt_graph import MemoryGraph, Message, Node, SimulatedClock
+from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import JAZZY, Registry
 from rwt_nodes.playback import PlaybackClock, Player, PlayOptions
 from rwt_nodes.recording import RecordingWriter, TopicSelection, channel_form, open_recording
 from rwt_nodes.recording.channels import KEPT
+from rwt_program.messages import Message
 
 pytestmark = pytest.mark.asyncio_only
 

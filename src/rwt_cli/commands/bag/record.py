@@ -192,7 +192,7 @@ def parse_split(text: str) -> Split:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt_client import RobotError  # the client is loaded where it is used
+    from rwt_program.errors import RobotError  # the client is loaded where it is used
 
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.WARNING, stream=sys.stderr)
     # An error that ends the command is printed once, by the command.
@@ -293,7 +293,7 @@ def _named(latched: TopicSelection) -> Callable[[str], bool]:
 
 async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
     """Poll for new topics and print the progress, until `over` is set or nothing can be written."""
-    from rwt_client import RobotError
+    from rwt_program.errors import RobotError
 
     progress = Progress(recorder.writer)
     while not over.is_set() and recorder.writer.failure is None:

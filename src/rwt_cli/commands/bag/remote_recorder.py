@@ -8,12 +8,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
-from rwt_client import ConnectionLost, RobotError, UnknownType
+from rwt_client import ConnectionLost
 from rwt_client.endpoints.raw_subscription import RawMessage
 from rwt_client.rosapi import UNANSWERED
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
 from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
+from rwt_program.errors import RobotError, UnknownType
 
 if TYPE_CHECKING:
     from rwt_client import Robot

@@ -129,7 +129,7 @@ async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, ou
     import anyio
     import pybase64
 
-    from rwt_client import TimedOut
+    from rwt_program.errors import TimedOut
 
     refused = next((each for each in ("field", "filter", "max_rate") if getattr(arguments, each)), None)
     if refused is not None:

@@ -303,7 +303,7 @@ class _RobotClock:
         """Ask the robot, and take half of the way there and back for the way back."""
         import time
 
-        from rwt_client import ProviderNotFound, ServiceFailed
+        from rwt_program.errors import ProviderNotFound, ServiceFailed
 
         before = time.time()
         try:

@@ -8,10 +8,12 @@ from typing import Any, Final, Protocol
 
 import anyio
 
-from rwt_graph import GoalAborted, GoalCanceled, Node, ReceivedGoal
+from rwt_graph import Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.arm.kinematics import ARM, Arm
 from rwt_nodes.demo.arm.trajectory import Angles, Trajectory, Waypoint
+from rwt_program.errors import GoalAborted, GoalCanceled
+from rwt_program.goals import ReceivedGoal
 from rwt_tf2 import stamp_ns
 
 ACTION: Final = "control_msgs/FollowJointTrajectory"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwt_graph import CallFailed, Goal, GoalStatus, Message, Node
+from rwt_graph import Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.frames import MAP, frame
 from rwt_nodes.demo.world.pose import Pose
@@ -18,6 +18,9 @@ from rwt_nodes.interactive_markers import (
     move_plane,
     rotate_axis,
 )
+from rwt_program.errors import CallFailed
+from rwt_program.goals import Goal, GoalStatus
+from rwt_program.messages import Message
 
 NAMESPACE = "goal_marker"
 _NAME = "goal"

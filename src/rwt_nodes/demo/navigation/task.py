@@ -12,7 +12,7 @@ from typing import Protocol
 
 import anyio
 
-from rwt_graph import GoalAborted, GoalCanceled, GoalStatus, Node, ReceivedGoal
+from rwt_graph import Node
 from rwt_nodes.demo import messages
 from rwt_nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
 from rwt_nodes.demo.frames import MAP, ODOM, frame
@@ -20,6 +20,8 @@ from rwt_nodes.demo.model.urdf import BASE
 from rwt_nodes.demo.navigation.path_follower import PathFollower
 from rwt_nodes.demo.navigation.planner import NoPath, Planner
 from rwt_nodes.demo.world.pose import ORIGIN, Pose
+from rwt_program.errors import GoalAborted, GoalCanceled
+from rwt_program.goals import GoalStatus, ReceivedGoal
 
 ACTION = "nav2_msgs/NavigateToPose"
 #: Seconds between two feedbacks.
