@@ -46,6 +46,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 C = TypeVar("C")
 
+#: Bytes of a request that count as a call alone: `limits.calls` bounds how many there are.
+_SMALL: Final = 1024
+
 #: The mark of a client that publishes without having advertised (UNA-05).
 _IMPLICIT: Final = object()
 
@@ -75,16 +78,20 @@ class _Call:
         self.pending: PendingCall | None = None
 
     def __call__(self, outcome: Payload | CallFailed) -> None:
-        self.end()
+        self._calls.discard(self)
+        self._quotas.calls.held -= 1
+        if self._size:
+            self._quotas.kept.give_back(self._size)
         if self._filtered is not None:
             outcome = self._filtered(outcome)
         self._on_reply(outcome)
 
-    def end(self) -> None:
-        """Count no more."""
-        self._calls.discard(self)
-        self._quotas.calls.held -= 1
-        self._quotas.kept.give_back(self._size)
+    def cancel(self) -> None:
+        """Forget the call, whose client leaves."""
+        if self.pending is not None:
+            self.pending.cancel()
+        if self._size:
+            self._quotas.kept.give_back(self._size)
 
 
 class LatchedPublisher:
@@ -308,7 +315,10 @@ class ClientGraph(GraphView):
             if not self.role.unrestricted:
                 payload, filtered = restrict(self, self._disclosures, name, info.type, payload)
             size = payload.kept_size
-            quotas.kept.add(size)
+            if size > _SMALL:
+                quotas.kept.add(size)
+            else:
+                size = 0
         except BaseException:
             quotas.calls.held -= 1
             raise
@@ -441,8 +451,7 @@ class ClientGraph(GraphView):
             self.withdraw_service(service)
         for action in tuple(self._actions):
             self.withdraw_action(action)
-        for call in tuple(self._calls):
-            if call.pending is not None:
-                call.pending.cancel()
-            call.end()
+        for call in self._calls:
+            call.cancel()
+        self._calls.clear()
         self._quotas.leave()

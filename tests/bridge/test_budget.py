@@ -10,8 +10,8 @@ from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from tests.bridge.recording_client import Client
 
-KEPT = 3500
-LONG = "x" * 1000
+KEPT = 3800
+LONG = "x" * 1100
 
 
 def _bridge(graph: MemoryGraph, **limits: Any) -> Bridge:
