@@ -26,6 +26,7 @@ from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.session import ReconnectingSession
 from rwt_interfaces import NOETIC, Distro
 from rwt_interfaces.distro import closest_distro
+from rwt_program.api import RobotApi
 from rwt_program.errors import CallTimeout, InvalidMessage, ServiceFailed
 from rwt_program.future import USUAL, Future, Timeout
 from rwt_program.goals import Execute, Goal
@@ -79,7 +80,7 @@ class AdvertiseKeywords(TypedDict, total=False):
     qos: QoS | Qos | None
 
 
-class Robot:
+class Robot(RobotApi):
     """A connection to a robot; made by :func:`rwt_client.connect`.
 
     Attributes:
@@ -87,7 +88,6 @@ class Robot:
         types: its types.
         api: what rosapi answers.
         params: its parameters.
-        tf: where its frames are.
     """
 
     def __init__(
@@ -112,20 +112,24 @@ class Robot:
         self._arrays: ArrayKind = arrays
         self._identifying = RosApi(self._ask_briefly)
         self._table = SubscriptionTable(session, self.types, tasks, binary=binary)
-        self.tf = RemoteTransforms(
+        self._tf = RemoteTransforms(
             partial(self.subscribe, compression="none"),
             self._subscribe_compact,
             self.call,
             tasks.start_soon,
             timeout,
         )
-        session.events.listen(self.tf.on_event)
+        session.events.listen(self._tf.on_event)
         self._calls = Calls(session)
         self._goals = SentGoals(session)
         self._services = ServiceServers()
         self._actions = ActionServers()
         self._publishers: dict[str, RemotePublisher] = {}
         session.dispatcher = self._dispatcher()
+
+    @property
+    def tf(self) -> RemoteTransforms:  # noqa: D102 - inherited
+        return self._tf
 
     # -- the connection --------------------------------------------------------------------------------------
 
@@ -174,16 +178,7 @@ class Robot:
     def topic(
         self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
     ) -> RemoteSubscription:
-        """The messages of a topic from now on, as an async iterator.
-
-        Args:
-            type: None asks the robot, which must know the topic then.
-            options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
-
-        Raises:
-            UnknownType: the type is not known; when awaited, or from the iteration.
-            NotFound: no type was given, and there is no such topic; when awaited, or from the iteration.
-        """
+        """The messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
         subscription = RemoteSubscription(self._table, topic, self._options(options), None)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
@@ -194,14 +189,10 @@ class Robot:
         type: str | None = None,
         **options: Unpack[SubscribeKeywords],
     ) -> RemoteSubscription:
-        """Call `callback` with each message of a topic.
+        """Call `callback` with each message of a topic; see :meth:`RobotApi.subscribe`.
 
-        A plain function is called at once and should be quick. A coroutine function is called with one
-        message after the other; while it is busy the newest `queue_size` messages wait.
-
-        Raises:
-            UnknownType: the type is not known; when awaited.
-            NotFound: no type was given, and there is no such topic; when awaited.
+        Args:
+            options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
         """
         subscription = RemoteSubscription(self._table, topic, self._options(options), callback)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
@@ -226,25 +217,22 @@ class Robot:
         timeout: Timeout = USUAL,
         **options: Unpack[SubscribeKeywords],
     ) -> Message:
-        """The next message of a topic, or the one that it keeps for late joiners.
+        """The next message of a topic, or the one that it keeps for late joiners; see :meth:`RobotApi.once`.
+
+        Args:
+            options: as for :meth:`subscribe`.
 
         Raises:
-            TimedOut: none came in time.
             ServerRefused: the server does not serve the topic so; its text.
-            UnknownType: the type is not known.
-            NotFound: no type was given, and there is no such topic.
         """
         async with self.topic(topic, type, **options) as messages:
             return await messages.get(self._patience(timeout))
 
     def advertise(self, topic: str, type: str, **options: Unpack[AdvertiseKeywords]) -> RemotePublisher:
-        """Become a publisher of a topic.
+        """Become a publisher of a topic; see :meth:`RobotApi.advertise`.
 
         Args:
             options: see :class:`~rwt_client.endpoints.publisher.AdvertiseOptions`.
-
-        Raises:
-            UnknownType: the type is not known; when awaited, or from what is published.
         """
         return self._advertise(topic, type, options)
 
@@ -254,22 +242,9 @@ class Robot:
         publisher = RemotePublisher(self._session, self.types, topic, advertised, self._drained)
         return publisher.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
-    def publish(
+    def publish(  # noqa: D102 - inherited
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
     ) -> RemotePublisher:
-        """Publish one message; the topic is advertised with the first and stays so.
-
-        Args:
-            message: an instance of the type's class, a mapping, or a dataclass instance.
-            type: the topic's type. None takes that of the instance, or asks the robot.
-            latch: of the first message: keep the last message for late joiners.
-
-        Raises:
-            InvalidMessage: the message does not fit the type; when awaited, where the robot is asked for it.
-            UnknownType: the type is not known; when awaited.
-            NotFound: no type was given, and there is no such topic; when awaited.
-            NotConnected: there is no connection now.
-        """
         publisher = self._publishers.get(topic)
         if publisher is None:
             wanted = type or type_of(message, self.types.registry)
@@ -301,41 +276,18 @@ class Robot:
         timeout: Timeout = USUAL,
         repeat: bool = False,
     ) -> Message:
-        """Call a service.
+        """Call a service and wait for its response; see :meth:`RobotApi.call`.
 
         Args:
-            request: an instance, a mapping or a dataclass; None is a request with default values.
-            type: the service's type; None asks the robot, once for each service.
-            timeout: seconds; None waits as long as it takes. By default that of the connection.
             repeat: wait for a connection where there is none, and call once more when it is lost before the
                 answer. Only for services that may run twice.
-
-        Returns:
-            The response, an instance of its class.
-
-        Raises:
-            ServiceFailed: its provider says so; the server's text.
-            ProviderNotFound: nobody offers it.
-            CallTimeout: no answer came in time.
-            ConnectionLost: the connection was lost before the answer; like the others a :exc:`CallFailed`.
-            InvalidMessage: the request does not fit the type, or the response does not.
-            UnknownType: the type is not known.
         """
         service_type = await self.types.service(type or await self.types.of_service(service))
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
         answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
-    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
-        """Offer a service; a provider of the same name in this program is replaced.
-
-        Args:
-            handler: takes the request; returns the response, or an awaitable of it. It raises
-                :exc:`~rwt_program.errors.ServiceFailed` to tell the caller why there is none.
-
-        Raises:
-            UnknownType: the type is not known; when awaited.
-        """
+    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:  # noqa: D102 - inherited
         server = ServiceServer(
             self._session, service, self._interface_name, self._services.offered, handler, self._tasks
         )
@@ -343,7 +295,7 @@ class Robot:
 
     # -- actions ---------------------------------------------------------------------------------------------
 
-    async def send_goal(
+    async def send_goal(  # noqa: D102 - inherited
         self,
         action: str,
         goal: MessageLike | None = None,
@@ -351,18 +303,6 @@ class Robot:
         *,
         on_feedback: Callable[[Message], object] | None = None,
     ) -> Goal:
-        """Send a goal to an action.
-
-        Args:
-            goal: an instance, a mapping or a dataclass; None is a goal with default values.
-            type: the action's type; None asks the robot.
-            on_feedback: called with each feedback; without it iterate over the goal.
-
-        Raises:
-            InvalidMessage: the goal does not fit the type.
-            UnknownType: the type is not known.
-            NotConnected: there is no connection now.
-        """
         action_type = await self.types.action(type or await self.types.of_action(action))
         payload = to_payload(action_type.goal, {} if goal is None else goal)
         sent = Goal(action, self._session.next_id("send_action_goal", action), on_feedback)
@@ -374,15 +314,7 @@ class Robot:
         )
         return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
 
-    def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
-        """Offer an action (ROS 2); a server of the same name in this program is replaced.
-
-        Args:
-            execute: works on one goal and returns its result; goals run side by side.
-
-        Raises:
-            UnknownType: the type is not known; when awaited.
-        """
+    def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:  # noqa: D102 - inherited
         server = ActionServer(
             self._session, action, self._interface_name, self._actions.offered, execute, self._tasks
         )
@@ -390,12 +322,7 @@ class Robot:
 
     # -- time ------------------------------------------------------------------------------------------------
 
-    async def time_ns(self) -> int:
-        """The robot's time, in nanoseconds; simulated time where the robot is simulated.
-
-        Raises:
-            CallFailed: the robot has no rosapi.
-        """
+    async def time_ns(self) -> int:  # noqa: D102 - inherited
         return await self.api.time_ns()
 
     def __repr__(self) -> str:

@@ -13,6 +13,7 @@ from typing import TypeAlias
 from rwt_graph.api import Graph
 from rwt_graph.names import resolve, split_parameter
 from rwt_graph.parameters.values import decode, encode
+from rwt_program.api import Parameters
 from rwt_program.errors import NotFound, ParameterRejected, ProviderNotFound
 from rwt_program.messages import Message, MessageLike, ParameterValue
 
@@ -24,7 +25,7 @@ Call: TypeAlias = Callable[[str, MessageLike, float], Awaitable[Message]]
 _LIST = "/list_parameters"
 
 
-class ParameterClient:
+class ParameterClient(Parameters):
     """Reads and sets parameters through a node's `call_service` and the graph's tree."""
 
     def __init__(self, graph: Graph, namespace: str, node: str, call: Call) -> None:
@@ -48,16 +49,7 @@ class ParameterClient:
         except ProviderNotFound:
             raise NotFound(f"node {node} is not there, or has no parameters") from None
 
-    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:
-        """The value of a parameter: `/node:param`, or a name of the global tree.
-
-        Args:
-            default: what to return when there is no such parameter; None raises instead.
-
-        Raises:
-            NotFound: there is no such node, parameter or value, and there is no default.
-            CallFailed: the node did not answer.
-        """
+    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:  # noqa: D102 - inherited
         try:
             return await self._get(name)
         except NotFound:
@@ -75,13 +67,7 @@ class ParameterClient:
             raise NotFound(f"parameter {parameter} of node {node} is not set")
         return value
 
-    async def set(self, name: str, value: ParameterValue) -> None:
-        """Give a parameter a value.
-
-        Raises:
-            ParameterRejected: the node refused, and why, or is not there.
-            CallFailed: the node did not answer.
-        """
+    async def set(self, name: str, value: ParameterValue) -> None:  # noqa: D102 - inherited
         node, parameter = self._place(name)
         if not node:
             self._graph.parameters.set(parameter, value)
@@ -97,14 +83,7 @@ class ParameterClient:
         if response.results and not response.results[0].successful:
             raise ParameterRejected(response.results[0].reason)
 
-    async def delete(self, name: str) -> None:
-        """Remove a parameter.
-
-        Raises:
-            ParameterRejected: the node does not allow it.
-            NotFound: there is no such node or parameter.
-            CallFailed: the node did not answer.
-        """
+    async def delete(self, name: str) -> None:  # noqa: D102 - inherited
         node, parameter = self._place(name)
         if not node:
             self._graph.parameters.delete(parameter)
@@ -113,8 +92,7 @@ class ParameterClient:
         else:
             await self._set_remote(node, parameter, encode(None))
 
-    async def has(self, name: str) -> bool:
-        """Whether a parameter has a value. Raises :exc:`CallFailed` when its node does not answer."""
+    async def has(self, name: str) -> bool:  # noqa: D102 - inherited
         node, parameter = self._place(name)
         if not node:
             return self._graph.parameters.has(parameter)
@@ -124,8 +102,7 @@ class ParameterClient:
             return False
         return True
 
-    async def names(self) -> tuple[str, ...]:
-        """The full names of all parameters, sorted; those of nodes as `/node:param` on ROS 2."""
+    async def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
         found = list(self._graph.parameters.names())
         for service in self._graph.services():
             if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters":

@@ -33,6 +33,7 @@ from rwt_graph.program.goals import AcceptGoal, ActionFunction, SentGoal
 from rwt_graph.program.logs import NodeLog, rosout_qos
 from rwt_graph.program.service_handlers import ServiceFunction
 from rwt_graph.program.timers import SHORTEST_PERIOD, PeriodicTimer
+from rwt_program.api import RobotApi
 from rwt_program.blocking import (
     BlockingHandle,
     BlockingPublisher,
@@ -98,7 +99,7 @@ class ActionServer(_Server):
     """An action that a node offers."""
 
 
-class Node:
+class Node(RobotApi):
     """One participant of the graph.
 
     Args:
@@ -167,42 +168,18 @@ class Node:
 
     # Topics
 
-    def advertise(
+    def advertise(  # noqa: D102 - inherited
         self, topic: str, type: str, *, qos: QoS | None = None, latch: bool = False
     ) -> TopicPublisher:
-        """Become a publisher of a topic.
-
-        Args:
-            type: `std_msgs/String` or `std_msgs/msg/String`.
-            qos: keep-last 10, reliable, volatile by default.
-            latch: keep the last message for late joiners; the same as `qos=LATCHED`.
-
-        Raises:
-            UnknownType: no such message is known.
-            TypeConflict: the topic is established with another type.
-            InvalidGraphName: not a name that ROS allows.
-        """
         name, message = self.resolve(topic), self.registry.message(type)
         wanted = qos or (LATCHED if latch else DEFAULT_QOS)
         return self.run(
             lambda: TopicPublisher(self.graph, self._participant.advertise(name, message, wanted))
         )
 
-    def publish(
+    def publish(  # noqa: D102 - inherited
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
     ) -> TopicPublisher:
-        """Publish one message; the topic is advertised with the first, and stays so.
-
-        Args:
-            type: None takes that of the message's class, or the topic's own.
-            latch: of the first message: keep the last message for late joiners.
-
-        Raises:
-            InvalidMessage: the message does not fit the type.
-            NotFound: no type was given, and the topic has none.
-            UnknownType: no such message is known.
-            TypeConflict: the topic is established with another type.
-        """
         name = self.resolve(topic)
         publisher = self._publishers.get(name)
         if publisher is None:
@@ -219,7 +196,7 @@ class Node:
             raise NotFound(f"there is no topic {topic} that has a type; name its type if it will come")
         return info.type.name
 
-    def subscribe(
+    def subscribe(  # noqa: D102 - inherited
         self,
         topic: str,
         callback: MessageCallback,
@@ -228,20 +205,6 @@ class Node:
         qos: QoS | None = None,
         queue_size: int = 10,
     ) -> TopicSubscription:
-        """Call `callback` with each message of a topic.
-
-        Args:
-            callback: a plain function runs on the graph's thread, from within `publish`; a coroutine function
-                runs in one task, message after message.
-            type: None takes the topic's, as soon as it has one.
-            qos: by default whatever the publishers offer.
-            queue_size: how many messages wait for a coroutine function; the newest are kept.
-
-        Raises:
-            UnknownType: no such message is known.
-            TypeConflict: the topic is established with another type.
-            InvalidGraphName: not a name that ROS allows.
-        """
         return self._subscribe(topic, type, qos, queue_size, callback=callback)
 
     def subscribe_samples(
@@ -255,20 +218,12 @@ class Node:
         """Call `on_sample`, on the graph's thread, with each undecoded sample; see :meth:`subscribe`."""
         return self._subscribe(topic, type, qos, on_sample=on_sample)
 
-    def topic(
+    def topic(  # noqa: D102 - inherited
         self, topic: str, type: str | None = None, *, qos: QoS | None = None, queue_size: int = 10
     ) -> TopicSubscription:
-        """The messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
         return self._subscribe(topic, type, qos, queue_size)
 
-    async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:
-        """The next message of a topic, or the one that it keeps for late joiners.
-
-        Raises:
-            TimedOut: none came in time.
-            UnknownType: no such message is known.
-            TypeConflict: the topic is established with another type.
-        """
+    async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:  # noqa: D102 - inherited
         with self.topic(topic, type) as messages:
             return await messages.get(self._patience(timeout))
 
@@ -291,24 +246,12 @@ class Node:
 
     # Services
 
-    def advertise_service(
+    def advertise_service(  # noqa: D102 - inherited
         self,
         service: str,
         type: str,
         handler: ServiceHandler,
     ) -> ServiceServer:
-        """Offer a service; a provider of the same name is replaced.
-
-        Args:
-            handler: takes the request, gives the response (anything :data:`MessageLike`, None for defaults).
-                Raise :exc:`ServiceFailed` to refuse; any other exception is logged and fails the call too.
-                A plain function runs on the graph's thread; use `async def` for what takes time, with
-                `anyio.to_thread.run_sync` for what blocks.
-
-        Raises:
-            UnknownType: no such service is known.
-            InvalidGraphName: not a name that ROS allows.
-        """
         name, interface = self.resolve(service), self.registry.service(type)
         function = ServiceFunction(self.graph, name, interface.response, handler)
         return self.run(
@@ -317,7 +260,7 @@ class Node:
             )
         )
 
-    async def call(
+    async def call(  # noqa: D102 - inherited
         self,
         service: str,
         request: MessageLike | None = None,
@@ -325,19 +268,6 @@ class Node:
         *,
         timeout: Timeout = USUAL,
     ) -> Message:
-        """Call a service and wait for its response.
-
-        Args:
-            request: None for one of defaults.
-            type: must be known if it is given; the request is checked by the type of the service itself.
-            timeout: seconds; None waits as long as it takes.
-
-        Raises:
-            ProviderNotFound: nobody offers it (a :exc:`CallFailed` and a :exc:`NotFound`).
-            ServiceFailed: its provider says so; also CallTimeout and ProviderGone.
-            InvalidMessage: the request does not fit the service's type.
-            UnknownType: no such service type is known.
-        """
         if type is not None:
             self.registry.service(type)
         name = self.resolve(service)
@@ -367,19 +297,10 @@ class Node:
         *,
         accept: AcceptGoal | None = None,
     ) -> ActionServer:
-        """Offer an action; a server of the same name is replaced. On ROS 1 it is served over topics too
-        (ALB-01).
+        """Offer an action, on ROS 1 over topics too (ALB-01); see :meth:`RobotApi.advertise_action`.
 
         Args:
-            execute: a coroutine function, run as a task for each goal. What it returns is the result of a
-                goal that succeeded; :exc:`GoalCanceled` and :exc:`GoalAborted` end it otherwise, and so
-                does any other exception, as aborted. Cancelled itself when the action is withdrawn.
             accept: looks at the goal's message first: True accepts, False or a reason rejects.
-
-        Raises:
-            UnknownType: no such action is known.
-            InvalidGraphName: not a name that ROS allows.
-            TypeError: `execute` is not a coroutine function.
         """
         name, interface = self.resolve(action), self.registry.action(type)
         function = ActionFunction(self.graph, name, interface, execute, accept)
@@ -426,21 +347,10 @@ class Node:
         on_feedback: Callable[[Message], object] | None = None,
         goal_id: str | None = None,
     ) -> Goal:
-        """Send a goal, and wait until the server has taken it.
+        """Send a goal, and wait until the server has taken it; see :meth:`RobotApi.send_goal`.
 
         Args:
-            goal: None for one of defaults.
-            type: must be known if it is given; the goal is checked by the type of the action itself.
-            on_feedback: a plain function, called on the graph's thread with each feedback message; without it
-                iterate over the goal.
             goal_id: 32 lower-case hex digits; made here by default.
-
-        Raises:
-            ProviderNotFound: nobody offers the action (a :exc:`CallFailed` and a :exc:`NotFound`).
-            GoalRejected: its server refuses.
-            ProviderGone: its server went away meanwhile.
-            InvalidMessage: the goal does not fit the action's type.
-            UnknownType: no such action type is known.
         """
         if type is not None:
             self.registry.action(type)
@@ -461,14 +371,12 @@ class Node:
     # Transforms and time
 
     @property
-    def tf(self) -> Transforms:
-        """Where the frames are; listens to `/tf` and `/tf_static` from the first question on."""
+    def tf(self) -> Transforms:  # noqa: D102 - inherited
         if self._tf is None:
             self._tf = Transforms(self.subscribe, self._timeout, self.clock.within)
         return self._tf
 
-    async def time_ns(self) -> int:
-        """The graph's time, nanoseconds since the epoch; `clock.time_ns()` does not wait."""
+    async def time_ns(self) -> int:  # noqa: D102 - inherited
         return self.clock.time_ns()
 
     def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:

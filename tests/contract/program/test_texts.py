@@ -13,9 +13,10 @@ import anyio
 import pytest
 
 from rwt import Server
-from rwt_client.blocking import connect
+from rwt_client.blocking import BlockingRobot, connect
 from rwt_client.robot import Robot
 from rwt_graph import MemoryGraph, Node
+from rwt_graph.program.node import BlockingNode
 from rwt_program.api import RobotApi
 from rwt_program.errors import ParameterRejected, ServiceFailed
 from rwt_program.goals import ReceivedGoal
@@ -176,3 +177,10 @@ def test_the_arguments_of_a_verb_come_in_one_order(name: str, side: type[RobotAp
     verb = getattr(side, name)
     assert _positional(verb) == _positional(VERBS[name])
     assert inspect.iscoroutinefunction(verb) == inspect.iscoroutinefunction(VERBS[name])
+
+
+@pytest.mark.parametrize("side", [*SIDES, BlockingNode, BlockingRobot])
+@pytest.mark.parametrize("name", [name for name in VERBS if name[0] != "_"])
+def test_the_help_of_a_verb_is_that_of_every_robot_or_names_it(name: str, side: type) -> None:
+    text = inspect.getdoc(getattr(side, name)) or ""
+    assert text == inspect.getdoc(VERBS[name]) or ":meth:`" in text
