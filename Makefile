@@ -1,5 +1,6 @@
-# `make demo` and `make test` need Python 3.11 or later, a C compiler, make, Node 20 and npm. With Chromium (Debian's
-# package, or what the variable CHROMIUM names) `make test` runs the browser tests too.
+# `make demo` needs Python 3.11 or later. `make test` needs Node 20 and npm too, and from Python 3.12 on a C++ compiler,
+# since PyBullet has no wheels there. With Chromium (Debian's package, or what the variable CHROMIUM names) `make test` runs
+# the browser tests too.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

@@ -77,7 +77,7 @@ def make_graph(
         from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # An extra: imported only where it is asked for.
     except ImportError as error:
         raise SettingsError(
-            "`graph`: the graph over Zenoh needs more packages: pip install 'robot-web-tools[zenoh]'"
+            "`graph`: the graph over Zenoh needs more packages: pip install eclipse-zenoh xxhash"
         ) from error
     options = ZenohOptions(
         zenoh.listen, zenoh.connect, zenoh.mode, zenoh.multicast, zenoh.config, zenoh.domain

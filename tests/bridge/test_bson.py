@@ -112,5 +112,5 @@ def test_json_is_not_understood_then(client: Client) -> None:
 def test_the_missing_package_is_named(monkeypatch: pytest.MonkeyPatch, graph: MemoryGraph) -> None:
     monkeypatch.setitem(sys.modules, "bson", None)
     monkeypatch.delitem(sys.modules, "rwt_protocol.codecs.bson", raising=False)
-    with pytest.raises(SettingsError, match="`bson_only_mode`: BSON needs the package pymongo: install"):
+    with pytest.raises(SettingsError, match="`bson_only_mode`: BSON needs the package pymongo, which is"):
         Bridge(graph, Settings(bson_only_mode=True))

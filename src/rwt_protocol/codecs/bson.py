@@ -18,7 +18,7 @@ try:
     from bson.errors import BSONError, InvalidDocument
 except ImportError as missing:
     raise EncodingUnavailable(
-        "BSON needs the package pymongo: install robot-web-tools with the extra `bson`"
+        "BSON needs the package pymongo, which is not installed: pip install pymongo"
     ) from missing
 
 _SMALLEST_LEVEL: Final = 7

@@ -1,0 +1,207 @@
+"""What the sentences of the documentation claim: commands, events, what must be installed first."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import tomllib
+from importlib.metadata import distribution
+from pathlib import Path
+
+import pytest
+
+from rwt_cli import COMMANDS, parser_for
+from rwt_cli.parser import Parser
+from tests.docs.blocks import ALL_BLOCKS, PAGES, ROOT, Block, blocks_of
+
+_FENCED = re.compile(r"^( *)```.*?^ *```$|<!--.*?-->", re.MULTILINE | re.DOTALL)
+_CODE = re.compile(r"`([^`]+)`")
+_EVENT = re.compile(r"\bros\.on(?:ce|Any)?\((?:[\"']([^\"']+)[\"'])?")
+_IMPORT = re.compile(
+    r"^import .*? from [\"']([^.\"'][^\"']*)[\"']|src=\"node_modules/([^/\"]+)/", re.MULTILINE
+)
+_PIP = re.compile(r"pip install ((?:[^\s`)\"';:]|\"[^\"\s]+\"|'[^'\s]+'| (?=[\w.'\"]))+)")
+_PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+#: Pages whose commands and events are run by a test of their own.
+_RUN_BY_OTHERS = {
+    "docs/how-to/from-roslibpy.md": "test_migration.py runs each row of its table",
+    "docs/contributing/command.md": "test_contributing.py adds the command that it names",
+}
+
+
+def _name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def _prose(page: Path) -> str:
+    return _FENCED.sub("", page.read_text(encoding="utf-8"))
+
+
+_READ = [page for page in PAGES if _name(page) not in _RUN_BY_OTHERS]
+_INLINE = [
+    (_name(page), " ".join(code.split()))
+    for page in _READ
+    for code in _CODE.findall(_prose(page))
+    if re.match(r"(?:\.venv/bin/)?rwt \S", " ".join(code.split()))
+]
+
+
+# -- commands ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("page", "line"), sorted(set(_INLINE)), ids=lambda text: text[:60])
+def test_a_command_in_a_sentence_is_one(page: str, line: str) -> None:
+    assert _mistake(line) == ""
+
+
+def _mistake(line: str) -> str:
+    """What is wrong with a command line, of which all but the command may be left out; empty if nothing."""
+    words = shlex.split(line)[1:]
+    if words[0].startswith("-"):
+        return "" if words[0] in parser_for(None)._option_string_actions else f"no option {words[0]}"
+    if words[0] not in [command.name for command in COMMANDS]:
+        return f"no command {words[0]}"
+    parser = _choices(parser_for(words[0]))[words[0]]
+    verbs = _choices(parser)
+    if verbs and len(words) > 1 and words[1].isascii() and words[1].islower():
+        if words[1] not in verbs or verbs[words[1]].unavailable:
+            return f"no verb {words[1]} of {words[0]}"
+        parser = verbs[words[1]]
+    own = words[: words.index("--")] if "--" in words else words
+    known = parser._option_string_actions
+    if any(action.option_strings == [] and action.nargs == "..." for action in parser._actions):
+        return ""  # It hands everything to a program with a parser of its own.
+    options = [word.partition("=")[0] for word in own if re.match(r"--?[a-z]", word)]
+    return "".join(f"no option {option}" for option in options if option not in known)
+
+
+def _choices(parser: Parser) -> dict[str, Parser]:
+    found = [action.choices for action in parser._actions if isinstance(action.choices, dict)]
+    return next((each for each in found if all(isinstance(one, Parser) for one in each.values())), {})
+
+
+@pytest.mark.parametrize(
+    ("line", "mistake"),
+    [
+        ("rwt serve --demo", ""),
+        ("rwt topic echo /odom", ""),
+        ("rwt tpic list", "no command tpic"),
+        ("rwt topic eco /odom", "no verb eco of topic"),
+        ("rwt action echo /fibonacci", "no verb echo of action"),
+        ("rwt topic echo /odom --onec", "no option --onec"),
+    ],
+)
+def test_a_wrong_command_would_be_found(line: str, mistake: str) -> None:
+    assert _mistake(line) == mistake
+
+
+# -- events --------------------------------------------------------------------------------------------------
+
+
+def _is_run(block: Block) -> bool:
+    return bool(block.value("run"))
+
+
+@pytest.mark.parametrize("page", _READ, ids=_name)
+def test_an_event_in_a_sentence_is_listened_to_in_a_block_that_runs(page: Path) -> None:
+    run = "\n".join(block.code for block in blocks_of(page) if _is_run(block))
+    claimed = {event for code in _CODE.findall(_prose(page)) for event in _EVENT.findall(code)}
+    assert claimed <= set(_EVENT.findall(run))
+
+
+def test_events_are_recognised() -> None:
+    assert _EVENT.findall("ros.on(\"status\", …) ros.once('close', f) ros.onAny(hear)") == [
+        "status",
+        "close",
+        "",
+    ]
+
+
+# -- what must be installed first ----------------------------------------------------------------------------
+
+
+_NEEDS_NPM = [
+    block
+    for block in ALL_BLOCKS
+    if block.language in ("js", "html") and _is_run(block) and _IMPORT.search(block.code)
+]
+
+
+@pytest.mark.parametrize("block", _NEEDS_NPM, ids=[block.name for block in _NEEDS_NPM])
+def test_a_program_for_node_names_its_packages_and_its_file(block: Block) -> None:
+    text = block.page.read_text(encoding="utf-8")
+    installed = {
+        name.partition("@")[0]
+        for line in re.findall(r"npm install ([\w@ .-]+)", text)
+        for name in line.split()
+        if not name.startswith("-")
+    }
+    imported = {one or other for one, other in _IMPORT.findall(block.code)}
+    assert {name for name in imported if not name.startswith("node:")} <= installed
+    if block.language == "js":
+        # Node takes `import` in a file `.mjs`; a plain `.js` needs a package.json beside it.
+        assert block.value("file").endswith(".mjs")
+        assert f"`{block.value('file')}`" in _prose(block.page)
+
+
+def _installs(text: str) -> list[str]:
+    return [word.strip("\"'") for line in _PIP.findall(text) for word in line.split()]
+
+
+def test_pages_install_from_a_clone_while_there_is_no_release() -> None:
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"## [{_PROJECT['version']}] - unreleased" in changes, "released: pages may install it by its name"
+    extras = _PROJECT["optional-dependencies"]
+    wanted = {(_name(page), word) for page in PAGES for word in _installs(page.read_text(encoding="utf-8"))}
+    assert ("docs/how-to/zenoh.md", ".[zenoh]") in wanted
+    for page, word in sorted(wanted):
+        name, _, extra = word.rstrip("]").partition("[")
+        assert name != _PROJECT["name"], f"{page}: {word} is in no index"
+        assert not extra or extra in extras, f"{page}: there is no extra {extra}"
+
+
+def test_error_messages_install_what_an_extra_has() -> None:
+    known = {
+        re.split(r"[<>=; ]", requirement)[0]
+        for extra in _PROJECT["optional-dependencies"].values()
+        for requirement in extra
+    }
+    named = {
+        word
+        for module in (ROOT / "src").rglob("*.py")
+        for word in _installs(module.read_text(encoding="utf-8"))
+    }
+    assert {"eclipse-zenoh", "mcap", "av", "pymongo"} <= named <= known
+
+
+def test_the_readme_says_what_make_needs() -> None:
+    needs = re.search(
+        r"There is no release yet:.*?\n\n", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    assert needs is not None
+    demo, test = needs[0].split("`make test`")
+    assert {"npm"} & _programs("demo") == set()
+    assert "npm" not in demo and "compiler" not in demo
+    assert "npm" in _programs("test")
+    assert "Node" in test and "npm" in test
+
+
+def _programs(target: str) -> set[str]:
+    """The programs that make would run for a target in a fresh clone, but those of its own environment."""
+    done = subprocess.run(
+        ["make", "--dry-run", "--always-make", target], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return {line.split()[0] for line in done.stdout.splitlines() if not line.startswith(".venv/")}
+
+
+def test_what_a_server_needs_was_not_compiled_here() -> None:
+    compiled = []
+    for requirement in _PROJECT["dependencies"]:
+        name = re.split(r"[<>=; ]", requirement)[0]
+        wheel = distribution(name).read_text("WHEEL") or ""
+        # Wheels of an index say which systems they fit; one that was built here names this system alone.
+        if re.search(r"^Tag: .*-linux_\w+$", wheel, re.MULTILINE):
+            compiled.append(name)
+    assert compiled == [], "the README says that no compiler is needed for `make demo`"
