@@ -113,7 +113,7 @@ class SharedPublisher:
         self._publish(payload)
         if self._startup is not None:
             sample = Sample(self.topic, payload, self._clock.time_ns(), self._node)
-            self._startup.add(sample, len(payload.json()))
+            self._startup.add(sample, payload.size)
 
     def end_startup(self) -> None:
         """Keep nothing for late readers: the first second is over, or all users have left."""

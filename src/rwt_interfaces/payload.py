@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.json import REJECTIONS, parse
-from rwt_interfaces.serialise.long_strings import RawText
+from rwt_interfaces.serialise.long_strings import LARGE, LongString, RawText, string_of, substituted
+from rwt_interfaces.serialise.splice import Parts, SplicedMessage
 
 if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
+    from rwt_interfaces.structs import BinaryForm, MessageType
 
 #: ROS time in nanoseconds.
 Now = Callable[[], int]
@@ -28,15 +31,22 @@ class Payload:
         type: the message's type.
     """
 
-    __slots__ = ("_binary", "_json", "_message", "type")
+    __slots__ = ("_forms", "_json", "_message", "_spliced", "_string", "type")
 
     def __init__(
-        self, message_type: MessageType, json: RawText | None, message: msgspec.Struct | None
+        self,
+        message_type: MessageType,
+        json: RawText | None,
+        message: msgspec.Struct | None,
+        string: LongString | None = None,
+        spliced: SplicedMessage | None = None,
     ) -> None:
         self.type = message_type
         self._json = json
         self._message = message
-        self._binary: dict[str, bytes] | None = None
+        self._string = string
+        self._spliced = spliced
+        self._forms: dict[BinaryForm, Parts] | None = None
 
     def __repr__(self) -> str:
         return f"<Payload {self.type.name}>"
@@ -53,15 +63,31 @@ class Payload:
         Raises:
             InvalidMessage: it does not fit, and where and why; no other exception, whatever the bytes.
         """
+        codec = message_type.json
+        string = codec.cut(raw) if len(raw) >= LARGE else None
         try:
-            message_type.json.check(raw)
+            codec.check(raw if string is None else string.text)
         except REJECTIONS:
-            return cls(
-                message_type,
-                None,
-                message_type.decode_leniently(message_type.json.parse(raw), now or time.time_ns),
-            )
-        return cls(message_type, raw, None)
+            return cls._completed(message_type, raw, string, now or time.time_ns)
+        return cls(message_type, raw, None, string)
+
+    @classmethod
+    def _completed(
+        cls, message_type: MessageType, raw: RawText, string: LongString | None, now: Now
+    ) -> Payload:
+        """A message that may not be passed on as it is; its long string may be, if there is one."""
+        complete = message_type.decode_leniently
+        if string is None:
+            return cls(message_type, None, complete(parse(raw), now))
+        parsed = parse(string.text)
+        with suppress(InvalidMessage):
+            short = complete(parsed, now)
+            spliced = SplicedMessage.from_string(message_type, short, string)
+            if spliced is not None:
+                return cls(message_type, None, None, None, spliced)
+        # Whatever is wrong may lie in the long string, or say what it is.
+        whole = substituted(parsed, string.token.decode(), string_of(string.content))
+        return cls(message_type, None, complete(whole, now))
 
     @classmethod
     def from_args(cls, message_type: MessageType, raw: RawText | None, now: Now | None = None) -> Payload:
@@ -124,7 +150,7 @@ class Payload:
         :exc:`InvalidMessage`.
         """
         payload = cls(message_type, None, None)
-        payload._binary = {"cdr": data}
+        payload._forms = {"cdr": (data,)}
         return payload
 
     @classmethod
@@ -139,20 +165,38 @@ class Payload:
     def json(self) -> RawText:
         """The message in JSON: the very bytes that came, if they came fit to be passed on."""
         if self._json is None:
-            self._json = self.type.json.encode(self._known())
+            self._json = _joined(self.json_parts())
         return self._json
+
+    def json_parts(self) -> Parts:
+        """The bytes of :meth:`json` in one part or more, so that a long one is not copied."""
+        if self._json is not None:
+            return (self._json,)
+        spliced = self._apart()
+        if spliced is not None:
+            return spliced.json(self.type.json.encode)
+        self._json = self.type.json.encode(self._known())
+        return (self._json,)
 
     def cbor(self) -> bytes:
         """The message in CBOR, without any envelope (CBR-02 to CBR-07)."""
-        return self._made("cbor", self.type.to_cbor)
+        return self._whole("cbor")
+
+    def cbor_parts(self) -> Parts:
+        """The bytes of :meth:`cbor` in one part or more, so that a long one is not copied."""
+        return self._made("cbor")
 
     def serialised(self) -> bytes:
         """The message in the serialisation of its type's distribution: CDR, or ROS 1's own form."""
-        return self._made(self.type.registry.distro.serialisation, self.type.serialise)
+        return self._whole(self.type.registry.distro.serialisation)
+
+    def serialised_parts(self) -> Parts:
+        """The bytes of :meth:`serialised` in one part or more, so that a long one is not copied."""
+        return self._made(self.type.registry.distro.serialisation)
 
     def cdr(self) -> bytes:
         """The message in CDR, with its encapsulation header."""
-        return self._made("cdr", self.type.to_cdr)
+        return self._whole("cdr")
 
     def plain(self) -> object:
         """The message as dicts, lists and scalars, octets as bytes."""
@@ -161,15 +205,40 @@ class Payload:
     @property
     def size(self) -> int:
         """Bytes of the message in JSON."""
-        return len(self.json())
+        return sum(map(len, self.json_parts()))
 
-    def _made(self, form: str, encode: Callable[[msgspec.Struct], bytes]) -> bytes:
-        if self._binary is None:
-            self._binary = {}
-        made = self._binary.get(form)
+    def _whole(self, form: BinaryForm) -> bytes:
+        parts = self._made(form)
+        if len(parts) > 1:
+            assert self._forms is not None  # It was made.
+            self._forms[form] = parts = (b"".join(parts),)
+        whole = parts[0]
+        assert isinstance(whole, bytes)  # Only a part of several is a view.
+        return whole
+
+    def _made(self, form: BinaryForm) -> Parts:
+        if self._forms is None:
+            self._forms = {}
+        made = self._forms.get(form)
         if made is None:
-            made = self._binary[form] = encode(self.value())
+            spliced = self._apart()
+            encode, length_head = self.type.binary_encoder(form)
+            made = (encode(self.value()),) if spliced is None else spliced.binary(encode, length_head)
+            self._forms[form] = made
         return made
+
+    def _apart(self) -> SplicedMessage | None:
+        """The message in two parts, if most of it is one long string or octets."""
+        if self._spliced is None and self.type.places:
+            if self._string is not None:
+                self._spliced = self._of_string(self._string)
+                self._string = None
+            elif self._json is None or self._message is not None:
+                self._spliced = SplicedMessage.from_message(self.type, self.value())
+        return self._spliced
+
+    def _of_string(self, string: LongString) -> SplicedMessage | None:
+        return SplicedMessage.from_string(self.type, self.type.json.decode(string.text), string)
 
     def value(self) -> msgspec.Struct:
         """The message as its type's Struct. It is shared: treat it as read-only.
@@ -196,7 +265,11 @@ class Payload:
     def detach(self) -> Payload:
         """The same message without a view of the buffer it was received in, for keeping."""
         if isinstance(self._json, memoryview):
-            return Payload(self.type, bytes(self._json), self._message)
+            raw = bytes(self._json)
+            string = None if self._string is None else self._string.moved(raw)
+            return Payload(self.type, raw, self._message, string)
+        if self._spliced is not None:
+            return Payload(self.type, self._json, self._message, None, self._spliced.detached())
         return self
 
     def _own_struct(self, message: msgspec.Struct) -> msgspec.Struct:
@@ -211,10 +284,17 @@ class Payload:
         return self._message if self._message is not None else self.value()
 
     def _decoded(self) -> msgspec.Struct:
+        spliced = self._spliced or (self._apart() if self._string is not None else None)
+        if spliced is not None:
+            return spliced.value()
         if self._json is not None:
             return self.type.json.decode(self._json)
-        assert self._binary is not None  # A payload has its text, its message or its CDR from the start.
-        return self.type.from_cdr(self._binary["cdr"])
+        assert self._forms is not None  # A payload has its text, its message or its CDR from the start.
+        return self.type.from_cdr(_joined(self._forms["cdr"]))
+
+
+def _joined(parts: Parts) -> RawText:
+    return parts[0] if len(parts) == 1 else b"".join(parts)
 
 
 def _plain_array(array: object) -> object:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import keyword
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
@@ -23,7 +23,11 @@ from rwt_interfaces.struct_fields import struct_field, time_struct
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import JsonCodec
+    from rwt_interfaces.serialise.splice import LengthHead, Place
     from rwt_interfaces.validation.lenient_decoder import LenientDecoder
+
+    BinaryForm = Literal["cbor", "cdr", "ros1"]
+    BinaryEncoder = tuple[Callable[[msgspec.Struct], bytes], LengthHead]
 
 
 class MessageType:
@@ -39,6 +43,7 @@ class MessageType:
         self.name = definition.name
         self.definition = definition
         self.registry = registry
+        self._binary_encoders: dict[BinaryForm, BinaryEncoder] = {}
 
     def __repr__(self) -> str:
         return f"<MessageType {self.name} ({self.registry.distro.name})>"
@@ -98,6 +103,13 @@ class MessageType:
         return JsonCodec(self)
 
     @cached_property
+    def places(self) -> tuple[Place, ...]:
+        """Where a message of this type may hold most of its bytes."""
+        from rwt_interfaces.serialise import splice
+
+        return tuple(splice.places(self))
+
+    @cached_property
     def serialise(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type as its distribution does: in CDR, or in ROS 1's own form."""
         return self.to_cdr if self.registry.distro.serialisation == "cdr" else self.to_ros1
@@ -106,6 +118,22 @@ class MessageType:
     def deserialise(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
         """Decodes a message of this type from its distribution's serialisation; raises InvalidMessage."""
         return self.from_cdr if self.registry.distro.serialisation == "cdr" else self.from_ros1
+
+    def binary_encoder(self, form: BinaryForm) -> BinaryEncoder:
+        """The encoder to one form, and what stands before strings and octets there."""
+        encoder = self._binary_encoders.get(form)
+        if encoder is None:
+            from rwt_interfaces.serialise import cbor, packed
+
+            match form:
+                case "cbor":
+                    encoder = self.to_cbor, cbor.length_head
+                case "cdr":
+                    encoder = self.to_cdr, packed.CDR.length_head
+                case "ros1":
+                    encoder = self.to_ros1, packed.ROS1.length_head
+            self._binary_encoders[form] = encoder
+        return encoder
 
     @cached_property
     def to_cbor(self) -> Callable[[msgspec.Struct], bytes]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Literal, Protocol, Self
 
 import msgspec
@@ -274,11 +274,14 @@ def _equal(one: RawPayload, other: RawPayload) -> bool:
 class TypedMessage(Encodable, Protocol):
     """A message of a known type, in whichever encoding a subscriber asks for."""
 
-    def cbor(self) -> bytes:
-        """The message in CBOR (CBR-02 to CBR-07)."""
+    def json_parts(self) -> Sequence[Buffer]:
+        """The bytes of :meth:`json` in parts, to be joined with what stands around them."""
 
-    def serialised(self) -> bytes:
-        """The message as its robot serialises it: ROS 1's own form or CDR (CBR-10, CBR-11)."""
+    def cbor_parts(self) -> Sequence[Buffer]:
+        """The message in CBOR (CBR-02 to CBR-07), in parts."""
+
+    def serialised_parts(self) -> Sequence[Buffer]:
+        """The message as its robot serialises it, ROS 1's own form or CDR (CBR-10, CBR-11), in parts."""
 
 
 class Sample(Protocol):

@@ -58,7 +58,7 @@ async def test_json_over_a_transport_without_cbor_is_serialised_here_without_a_s
 def test_the_fast_reader_of_raw_frames_gives_what_the_other_gives(
     topic: str, stamp: int, data: bytes, cut: int | None, tail: bytes
 ) -> None:
-    frame = raw_publish_frame(publish_prefix(topic), data, stamp).data[:cut] + tail
+    frame = raw_publish_frame(publish_prefix(topic), [data], stamp).data[:cut] + tail
     found = read_raw(frame)
     if found is None:
         return
@@ -72,6 +72,6 @@ def test_the_fast_reader_of_raw_frames_gives_what_the_other_gives(
     data=st.binary(max_size=300),
 )
 def test_the_fast_reader_reads_what_servers_send(topic: str, nanoseconds: int, data: bytes) -> None:
-    frame = raw_publish_frame(publish_prefix(topic), data, 1_700_000_000 * 10**9 + nanoseconds).data
+    frame = raw_publish_frame(publish_prefix(topic), [data], 1_700_000_000 * 10**9 + nanoseconds).data
     found = read_raw(frame)
     assert found == (topic.encode(), {"secs": 1_700_000_000, "nsecs": nanoseconds, "bytes": data})

@@ -71,6 +71,11 @@ def _octets(octets: bytes) -> bytes:
     return head(_BYTES, len(octets)) + octets
 
 
+def length_head(length: int, is_text: bool) -> bytes:
+    """What stands before a string or octets of that many bytes."""
+    return head(_TEXT if is_text else _BYTES, length)
+
+
 def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
     """A function that encodes a message of that type; the message must be its type's own Struct."""
     leaves = list(_leaves(message, "", b""))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -17,14 +16,7 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_strings import (
-    LARGE,
-    RawText,
-    is_base64,
-    is_string_content,
-    parse_long_strings,
-    without_long_string,
-)
+from rwt_interfaces.serialise.long_strings import LongString, RawText, cut_long_string
 from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
 
 if TYPE_CHECKING:
@@ -43,17 +35,18 @@ class JsonCodec:
 
     Attributes:
         strict: the Struct that accepts only what may be passed on; immutable.
+        check: accepts a text that may be passed on untouched, or raises one of :data:`REJECTIONS`.
     """
 
     __slots__ = (
-        "_check_large",
-        "_check_small",
         "_complete",
         "_decode",
-        "_has_long_strings",
         "_kinds",
+        "_octets",
         "_pack",
+        "_texts",
         "_unsendable",
+        "check",
         "strict",
     )
 
@@ -64,23 +57,18 @@ class JsonCodec:
         self._decode: Callable[[RawText], msgspec.Struct] = msgspec.json.Decoder(message.struct).decode
         self._complete: Callable[[object, Callable[[], int]], msgspec.Struct] = message.decode_leniently
         self._pack = _packer(message)
-        self._check_small = _bounded(msgspec.json.Decoder(self.strict).decode, flaw_in(message, inexact))
-        self._check_large = self._large_check()
-        self._has_long_strings = self._check_large != self._check_small
+        self.check = _bounded(msgspec.json.Decoder(self.strict).decode, flaw_in(message, inexact))
+        # Where a length is checked a short string cannot stand for a long one.
+        sized = self._kinds & {"fixed octets", "bounded string"}
+        self._octets = not sized and "octets" in self._kinds
+        self._texts = not sized and "string" in self._kinds
 
-    def check(self, raw: RawText) -> None:
-        """Accept a text that may be passed on untouched, or raise one of :data:`REJECTIONS`."""
-        if len(raw) < LARGE:
-            self._check_small(raw)
-        else:
-            self._check_large(raw)
-
-    def parse(self, raw: RawText) -> object:
-        """A text that the check refused, as plain objects; raises InvalidMessage as :func:`parse` does."""
-        if len(raw) >= LARGE and self._has_long_strings:
-            with suppress(msgspec.DecodeError):
-                return parse_long_strings(raw)
-        return parse(raw)
+    def cut(self, raw: RawText) -> LongString | None:
+        """A large text in two parts, of which the small one stands for the whole; None if it has no long
+        string that is most of it."""
+        if self._octets or self._texts:
+            return cut_long_string(raw, self._octets, self._texts)
+        return None
 
     def convert(self, value: object) -> msgspec.Struct:
         """Copy a mapping or object into a `strict` Struct, or raise one of :data:`REJECTIONS`."""
@@ -91,8 +79,6 @@ class JsonCodec:
 
     def decode(self, raw: RawText) -> msgspec.Struct:
         """A text that passed the check, as the message's own Struct."""
-        if len(raw) >= LARGE and self._has_long_strings:
-            return self._complete(parse_long_strings(raw), _no_clock)
         try:
             return self._decode(raw)
         except msgspec.ValidationError:
@@ -102,32 +88,6 @@ class JsonCodec:
     def encode(self, value: msgspec.Struct) -> bytes:
         """The message as compact JSON: every field, in order, NaN and infinities as null (JSN-04, JSN-08)."""
         return _ENCODER.encode(value if self._pack is None else self._pack(value))
-
-    def _large_check(self) -> Callable[[RawText], object]:
-        if self._kinds & {"fixed octets", "bounded string"}:
-            return self._check_small
-        if "octets" in self._kinds:
-            return self._check_around_base64
-        if "string" in self._kinds and not self._kinds & {"float", "array"}:
-            return self._check_around_text
-        return self._check_small
-
-    def _check_around_base64(self, raw: RawText) -> None:
-        self._check_around(raw, is_base64)
-
-    def _check_around_text(self, raw: RawText) -> None:
-        self._check_around(raw, is_string_content)
-
-    def _check_around(self, raw: RawText, is_content: Callable[[memoryview], bool]) -> None:
-        shortened = without_long_string(raw, is_content)
-        if shortened is not None:
-            try:
-                self._check_small(shortened)
-            except REJECTIONS:
-                # Perhaps what was cut out was no string after all; the whole text decides.
-                shortened = None
-        if shortened is None:
-            self._check_small(raw)
 
 
 def _bounded(decode: Callable[[RawText], object], inexact: Flaw | None) -> Callable[[RawText], object]:
@@ -172,12 +132,9 @@ def _parse_leniently(raw: RawText) -> object:
 
 
 def _kinds(message: MessageType) -> Iterable[str]:
-    """What occurs anywhere in a message, as far as a large text's check depends on it."""
+    """What occurs anywhere in a message, as far as it matters for long strings."""
     for slot in message.slots:
-        field_type = slot.type
-        if isinstance(field_type, field_types.Array):
-            yield "array"
-            field_type = field_type.element
+        field_type = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
         match field_type:
             case field_types.Message():
                 yield from field_type.type.json._kinds
@@ -185,8 +142,6 @@ def _kinds(message: MessageType) -> Iterable[str]:
                 yield "octets" if field_type.length is None else "fixed octets"
             case field_types.String():
                 yield "string" if field_type.bound is None else "bounded string"
-            case field_types.Float():
-                yield "float"
 
 
 def _plain(value: object) -> object:

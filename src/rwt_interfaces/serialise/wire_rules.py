@@ -30,6 +30,10 @@ class WireRules:
     terminated: bool
     filler: bytes
 
+    def length_head(self, length: int, is_text: bool) -> bytes:
+        """What stands before a string or octets of that many bytes, after padding."""
+        return LENGTH.pack(length + (is_text and self.terminated))
+
 
 #: The length before what varies in length.
 LENGTH = struct.Struct("<I")

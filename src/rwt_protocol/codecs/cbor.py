@@ -109,7 +109,7 @@ class CborCodec(ObjectCodec):
         prefix = publish_prefix(topic)
 
         def encode(sample: Sample) -> Frame:
-            return Frame(prefix, sample.payload.cbor(), binary=True)
+            return Frame(prefix, *sample.payload.cbor_parts(), binary=True)
 
         return encode
 
@@ -119,7 +119,7 @@ def raw_publish_encoder(topic: str) -> PublishEncoder:
     prefix = publish_prefix(topic)
 
     def encode(sample: Sample) -> Frame:
-        return raw_publish_frame(prefix, sample.payload.serialised(), sample.stamp_ns)
+        return raw_publish_frame(prefix, sample.payload.serialised_parts(), sample.stamp_ns)
 
     return encode
 
@@ -134,17 +134,17 @@ def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
     return Frame(prefix, payload, binary=True)
 
 
-def raw_publish_frame(prefix: bytes, data: Buffer, stamp_ns: int) -> Frame:
+def raw_publish_frame(prefix: bytes, data: Sequence[Buffer], stamp_ns: int) -> Frame:
     """One message of the topic of `prefix` as its robot serialises it (CBR-10).
 
     Args:
         prefix: what :func:`publish_prefix` made.
-        data: the serialised message; spliced in.
+        data: the serialised message, in parts; spliced in.
         stamp_ns: ROS time, nanoseconds since the epoch. The keys are secs and nsecs in both ROS versions.
     """
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
     stamp = b"\xa3\x64secs" + _head(0, seconds) + b"\x65nsecs" + _head(0, nanoseconds)
-    return Frame(prefix + stamp + b"\x65bytes" + _head(2, len(data)), data, binary=True)
+    return Frame(prefix + stamp + b"\x65bytes" + _head(2, sum(map(len, data))), *data, binary=True)
 
 
 def _text(text: str) -> bytes:

@@ -89,7 +89,7 @@ class JsonCodec:
         prefix = publish_prefix(topic)
 
         def encode(sample: Sample) -> Frame:
-            return Frame(prefix, sample.payload.json(), b"}")
+            return Frame(prefix, *sample.payload.json_parts(), b"}")
 
         return encode
 

@@ -1,0 +1,165 @@
+"""Messages of which nearly all is one long string, or octets: every encoding is made of a short message with
+a token in the place of the long content, which is then put between the two parts that the token leaves.
+
+Nobody decodes or copies the content for that, except from base64 to octets or back, once.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import pybase64
+
+from rwt_interfaces import field_types
+from rwt_interfaces.serialise.long_strings import LongString, RawText, string_of, token_for_base64
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+#: Octets of a message in Python stand apart from this size on.
+LONG_OCTETS = 1 << 14
+
+Parts = tuple[RawText, ...]
+"""The bytes of one encoded message, to be joined."""
+LengthHead = Callable[[int, bool], bytes]
+"""What stands before a content of some length in an encoding; True for text."""
+
+
+class Place:
+    """A field where long content may stand: not in an array, of any length, and no wide string.
+
+    Attributes:
+        is_text: whether it is a string; else octets.
+        fetch: takes its value out of a message.
+    """
+
+    __slots__ = ("_attributes", "fetch", "is_text")
+
+    def __init__(self, attributes: tuple[str, ...], is_text: bool) -> None:
+        self._attributes = attributes
+        self.is_text = is_text
+        self.fetch: Callable[[Any], Any] = attrgetter(".".join(attributes))
+
+    def put(self, message: msgspec.Struct, content: str | bytes) -> msgspec.Struct:
+        """A copy of a message with something else in this place; all else is shared."""
+        return _put(message, self._attributes, content)
+
+
+def _put(message: msgspec.Struct, attributes: tuple[str, ...], content: str | bytes) -> msgspec.Struct:
+    copied = copy.copy(message)
+    first, *rest = attributes
+    setattr(copied, first, _put(getattr(message, first), tuple(rest), content) if rest else content)
+    return copied
+
+
+def places(message: MessageType) -> Iterator[Place]:
+    """The places of a message, in the order of its fields."""
+    for attributes, is_text in _places(message, ()):
+        yield Place(attributes, is_text)
+
+
+def _places(message: MessageType, prefix: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], bool]]:
+    for slot in message.slots:
+        path = (*prefix, slot.attribute)
+        match slot.type:
+            case field_types.Message():
+                yield from _places(slot.type.type, path)
+            case field_types.Octets(length=None):
+                yield path, False
+            case field_types.String(bound=None, wide=False):
+                yield path, True
+
+
+class SplicedMessage:
+    """A message in two parts: what is short, with a token in one place, and the content of that place."""
+
+    __slots__ = ("_content", "_escaped", "_octets", "_place", "_short", "_token")
+
+    def __init__(
+        self,
+        short: msgspec.Struct,
+        place: Place,
+        token: bytes,
+        content: RawText | None,
+        octets: bytes | None = None,
+        escaped: bool = False,
+    ) -> None:
+        self._short = short
+        self._place = place
+        self._token = token
+        self._content = content
+        self._octets = octets
+        self._escaped = escaped
+
+    @classmethod
+    def from_string(
+        cls, type: MessageType, short: msgspec.Struct, string: LongString
+    ) -> SplicedMessage | None:
+        """Of a message whose text was cut: None if the token is not in one of the type's places."""
+        text = string.token.decode()
+        octets = pybase64.b64decode(string.token) if string.is_base64 else None
+        for place in type.places:
+            if place.fetch(short) == (text if place.is_text else octets):
+                return cls(short, place, string.token, string.content, None, string.escaped)
+        return None
+
+    @classmethod
+    def from_message(cls, type: MessageType, message: msgspec.Struct) -> SplicedMessage | None:
+        """Of a message in Python: None if it has no long octets."""
+        for place in type.places:
+            if not place.is_text and len(octets := place.fetch(message)) >= LONG_OCTETS:
+                token = token_for_base64((len(octets) + 2) // 3 * 4, -len(octets) % 3)
+                return cls(place.put(message, pybase64.b64decode(token)), place, token, None, octets)
+        return None
+
+    @property
+    def content(self) -> RawText:
+        """The content as it is in JSON, between quotes; octets are encoded once."""
+        if self._content is None:
+            self._content = pybase64.b64encode(self.octets)
+        return self._content
+
+    @property
+    def octets(self) -> bytes:
+        """What base64 stands for; decoded once."""
+        if self._octets is None:
+            assert self._content is not None  # It has one of the two from the start.
+            self._octets = pybase64.b64decode(self._content, validate=True)
+        return self._octets
+
+    def value(self) -> msgspec.Struct:
+        """The whole message."""
+        return self._place.put(self._short, string_of(self.content) if self._place.is_text else self.octets)
+
+    def json(self, encode: Callable[[msgspec.Struct], bytes]) -> Parts:
+        """The parts of the message in JSON."""
+        before, _, after = encode(self._short).partition(self._token)
+        return before, self.content, after
+
+    def binary(self, encode: Callable[[msgspec.Struct], bytes], length_head: LengthHead) -> Parts:
+        """The parts of the message in an encoding where a length stands before strings and octets."""
+        is_text = self._place.is_text
+        if is_text and self._escaped:
+            return (encode(self.value()),)
+        content, token = (
+            (self.content, self._token) if is_text else (self.octets, pybase64.b64decode(self._token))
+        )
+        before, _, after = encode(self._short).partition(token)
+        short_head = length_head(len(token), is_text)
+        return before.removesuffix(short_head) + length_head(len(content), is_text), content, after
+
+    def detached(self) -> SplicedMessage:
+        """The same message without a view of the buffer it was received in."""
+        content = self._content
+        return SplicedMessage(
+            self._short,
+            self._place,
+            self._token,
+            bytes(content) if content is not None else None,
+            self._octets,
+            self._escaped,
+        )
