@@ -28,7 +28,7 @@ from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
-from rwt_protocol.codecs.base import PublishEncoder
+from rwt_protocol.codecs.base import PublishEncoder, SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.cbor import CborCodec, raw_publish_encoder
 from rwt_protocol.codecs.json import JsonCodec
@@ -185,7 +185,7 @@ def from_bytes(kind: MessageType, data: bytes, way_in: str) -> Callable[[], Payl
     split = (CborCodec() if way_in == "CBOR" else BsonCodec()).split
 
     def take() -> Payload:
-        members: Any = split(data, 64)[0]
+        members: Any = split(data, SplitLimits())[0]
         return Payload.from_value(kind, members["msg"].value)
 
     return take

@@ -258,8 +258,10 @@ class Payload:
         """About how many bytes the message takes to be kept, in the form that it has now."""
         if self._json is not None:
             return len(self._json)
-        if self._binary:
-            return max(map(len, self._binary.values()))
+        if self._forms:
+            return max(sum(map(len, parts)) for parts in self._forms.values())
+        if self._spliced is not None:
+            return self._spliced.kept_size
         return _size_of(self._message)
 
     def detach(self) -> Payload:

@@ -131,6 +131,11 @@ class SplicedMessage:
             self._octets = pybase64.b64decode(self._content, validate=True)
         return self._octets
 
+    @property
+    def kept_size(self) -> int:
+        """About how many bytes the content takes, in the forms that it has now."""
+        return len(self._content or b"") + len(self._octets or b"")
+
     def value(self) -> msgspec.Struct:
         """The whole message."""
         return self._place.put(self._short, string_of(self.content) if self._place.is_text else self.octets)
