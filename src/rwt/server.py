@@ -28,6 +28,7 @@ from rwt_graph.errors import NotRunning
 from rwt_graph.program import node
 from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import DISCLOSURES
+from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import check_dial_url, dial
@@ -410,6 +411,7 @@ class Server:
                 self._as_worker(worker, settings).run(worker.announce, on_up)
 
             return run_workers(self.settings, serve, announce, in_worker)
+        raise_descriptor_limit()
         backend, options = _LOOPS[self._loop]
         anyio.run(self._until_stopped, announce, on_up, backend=backend, backend_options=options)
         return 0

@@ -21,7 +21,7 @@ RECEIVE_WINDOW = 512 * 1024
 """More than a peer's kernel takes in before its program reads."""
 
 REQUEST = (
-    b"GET / HTTP/1.1\r\nHost: r2\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
     b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
 )
 

@@ -15,6 +15,7 @@ from rwt_access.settings import SettingsError, TlsSettings
 from rwt_access.tls import server_tls
 from rwt_cli.console.logs import FORMATS, log_to_stderr
 from rwt_cli.errors import CommandError
+from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.errors import TransportError
 from rwt_transports.relay.hub import open_hub
 
@@ -90,6 +91,7 @@ def _run(arguments: argparse.Namespace) -> int:
             f"--token-file or {TOKEN_VARIABLE}",
             exit_code=2,
         )
+    raise_descriptor_limit()
     try:
         anyio.run(_serve, arguments.url, tokens, _tls(arguments), arguments.host)
     except TransportError as error:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 import socket
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from functools import partial
+from ssl import SSLContext
 
 import anyio
-from anyio.abc import AnyByteStream, ByteStream, Listener, SocketAttribute, SocketListener, TaskGroup
-from anyio.streams.stapled import MultiListener
-from anyio.streams.tls import TLSListener
+from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
+from anyio.streams.tls import TLSStream
 
 from rwt_transports.api import Attach, BindAddress, DriverCallbacks, RemoteAddress
-from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
+from rwt_transports.drivers.sockets import accept_peers, bind_tcp, bind_unix, remove_unix
 from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
@@ -138,17 +138,14 @@ class AnyioDriver:
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
         port = 0 if address.path else int(sockets[0].getsockname()[1])
-        listener: Listener[ByteStream] = MultiListener([await _listener(each) for each in sockets])
+        serve = partial(serve_stream, attach)
         if address.tls is not None:
-            listener = _QuietTLSListener(
-                listener,
-                address.tls,
-                standard_compatible=False,
-                handshake_timeout=TLS_HANDSHAKE_SECONDS,
-            )
+            serve = partial(_serve_in_tls, address.tls, attach)
         try:
-            async with listener, anyio.create_task_group() as tasks:
-                tasks.start_soon(listener.serve, partial(serve_stream, attach))
+            async with AsyncExitStack() as listeners, anyio.create_task_group() as tasks:
+                for each in sockets:
+                    listener = await listeners.enter_async_context(await _listener(each))
+                    tasks.start_soon(accept_peers, listener.accept, partial(tasks.start_soon, serve))
                 yield port
                 tasks.cancel_scope.cancel()
         finally:
@@ -169,15 +166,18 @@ async def serve_stream(attach: Attach, stream: ByteStream) -> None:
         log_exception("the connection of %s:%s failed", host, port)
 
 
-class _QuietTLSListener(TLSListener):
-    """Does not print a traceback for each peer that fails to shake hands."""
-
-    @staticmethod
-    async def handle_handshake_error(exc: BaseException, stream: AnyByteStream) -> None:
-        logger.info("no TLS with %s: %s", stream.extra(SocketAttribute.remote_address, ""), exc)
+async def _serve_in_tls(tls: SSLContext, attach: Attach, stream: ByteStream) -> None:
+    """Shake hands, and serve the peer."""
+    try:
+        with anyio.fail_after(TLS_HANDSHAKE_SECONDS):
+            encrypted = await TLSStream.wrap(
+                stream, server_side=True, ssl_context=tls, standard_compatible=False
+            )
+    except Exception as error:
+        logger.info("no TLS with %s: %s", stream.extra(SocketAttribute.remote_address, ""), error)
         await anyio.aclose_forcefully(stream)
-        if not isinstance(exc, Exception):
-            raise exc
+    else:
+        await serve_stream(attach, encrypted)
 
 
 async def _listener(bound: socket.socket) -> SocketListener:

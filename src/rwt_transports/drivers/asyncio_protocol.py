@@ -4,16 +4,22 @@ at once."""
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import logging
+import socket
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 from typing import cast
 
+import anyio
 from anyio.abc import TaskGroup
 
 from rwt_transports.api import Attach, BindAddress, DriverCallbacks, RemoteAddress
-from rwt_transports.drivers.sockets import bind_tcp, bind_unix, remove_unix
+from rwt_transports.drivers.sockets import accept_peers, bind_tcp, bind_unix, remove_unix
 from rwt_transports.errors import log_exception
+
+logger = logging.getLogger("rwt_transports")
 
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
@@ -204,20 +210,34 @@ class AsyncioDriver:
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
         make_link = partial(_Link, attach, _Turn(loop), bytearray(READ_BYTES))
-        # Asked before the server wraps the sockets.
         port = 0 if address.path else int(sockets[0].getsockname()[1])
-        create = loop.create_unix_server if address.path else loop.create_server
         patience = TLS_HANDSHAKE_SECONDS if address.tls else None
-        servers = [
-            await create(
-                make_link, sock=each, backlog=BACKLOG, ssl=address.tls, ssl_handshake_timeout=patience
-            )
-            for each in sockets
-        ]
+
+        async def open_link(accepted: socket.socket) -> None:
+            try:
+                await loop.connect_accepted_socket(
+                    make_link, accepted, ssl=address.tls, ssl_handshake_timeout=patience
+                )
+            except OSError as error:
+                logger.info("a connection did not come about: %s", error)
+            except Exception:
+                log_exception("a connection failed as it came")
+
         try:
-            yield port
+            async with anyio.create_task_group() as tasks:
+                for each in sockets:
+                    each.listen(BACKLOG)
+                    tasks.start_soon(
+                        accept_peers,
+                        partial(loop.sock_accept, each),
+                        lambda accepted: tasks.start_soon(open_link, accepted[0]),
+                    )
+                yield port
+                tasks.cancel_scope.cancel()
         finally:
-            for server in servers:
-                server.close()
+            for each in sockets:
+                with contextlib.suppress(ValueError, NotImplementedError):
+                    loop.remove_reader(each)  # A cancelled sock_accept may leave it.
+                each.close()
             if address.path:
                 remove_unix(address.path)

@@ -1,22 +1,79 @@
-"""Listening sockets, and what to say when they cannot be had."""
+"""Listening sockets, what comes in at them, and what to say when they cannot be had."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import os
 import socket
 import stat
+import time
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
 
 import anyio
 
 from rwt_transports.errors import ListenError
+
+logger = logging.getLogger("rwt_transports")
+
+Accepted = TypeVar("Accepted")
 
 UNSENT_BYTES = 512 * 1024
 """Bytes of one connection that the kernel may hold unsent, those in flight apart. By default it takes
 megabytes, and each of them stands between a slow peer and the newest sample."""
 KEEPALIVE_SECONDS = 60
 """Silence after which the system asks whether the peer's machine is still there."""
+
+ACCEPT_PAUSE_SECONDS = 0.5
+"""Rest after a connection could not be accepted, as when the process has all the descriptors it may have."""
+COMPLAINT_SECONDS = 60.0
+"""Between two lines of the log that say so."""
+MOST_DESCRIPTORS = 1 << 20
+"""More are not asked for: programs that close them one by one before they start another would take long."""
+
+
+async def accept_peers(
+    accept: Callable[[], Awaitable[Accepted]], begin: Callable[[Accepted], object]
+) -> None:
+    """Call `begin` with what `accept` gives, again and again, until cancelled or the listener is closed.
+
+    A connection that cannot be accepted costs a pause: who has no descriptors left waits until some are free,
+    and the peers wait in the kernel's queue.
+    """
+    complained = -COMPLAINT_SECONDS
+    while True:
+        try:
+            accepted = await accept()
+        except anyio.ClosedResourceError:
+            return
+        except (OSError, anyio.BrokenResourceError) as error:
+            if (now := time.monotonic()) - complained >= COMPLAINT_SECONDS:
+                complained = now
+                reason = error if isinstance(error, OSError) else error.__cause__
+                logger.warning("no connection can be accepted for now: %s", reason)
+            await anyio.sleep(ACCEPT_PAUSE_SECONDS)
+        else:
+            begin(accepted)
+
+
+def raise_descriptor_limit() -> None:
+    """Let this process have as many open files and connections as the system allows it (`ulimit -Hn`)."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit.
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MOST_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, MOST_DESCRIPTORS)
+    if soft == resource.RLIM_INFINITY or soft >= wanted:
+        return
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+    except (OSError, ValueError) as error:
+        logger.debug("%d open files are the limit: %s", soft, error)
+    else:
+        logger.debug("%d open files are the limit, up from %d", wanted, soft)
 
 
 async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket.socket]:
