@@ -146,7 +146,7 @@ class ClientGraph(GraphView):
     def take_role(self, role: Role) -> None:
         """Act as another role from now on. What is open stays open; publishers have to be asked for again."""
         self.role = role
-        self.__dict__.pop("_node_names", None)
+        self._named_at = -1
 
     @property
     def counters(self) -> Counters:

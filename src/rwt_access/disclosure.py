@@ -8,14 +8,17 @@ hold under every name and for services in other processes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from rwt_access.errors import NotAllowed
 from rwt_access.graph_view import canonical
-from rwt_graph.disclosure import AsksAbout, Disclosure, Kind, Lists, Reads
+from rwt_graph.disclosure import AsksAbout, Disclosure, Kind, Lists, ListsProviders, Reads
 from rwt_graph.names import namespace_of
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.names import two_part
 from rwt_interfaces.payload import Payload
 from rwt_program.errors import CallFailed
 
@@ -32,6 +35,11 @@ OutcomeFilter = Callable[["Payload | CallFailed"], "Payload | CallFailed"]
 
 #: Packages whose services are about the graph itself: without a declaration nothing of them is passed on.
 _ABOUT_THE_GRAPH: Final = ("rosapi/", "rosapi_msgs/", "rcl_interfaces/")
+
+#: The services that list the whole graph: of their last answer a role keeps what it sees.
+_LISTINGS: Final = frozenset(
+    f"/rosapi/{name}" for name in ("topics", "topics_and_raw_types", "services", "nodes", "action_servers")
+)
 
 #: A name that nothing in a graph can have, since ROS does not allow it.
 _NO_NAME: Final = "/!"
@@ -69,6 +77,8 @@ def restrict(
         if isinstance(part, Lists):
             lists.append(part)
             continue
+        if isinstance(part, ListsProviders):
+            return request, partial(_providers, view, part, request)
         asked = getattr(request.value(), part.field)
         if isinstance(part, AsksAbout):
             if not _sees(view, part.kind, canonical(asked)):
@@ -106,12 +116,42 @@ def _sees(view: GraphView, kind: Kind, name: str) -> bool:
 
 
 def _without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
-    """The response without the names that the view hides."""
+    """The response without the names that the view hides.
+
+    rosapi gives one listing to all until the graph changes; then what a role sees of it is kept, too.
+    """
+    kept = view.role.answers.get(service)
+    if kept is not None and kept[0] is response:
+        return kept[1]
+    shown = _made_without(view, lists, service, response)
+    if service in _LISTINGS:
+        view.role.answers[service] = (response, shown)
+    return shown
+
+
+def _made_without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
     value = response.value()
     for part in lists:
         prefix = f"{namespace_of(service)}:" if part.of_node else ""
         value = _without_hidden(view, part.kind, prefix, value, part.fields)
     return Payload.from_value(response.type, value)
+
+
+def _providers(
+    view: GraphView, part: ListsProviders, request: Payload, outcome: Payload | CallFailed
+) -> Payload | CallFailed:
+    """The nodes that offer what the view shows of a service or of a type."""
+    if isinstance(outcome, CallFailed):
+        return outcome
+    asked = getattr(request.value(), part.field)
+    name = canonical(asked)
+    try:
+        type = two_part(asked)
+    except InterfaceError:
+        type = ""  # It names no type.
+    shown = {each.node for each in view.services() if each.name == name or each.type.name == type}
+    listed = [node for node in getattr(outcome.value(), part.lists) if node in shown]
+    return Payload.from_value(outcome.type, msgspec.structs.replace(outcome.value(), **{part.lists: listed}))
 
 
 def _without_hidden(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 from rwt_graph.errors import InvalidGraphName
@@ -31,6 +30,8 @@ class GraphView:
     def __init__(self, graph: Graph, role: Role) -> None:
         self.role = role
         self._graph = graph
+        self._node_names: frozenset[str] = frozenset()
+        self._named_at = -1
         self.distro: Distro = graph.distro
         self.registry: Registry = graph.registry
         self.clock: Clock = graph.clock
@@ -92,6 +93,10 @@ class GraphView:
 
     def sees_node(self, name: str) -> bool:
         """Whether a node is shown."""
+        version = self._graph.version
+        if self._named_at != version:
+            self._node_names = frozenset(node.name for node in self.nodes())
+            self._named_at = version
         return name in self._node_names
 
     def _shows(self, node: NodeInfo) -> bool:
@@ -100,10 +105,6 @@ class GraphView:
             or any(map(self.role.sees_service, node.services))
             or any(map(self.role.sees_action, node.actions))
         )
-
-    @cached_property
-    def _node_names(self) -> frozenset[str]:
-        return frozenset(node.name for node in self.nodes())
 
 
 def canonical(name: str) -> str:

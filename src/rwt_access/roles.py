@@ -12,6 +12,7 @@ from rwt_access.settings import BUILT_IN_ROLES
 
 if TYPE_CHECKING:
     from rwt_access.settings import AccessSettings, RoleSettings
+    from rwt_interfaces.payload import Payload
 
 Act = Literal["publish", "subscribe", "call", "provide", "displace", "goals", "get_param", "set_param"]
 """Something a client may want to do with a name; each is a key of a role's settings."""
@@ -50,12 +51,17 @@ class Role:
     Globs have fnmatch's meaning, in which ``*`` also matches ``/`` (CFG-10), and are compared with resolved
     names, so that a client cannot get round them by another spelling (CFG-11).
 
-    Args:
+    Attributes:
         name: as in the settings.
+        unrestricted: whether it may do everything.
+        answers: the last answer of each service that lists the graph: as given, and as the role sees it.
+
+    Args:
+        name: see above.
         settings: its globs.
     """
 
-    __slots__ = ("_decisions", "_patterns", "_subscribes_to_all", "name", "unrestricted")
+    __slots__ = ("_decisions", "_patterns", "_subscribes_to_all", "answers", "name", "unrestricted")
 
     def __init__(self, name: str, settings: RoleSettings) -> None:
         self.name = name
@@ -66,6 +72,7 @@ class Role:
             glob.removeprefix("/").strip("*") == "" for glob in globs["subscribe"] if glob
         )
         self._decisions: dict[tuple[Act, str], bool] = {}
+        self.answers: dict[str, tuple[Payload, Payload]] = {}
 
     def allows(self, act: Act, name: str) -> bool:
         """Whether this role may do `act` with `name`, which is absolute."""

@@ -444,6 +444,11 @@ class Graph(ABC):
     def participant(self, name: str) -> Participant:
         """Join as a node of that absolute name. A second node of one name is allowed, as in ROS 2."""
 
+    @property
+    @abstractmethod
+    def version(self) -> int:
+        """A number that grows with every change of what is listed below, so that listings can be kept."""
+
     @abstractmethod
     def topics(self) -> tuple[TopicInfo, ...]:
         """Every topic, sorted by name."""

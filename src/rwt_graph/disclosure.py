@@ -44,6 +44,19 @@ class AsksAbout:
 
 
 @dataclass(frozen=True, slots=True)
+class ListsProviders:
+    """The response lists the nodes that offer a service, which the request names or whose type it names.
+
+    Attributes:
+        field: of the request.
+        lists: field of the response.
+    """
+
+    field: str
+    lists: str
+
+
+@dataclass(frozen=True, slots=True)
 class Reads:
     """The request reads parameters: of rosapi one full name, of a node's own service a list of names.
 
@@ -65,7 +78,7 @@ class Writes:
     field: str
 
 
-Disclosure = tuple[Lists | AsksAbout | Reads | Writes, ...]
+Disclosure = tuple[Lists | ListsProviders | AsksAbout | Reads | Writes, ...]
 """All that one service reveals and changes."""
 
 NOTHING: Final[Disclosure] = ()

@@ -71,6 +71,8 @@ async def graph(distro: str) -> AsyncIterator[MemoryGraph]:
                 node.parameters.declare(f"{name}_param", 1.0)
                 if name == "open":  # A visible node has a hidden service.
                     node.advertise_service(f"/{HIDDEN}_door", "std_srvs/Empty", lambda _: {})
+            # A node that is shown offers something that is hidden, too.
+            Node(graph, "open_node").advertise_service(f"/{HIDDEN}_shared", "std_srvs/SetBool", lambda _: {})
             yield graph
 
 
@@ -230,6 +232,26 @@ async def test_what_is_hidden_is_answered_as_if_it_were_not_there(graph: MemoryG
         for hidden, absent in pairs:
             answers = [await asker.ask(service, request) for request in (hidden, absent)]
             assert answers[0].replace(HIDDEN, ABSENT) == answers[1], (service, hidden)
+
+
+@pytest.mark.anyio
+async def test_the_providers_of_a_type_are_those_of_services_that_are_shown(graph: MemoryGraph) -> None:
+    asker = Asker(graph)
+    shown = {"std_srvs/Trigger": ["/open_node"], "std_srvs/SetBool": [], "std_srvs/Empty": []}
+    for type, nodes in shown.items():
+        answer = json.loads(await asker.ask("/rosapi/service_providers", {"service": type}))
+        assert answer["values"] == {"providers": nodes}, type
+
+
+@pytest.mark.anyio
+async def test_a_node_that_joins_is_seen_by_those_who_were_there_before(graph: MemoryGraph) -> None:
+    asker = Asker(graph)
+    before = json.loads(await asker.ask("/rosapi/nodes", {}))["values"]["nodes"]
+    late = Node(graph, "late")
+    late.advertise("/open_late", "std_msgs/String")
+    assert json.loads(await asker.ask("/rosapi/nodes", {}))["values"]["nodes"] == sorted([*before, "/late"])
+    late.close()
+    assert json.loads(await asker.ask("/rosapi/nodes", {}))["values"]["nodes"] == before
 
 
 @pytest.mark.anyio

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rwt_graph import MemoryGraph, Node
-from rwt_graph.disclosure import NOTHING, Disclosure, Lists, Reads, Writes
+from rwt_graph.disclosure import NOTHING, Disclosure, Lists, ListsProviders, Reads, Writes
 from rwt_graph.parameters.services import DISCLOSURES as OF_PARAMETERS
 from rwt_interfaces import Payload
 from rwt_interfaces.distro import DISTROS
@@ -103,6 +103,8 @@ async def test_declared_fields_are_there(graph: MemoryGraph) -> None:
                 assert {field.partition(".")[0] for field in each.fields} <= answered, name
             else:
                 assert each.field in asked, name
+            if isinstance(each, ListsProviders):
+                assert each.lists in answered, name
 
 
 async def test_services_that_declare_nothing_name_nothing_of_the_robot(graph: MemoryGraph) -> None:

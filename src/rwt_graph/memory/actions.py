@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Protocol
 from uuid import uuid4
@@ -36,6 +36,7 @@ from rwt_graph.api import (
     ServerGoal,
 )
 from rwt_graph.errors import InvalidGraphName, InvalidTransition
+from rwt_graph.memory.changes import Changes
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.provider_table import ProviderTable
 from rwt_program.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
@@ -123,8 +124,8 @@ class RemoteActions(Protocol):
         """The names of all actions of other processes."""
         ...
 
-    def of_node(self, node: str) -> set[str]:
-        """The names of the actions that a node of another process offers."""
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Every node of another process with each action that it offers."""
         ...
 
     def send(
@@ -370,11 +371,14 @@ class Actions:
     Attributes:
         remote: the actions of other processes; None in a graph that has none.
         observer: hears of every goal of an action of this process.
+
+    Args:
+        changes: hears of what joins and leaves in this process; what others offer are services, too.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, changes: Changes) -> None:
         self.remote: RemoteActions | None = None
-        self._table = ProviderTable[MemoryActionServer]()
+        self._table = ProviderTable[MemoryActionServer](changes)
         self._servers = self._table.current
         self.observer: CallObserver | None = None
 
@@ -472,12 +476,12 @@ class Actions:
             return sorted(self._servers)
         return sorted(self._servers.keys() | self.remote.names())
 
-    def of_node(self, node: str) -> tuple[str, ...]:
-        """The names of the actions that a node offers, sorted."""
-        names = {s.name for s in self._servers.values() if s.node == node}
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Every node with each action that it offers."""
+        for server in self._table:
+            yield server.node, server.name
         if self.remote is not None:
-            names |= self.remote.of_node(node)
-        return tuple(sorted(names))
+            yield from self.remote.by_node()
 
 
 def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> MemoryClientGoal:

@@ -29,6 +29,7 @@ from rwt_graph.clock import Clock, SimulatedClock, WallClock
 from rwt_graph.errors import NotRunning
 from rwt_graph.memory.actions import Actions, MemoryActionServer
 from rwt_graph.memory.cancel_service import cancel_service
+from rwt_graph.memory.changes import Changes, Kept
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
@@ -171,9 +172,14 @@ class MemoryGraph(Graph):
         self.distro = registry.distro
         self.clock = clock or WallClock()
         self.parameters = ParameterTree()
-        self.topic_table = Topics(registry, self.clock)
-        self.service_table = Services(self.clock)
-        self.action_table = Actions()
+        self.changes = changes = Changes()
+        self.topic_table = Topics(registry, self.clock, changes)
+        self.service_table = Services(self.clock, changes)
+        self.action_table = Actions(changes)
+        self._topics = Kept(changes, self._list_topics)
+        self._services = Kept(changes, self._list_services)
+        self._actions = Kept(changes, self._list_actions)
+        self._node_infos = Kept(changes, self._list_nodes)
         self._nodes: Counter[str] = Counter()
         self._runtime = Runtime(self.clock)
         self._participants: dict[MemoryParticipant, None] = {}
@@ -195,10 +201,12 @@ class MemoryGraph(Graph):
     def node_joined(self, name: str) -> None:
         """Count one more participant of that name, in this process or another."""
         self._nodes[name] += 1
+        self.changes.note()
 
     def node_left(self, name: str) -> None:
         """Count one participant of that name fewer."""
         self._nodes[name] -= 1
+        self.changes.note()
         if not self._nodes[name]:
             del self._nodes[name]
 
@@ -214,9 +222,18 @@ class MemoryGraph(Graph):
         """A :class:`~rwt_graph.program.node.Node` of this graph."""
         return Node(self, name, namespace)
 
+    @property
+    def version(self) -> int:
+        """Grows with every change of what is listed."""
+        return self.changes.count
+
     def topics(self) -> tuple[TopicInfo, ...]:
         """Every topic, sorted by name."""
-        return tuple(info for name in self.topic_table.names() if (info := self.topic_table.info(name)))
+        return self._topics()
+
+    def _list_topics(self) -> tuple[TopicInfo, ...]:
+        table = self.topic_table
+        return tuple(info for name in table.names() if (info := table.info(name)))
 
     def topic(self, name: str) -> TopicInfo | None:
         """One topic, or None."""
@@ -224,7 +241,11 @@ class MemoryGraph(Graph):
 
     def services(self) -> tuple[ServiceInfo, ...]:
         """Every service, sorted by name."""
-        return tuple(info for name in self.service_table.names() if (info := self.service_table.info(name)))
+        return self._services()
+
+    def _list_services(self) -> tuple[ServiceInfo, ...]:
+        table = self.service_table
+        return tuple(info for name in table.names() if (info := table.info(name)))
 
     def service(self, name: str) -> ServiceInfo | None:
         """One service, or None."""
@@ -232,7 +253,11 @@ class MemoryGraph(Graph):
 
     def actions(self) -> tuple[ActionInfo, ...]:
         """Every action, sorted by name."""
-        return tuple(info for name in self.action_table.names() if (info := self.action_table.info(name)))
+        return self._actions()
+
+    def _list_actions(self) -> tuple[ActionInfo, ...]:
+        table = self.action_table
+        return tuple(info for name in table.names() if (info := table.info(name)))
 
     def action(self, name: str) -> ActionInfo | None:
         """One action, or None."""
@@ -240,12 +265,24 @@ class MemoryGraph(Graph):
 
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Every node, sorted by name; participants of one name are one node."""
-        return tuple(self._node_info(name) for name in sorted(self._nodes))
+        return self._node_infos()
 
-    def _node_info(self, name: str) -> NodeInfo:
-        publishing, subscribing = self.topic_table.of_node(name)
-        services, actions = self.service_table.of_node(name), self.action_table.of_node(name)
-        return NodeInfo(name, publishing, subscribing, services, actions)
+    def _list_nodes(self) -> tuple[NodeInfo, ...]:
+        topics = self.topic_table.all()
+        kinds = (
+            ((node, topic.name) for topic in topics for node in topic.publishing_nodes()),
+            ((node, topic.name) for topic in topics for node in topic.subscribing_nodes()),
+            self.service_table.by_node(),
+            self.action_table.by_node(),
+        )
+        found: dict[str, tuple[set[str], ...]] = {name: (set(), set(), set(), set()) for name in self._nodes}
+        for number, pairs in enumerate(kinds):
+            for node, name in pairs:
+                if node in found:
+                    found[node][number].add(name)
+        return tuple(
+            NodeInfo(name, *(tuple(sorted(names)) for names in found[name])) for name in sorted(found)
+        )
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
         """Let `observer` observe every call and goal from now on; None ends that. Returns True."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Generic, Protocol, TypeVar
 
+from rwt_graph.memory.changes import Changes
+
 
 class Provider(Protocol):
     """A service or an action that a node offers."""
@@ -20,9 +22,13 @@ class ProviderTable(Generic[P]):
 
     Attributes:
         current: the provider that answers, by name.
+
+    Args:
+        changes: hears of those of `current`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, changes: Changes) -> None:
+        self._changes = changes
         self.current: dict[str, P] = {}
         self._displaced: dict[str, list[P]] = {}
 
@@ -33,6 +39,7 @@ class ProviderTable(Generic[P]):
         """Let a provider answer from now on; gives the one that it displaces."""
         old = self.current.get(provider.name)
         self.current[provider.name] = provider
+        self._changes.note()
         if old is not None:
             self._displaced.setdefault(provider.name, []).append(old)
         return old
@@ -40,6 +47,7 @@ class ProviderTable(Generic[P]):
     def remove(self, provider: P) -> P | None:
         """Forget a provider; gives the one that answers again in its place."""
         name = provider.name
+        self._changes.note()
         displaced = self._displaced.get(name, [])
         restored = None
         if self.current.get(name) is not provider:

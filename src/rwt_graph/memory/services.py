@@ -14,12 +14,13 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
 from rwt_graph.clock import LONGEST_DELAY, Clock, Timer
+from rwt_graph.memory.changes import Changes
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.provider_table import ProviderTable
 from rwt_program.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
@@ -177,8 +178,8 @@ class RemoteServices(Protocol):
         """The names of all services of other processes."""
         ...
 
-    def of_node(self, node: str) -> set[str]:
-        """The names of the services that a node of another process offers."""
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Every node of another process with each service that it offers."""
         ...
 
     def call(
@@ -230,12 +231,14 @@ class Services:
     Attributes:
         remote: the services of other processes; None in a graph that has none.
         observer: hears of every call of a service of this process.
+        changes: counts what joins and leaves, those of other processes included.
     """
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, changes: Changes) -> None:
+        self.changes = changes
         self.deadlines = Deadlines(clock)
         self.remote: RemoteServices | None = None
-        self._table = ProviderTable[MemoryProvider]()
+        self._table = ProviderTable[MemoryProvider](changes)
         self._providers = self._table.current
         self.observer: CallObserver | None = None
 
@@ -323,9 +326,9 @@ class Services:
             return sorted(self._providers)
         return sorted(self._providers.keys() | self.remote.names())
 
-    def of_node(self, node: str) -> tuple[str, ...]:
-        """The names of the services that a node offers, sorted."""
-        names = {p.name for p in self._providers.values() if p.node == node}
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Every node with each service that it offers."""
+        for provider in self._table:
+            yield provider.node, provider.name
         if self.remote is not None:
-            names |= self.remote.of_node(node)
-        return tuple(sorted(names))
+            yield from self.remote.by_node()

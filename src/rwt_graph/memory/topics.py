@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Protocol
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
 from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
+from rwt_graph.memory.changes import Changes
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_interfaces.times import NANOSECONDS
 from rwt_program.qos import Durability, History, QoS
@@ -276,9 +277,10 @@ class Topics:
         remote: makes them known to other processes; None in a graph that has none.
     """
 
-    def __init__(self, registry: Registry, clock: Clock) -> None:
+    def __init__(self, registry: Registry, clock: Clock, changes: Changes) -> None:
         self.registry = registry
         self.clock = clock
+        self._changes = changes
         self.remote: RemoteTopics | None = None
         self._topics: dict[str, Topic] = {}
 
@@ -291,6 +293,7 @@ class Topics:
         self._topics[name] = topic
         owner.add(publisher, publisher.close)
         topic.publishers = (*topic.publishers, publisher)
+        self._changes.note()
         self._changed(topic)
         return publisher
 
@@ -310,6 +313,7 @@ class Topics:
         self._topics[name] = topic
         owner.add(subscription, subscription.close)
         topic.subscribers = (*topic.subscribers, subscription)
+        self._changes.note()
         subscription.replay()
         self._changed(topic)
         return subscription
@@ -319,6 +323,7 @@ class Topics:
         topic.settle()
         if topic.empty:
             self._topics.pop(topic.name, None)
+        self._changes.note()
         self._changed(topic)
 
     def _changed(self, topic: Topic) -> None:
@@ -348,8 +353,10 @@ class Topics:
         self._settled(topic)
         if topic.empty:
             self._topics.pop(name, None)
+            self._changes.note()
 
     def _settled(self, topic: Topic) -> None:
+        self._changes.note()
         before = topic.type
         topic.settle()
         if topic.type is not before:
@@ -374,9 +381,3 @@ class Topics:
     def names(self) -> list[str]:
         """Every topic's name, sorted."""
         return sorted(self._topics)
-
-    def of_node(self, node: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The names of the topics that a node publishes, and of those that it subscribes to."""
-        publishing = (t.name for t in self._topics.values() if node in t.publishing_nodes())
-        subscribing = (t.name for t in self._topics.values() if node in t.subscribing_nodes())
-        return tuple(sorted(publishing)), tuple(sorted(subscribing))

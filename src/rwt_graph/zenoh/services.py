@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
@@ -187,6 +187,7 @@ class ZenohServices:
             return lambda: None
         service = self._remote.setdefault(end.name, RemoteService())
         service.offers[key] = (token, end, ServiceInfo(end.name, type, token.node))
+        self._services.changes.note()
         return partial(self._lost, end.name, key)
 
     def _lost(self, name: str, key: str) -> None:
@@ -194,6 +195,7 @@ class ZenohServices:
         if service is None or key not in service.offers:
             return
         del service.offers[key]
+        self._services.changes.note()
         if not service.offers:
             del self._remote[name]
             self._lose(service, f"Service {name} was unadvertised")
@@ -211,13 +213,11 @@ class ZenohServices:
         """The names of all services of other processes."""
         return set(self._remote)
 
-    def of_node(self, node: str) -> set[str]:
-        """The names of the services that a node of another process offers."""
-        return {
-            name
-            for name, service in self._remote.items()
-            if any(info.node == node for _, _, info in service.offers.values())
-        }
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Every node of another process with each service that it offers."""
+        for name, service in self._remote.items():
+            for _, _, info in service.offers.values():
+                yield info.node, name
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources

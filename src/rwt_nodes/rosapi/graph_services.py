@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from typing import TYPE_CHECKING, Any, Final
 
-from rwt_graph.disclosure import NOTHING, AsksAbout, Lists
+from rwt_graph.disclosure import NOTHING, AsksAbout, Lists, ListsProviders
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_interfaces.errors import InterfaceError
@@ -182,24 +182,27 @@ def _two_part(name: str) -> str:
 
 # The nodes of a topic or a service are visible to whom it is visible: their names in answers need no rule.
 SERVICES: Final = (
-    Service("topics", "Topics", topics, (Lists("topic", ("topics", "types")),)),
+    Service("topics", "Topics", topics, (Lists("topic", ("topics", "types")),), is_listing=True),
     Service("topics_for_type", "TopicsForType", topics_for_type, (Lists("topic", ("topics",)),)),
     Service(
         "topics_and_raw_types",
         "TopicsAndRawTypes",
         topics_and_raw_types,
         (Lists("topic", ("topics", "types", "typedefs_full_text")),),
+        is_listing=True,
     ),
     Service("topic_type", "TopicType", topic_type, (AsksAbout("topic", "topic"),)),
     Service("publishers", "Publishers", publishers, (AsksAbout("topic", "topic"),)),
     Service("subscribers", "Subscribers", subscribers, (AsksAbout("topic", "topic"),)),
-    Service("services", "Services", services, (Lists("service", ("services",)),)),
+    Service("services", "Services", services, (Lists("service", ("services",)),), is_listing=True),
     Service("services_for_type", "ServicesForType", services_for_type, (Lists("service", ("services",)),)),
     Service("service_type", "ServiceType", service_type, (AsksAbout("service", "service"),)),
-    Service("service_providers", "ServiceProviders", service_providers, (Lists("node", ("providers",)),)),
+    Service(
+        "service_providers", "ServiceProviders", service_providers, (ListsProviders("service", "providers"),)
+    ),
     Service("service_node", "ServiceNode", service_node, (AsksAbout("service", "service"),)),
     Service("service_host", "ServiceHost", service_host, (AsksAbout("service", "service"),)),
-    Service("nodes", "Nodes", nodes, (Lists("node", ("nodes",)),)),
+    Service("nodes", "Nodes", nodes, (Lists("node", ("nodes",)),), is_listing=True),
     Service(
         "node_details",
         "NodeDetails",
@@ -211,7 +214,13 @@ SERVICES: Final = (
             Lists("service", ("services",)),
         ),
     ),
-    Service("action_servers", "GetActionServers", action_servers, (Lists("action", ("action_servers",)),)),
+    Service(
+        "action_servers",
+        "GetActionServers",
+        action_servers,
+        (Lists("action", ("action_servers",)),),
+        is_listing=True,
+    ),
     Service("action_type", "ActionType", action_type, (AsksAbout("action", "action"),)),
     Service("get_time", "GetTime", get_time, NOTHING),
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
@@ -34,9 +33,10 @@ class Rosapi:
         self._node = Node(graph, "rosapi")
         distro = graph.distro
         for service in (*_SERVICES, *((graph_services.VERSION,) if distro.rosapi_has_version else ())):
-            handler = partial(service.handler, self._node)
             self._node.advertise_service(
-                f"/rosapi/{service.name}", f"{distro.rosapi_package}/{service.type}", handler
+                f"/rosapi/{service.name}",
+                f"{distro.rosapi_package}/{service.type}",
+                service.serve(self._node),
             )
 
     def close(self) -> None:

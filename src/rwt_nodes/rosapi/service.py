@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
+
+from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
     from rwt_graph.disclosure import Disclosure
     from rwt_graph.program.node import Node
+    from rwt_program.messages import ServiceHandler
 
 Answer = dict[str, object]
 """The fields of a response."""
@@ -22,6 +26,8 @@ class Service:
         name: below ``/rosapi/``.
         type: of the distribution's package of rosapi, without the package.
         handler: makes the answer of the node to a request.
+        is_listing: whether the answer depends on nothing but what the graph lists, so that one serves all
+            clients until that changes.
         reveals: what a client learns and changes by it. There is no default: a service that reveals nothing
             of the robot says so, with :data:`rwt_graph.disclosure.NOTHING`.
     """
@@ -30,3 +36,30 @@ class Service:
     type: str
     handler: Callable[[Node, Any], Answer | Awaitable[Answer]]
     reveals: Disclosure
+    is_listing: bool = False
+
+    def serve(self, node: Node) -> ServiceHandler:
+        """The service's handler, for a node that offers it."""
+        return Listing(node, self) if self.is_listing else partial(self.handler, node)
+
+
+class Listing:
+    """The answer of a service that lists the graph, made once for each change of it."""
+
+    __slots__ = ("_answer", "_node", "_service", "_version")
+
+    def __init__(self, node: Node, service: Service) -> None:
+        self._node = node
+        self._service = service
+        self._version = -1
+        self._answer: Payload
+
+    def __call__(self, request: Any) -> Payload:
+        """The answer, the same object until the graph changes."""
+        graph = self._node.graph
+        version = graph.version
+        if version != self._version:
+            type = graph.registry.service(f"{graph.distro.rosapi_package}/{self._service.type}")
+            self._answer = Payload.from_value(type.response, self._service.handler(self._node, request))
+            self._version = version
+        return self._answer

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import anyio
@@ -10,6 +12,7 @@ import pytest
 from rwt_graph import InvalidGraphName
 
 if TYPE_CHECKING:
+    from rwt_graph.api import Publisher, Registration, Subscription
     from tests.contract.graph.conftest import Harness
 
 pytestmark = pytest.mark.anyio
@@ -53,6 +56,42 @@ async def test_services_actions_and_topics_are_listed_by_name(harness: Harness) 
     assert [s.name for s in graph.actions()] == ["/a", "/b"]
     assert [t.name for t in graph.topics() if t.name in ("/a", "/b")] == ["/a", "/b"]
     assert (graph.topic("/no"), graph.service("/no"), graph.action("/no")) == (None, None, None)
+
+
+async def test_the_version_grows_with_all_that_is_listed(harness: Harness) -> None:
+    graph, registry = harness.graph, harness.graph.registry
+    string, trigger = registry.message("std_msgs/String"), registry.service("std_srvs/Trigger")
+    fibonacci = registry.action("example_interfaces/Fibonacci")
+    a, other = graph.participant("/a"), graph.participant("/b")
+    undo: list[Callable[[], None]] = []
+    steps: list[Callable[[], Registration | Publisher | Subscription]] = [
+        lambda: a.advertise("/t", string),
+        lambda: a.subscribe("/t", lambda _: None),
+        lambda: a.advertise_service("/s", trigger, lambda _: None),
+        lambda: other.advertise_service("/s", trigger, lambda _: None),
+        lambda: a.advertise_action("/f", fibonacci, lambda _: None),
+    ]
+
+    def seen() -> tuple[object, ...]:
+        return (graph.topics(), graph.services(), graph.actions(), graph.nodes())
+
+    await harness.settle()
+    states = [(graph.version, seen())]
+    for step in steps:
+        undo.append(step().close)
+        await harness.settle()
+        states.append((graph.version, seen()))
+    for close in (*reversed(undo), a.close):
+        close()
+        await harness.settle()
+        states.append((graph.version, seen()))
+    for (version, before), (later, after) in pairwise(states):
+        assert before != after
+        assert version < later
+    version = graph.version
+    assert seen() == seen()
+    await harness.settle()
+    assert graph.version == version
 
 
 @pytest.mark.parametrize("name", ["", "relative", "/a b", "/a//b", "/a/", "~/a", "/a#b", "/a\n"])

@@ -96,6 +96,10 @@ class PairedGraph(Graph):
     def participant(self, name: str) -> Participant:
         return SplitParticipant(self.provider.participant(name), self.consumer.participant(name))
 
+    @property
+    def version(self) -> int:
+        return self.consumer.version
+
     def topics(self) -> tuple[TopicInfo, ...]:
         return self.consumer.topics()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from rwt_graph.api import ActionInfo, ClientGoal, Sample, Subscription
@@ -55,11 +55,11 @@ class ZenohActions:
         """The names of all actions of other processes."""
         return {name.removesuffix(SEND_GOAL) for name in self._remote.names() if name.endswith(SEND_GOAL)}
 
-    def of_node(self, node: str) -> set[str]:
-        """The names of the actions that a node of another process offers."""
-        return {
-            name.removesuffix(SEND_GOAL) for name in self._remote.of_node(node) if name.endswith(SEND_GOAL)
-        }
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Every node of another process with each action that it offers."""
+        for node, name in self._remote.by_node():
+            if name.endswith(SEND_GOAL):
+                yield node, name.removesuffix(SEND_GOAL)
 
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
