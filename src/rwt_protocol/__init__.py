@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         UnadvertiseAction,
         UnadvertiseService,
         Unsubscribe,
+        inbound,
     )
     from rwt_protocol.payloads import Decoded, Encodable, RawJson
     from rwt_protocol.profiles import COMPAT, PROFILES, ROS1, ROS2_2024, V2_0_0, Profile
@@ -77,6 +78,7 @@ _HOMES: Final = {
     "OpToClient": "rwt_protocol.ops",
     "Op": "rwt_protocol.ops",
     "OPS": "rwt_protocol.ops",
+    "inbound": "rwt_protocol.ops",
     "Direction": "rwt_protocol.ops",
     "ReplyTo": "rwt_protocol.ops",
     "Advertise": "rwt_protocol.ops",
@@ -143,6 +145,7 @@ __all__ = [
     "OpToClient",
     "Op",
     "OPS",
+    "inbound",
     "Direction",
     "ReplyTo",
     "Advertise",
