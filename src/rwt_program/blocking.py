@@ -7,6 +7,7 @@ asks it and waits raises :exc:`~rwt_program.errors.WrongThread` there, because t
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, Concatenate, Generic, ParamSpec, Protocol, Self, TypeVar
 
@@ -53,13 +54,24 @@ class Blocking(Generic[Inner]):
         return repr(self._inner)
 
 
+def _named_as(method: Callable[..., object]) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Gives a function the name and the documentation of `method`, which that may inherit."""
+
+    def name(function: Callable[P, T]) -> Callable[P, T]:
+        functools.update_wrapper(function, method)
+        function.__doc__ = inspect.getdoc(method)
+        return function
+
+    return name
+
+
 def waits(
     method: Callable[Concatenate[Any, P], Awaitable[T]],
 ) -> Callable[Concatenate[Blocking[Any], P], T]:
     """The same coroutine method, waited for from another thread."""
     name = method.__name__
 
-    @functools.wraps(method)
+    @_named_as(method)
     def wait(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> T:
         call = functools.partial(getattr(self._inner, name), *args, **kwargs)
         result: T = self._loop.wait(call)
@@ -72,7 +84,7 @@ def runs(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[Block
     """The same plain method, run in the loop's thread."""
     name = method.__name__
 
-    @functools.wraps(method)
+    @_named_as(method)
     def run(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> T:
         call = functools.partial(getattr(self._inner, name), *args, **kwargs)
         result: T = self._loop.run(call)
@@ -87,7 +99,7 @@ def holds(
     """The same method with its handle put behind `face`, once it is ready; in callbacks without waiting."""
     name = method.__name__
 
-    @functools.wraps(method)
+    @_named_as(method)
     def hold(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
         make = functools.partial(getattr(self._inner, name), *args, **kwargs)
 
@@ -107,7 +119,7 @@ def gives(
     """The same coroutine method, waited for, with what it gives put behind `face`."""
     wait = waits(method)
 
-    @functools.wraps(method)
+    @_named_as(method)
     def give(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
         return face(self._loop, wait(self, *args, **kwargs))
 
