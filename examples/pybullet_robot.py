@@ -43,9 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     robot = partial(HuskyXArm, lens=lens, camera_rate=given.camera_rate)
     try:
-        Server(given.url, packages=PACKAGE_FOLDERS, extra_nodes=(cloud, robot)).run(
-            partial(print, flush=True), describe
-        )
+        Server(given.url, packages=PACKAGE_FOLDERS, extra_nodes=(cloud, robot)).run(on_up=describe)
     except TransportError as error:
         raise SystemExit(f"pybullet_robot: {error}") from None
 

@@ -119,7 +119,7 @@ def main() -> None:
     server = Server("ws://127.0.0.1:0", http=[LATENCY_PAGE], nodes=("web_video_server",))
     camera = server.node("camera")
     server.graph.spawn(partial(play, camera), "camera")
-    server.run(partial(print, flush=True))
+    server.run()
 
 
 if __name__ == "__main__":

@@ -9,9 +9,10 @@ import importlib
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
+    from rwt.blocking import BlockingNode
     from rwt.errors import ServerError
     from rwt.playback import PlaybackServer
-    from rwt.server import BlockingNode, Server
+    from rwt.server import Server
     from rwt.settings import LoadedSettings, Settings, SettingsError, load_settings, read_settings
     from rwt_client import connect
     from rwt_graph import MemoryGraph, Node, SimulatedClock
@@ -45,7 +46,8 @@ if TYPE_CHECKING:
 _HOMES: Final = {
     name: home
     for home, names in {
-        "rwt.server": "Server BlockingNode",
+        "rwt.server": "Server",
+        "rwt.blocking": "BlockingNode",
         "rwt.playback": "PlaybackServer",
         "rwt.errors": "ServerError",
         "rwt.settings": "Settings SettingsError LoadedSettings load_settings read_settings",

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import inspect
+import ipaddress
 import logging
-import signal
+import socket
+import sys
 from collections.abc import Awaitable, Callable, Iterable
-from contextlib import AsyncExitStack, ExitStack
+from contextlib import AsyncExitStack, ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import anyio
 
+from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
 from rwt.graphs import check_graph, make_graph
 from rwt.nodes import ReadyNode, http_of, start_nodes, start_recording, start_script
 from rwt.observability.metrics import ServerMetrics
 from rwt.pages import routes
 from rwt.settings.sources import with_changes
+from rwt.signals import STOP_SIGNALS, Stopped, on_signals, stopped_by_signals
 from rwt_access.access import Access
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError
@@ -25,7 +30,6 @@ from rwt_access.tls import client_tls, server_tls
 from rwt_bridge.bridge import Bridge
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
-from rwt_graph.program import node
 from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import DISCLOSURES
 from rwt_transports.drivers.sockets import raise_descriptor_limit
@@ -35,6 +39,9 @@ from rwt_transports.relay.dial import check_dial_url, dial
 from rwt_transports.websocket.extensions import Deflate
 
 if TYPE_CHECKING:
+    from typing_extensions import TypeIs
+
+    from rwt.blocking import Loop
     from rwt.graphs import MakeGraph
     from rwt.settings.models import Settings
     from rwt.workers.worker import InWorker, WorkerContext
@@ -47,18 +54,12 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-Loop = Literal["asyncio", "trio", "uvloop"]
-"""Event loops that a server can be given where the program has none."""
-
 Middleware = Callable[["Accept"], "Accept"]
 """Stands between the transports and the bridge: is given the accept function of each listener, and returns
 the one to use."""
 
-_LOOPS: Final[dict[Loop, tuple[str, dict[str, bool]]]] = {
-    "asyncio": ("asyncio", {}),
-    "trio": ("trio", {}),
-    "uvloop": ("asyncio", {"use_uvloop": True}),
-}
+Main = Callable[["Server"], Awaitable[object]] | Callable[["BlockingNode"], object]
+"""A robot's own program: a coroutine function on the server's event loop, or a plain function beside it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,29 +70,6 @@ class _Running:
     metrics: ServerMetrics
     listeners: tuple[Listener, ...]
     stack: AsyncExitStack
-
-
-class BlockingNode(node.BlockingNode):
-    """A node whose verbs wait, in the graph of a server of its own; see :class:`rwt_graph.Node`.
-
-    Attributes:
-        server: the server whose graph it is in.
-    """
-
-    def __init__(self, inner: Node, server: Server) -> None:
-        super().__init__(inner)
-        self.server = server
-
-    def spin(self) -> None:
-        """Wait until Ctrl-C is pressed, or the server has ended (see :meth:`Server.ended`).
-
-        Raises:
-            WrongThread: called in a callback, on the graph's own thread.
-        """
-        try:
-            self._loop.wait(self.server.ended)
-        except KeyboardInterrupt:
-            return
 
 
 class Server:
@@ -181,6 +159,7 @@ class Server:
         self._running: _Running | None = None
         self._thread: ExitStack | None = None
         self._given_graph = graph
+        self._announced = False
         if self.settings.dial.urls and "listen" not in self.settings.model_fields_set:
             # A robot that only dials out needs no port.
             self.settings = self.settings.model_copy(update={"listen": ()})
@@ -263,6 +242,16 @@ class Server:
         if self._running is None:
             raise NotRunning("the server does not run: enter it with `async with server:` or `with server:`")
         return self._running
+
+    def announce(
+        self,
+        say: Callable[[str], None] | None = None,
+        on_up: Callable[[Server], str] | None = None,
+    ) -> None:
+        """Say that clients can connect, and where, unless it was said already; see :meth:`run`."""
+        if not self._announced:
+            self._announced = True
+            (say or print_announcement)((on_up or listening)(self))
 
     async def ended(self) -> None:
         """Wait until there is nobody to serve: the program at the other end of ``stdio:`` has closed it, or
@@ -349,7 +338,20 @@ class Server:
             metrics.dials.append(await stack.enter_async_context(dialing))
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
+        self._warn_of_strangers(bridge.access, listeners)
         return bridge, metrics, tuple(listeners)
+
+    def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
+        """Say that other machines reach a server which lets everybody do everything."""
+        role = access.admission.default_role
+        open_at = [each.url for each in listeners if not is_loopback_listener(each.url)]
+        is_first = self._worker is None or self._worker.number == 1
+        if open_at and role is not None and role.unrestricted and is_first:
+            logger.warning(
+                "NO AUTHENTICATION: everybody who reaches %s may drive this robot. Set `auth.tokens`, or"
+                " `auth.default_role` to a role that may less, or listen on 127.0.0.1.",
+                " and ".join(open_at),
+            )
 
     def _start_extra_nodes(self, stack: ExitStack) -> list[HttpExtension]:
         """Start the program's own nodes; returns what they bring to HTTP."""
@@ -362,13 +364,11 @@ class Server:
     # In a program without one
 
     def __enter__(self) -> BlockingNode:
-        from anyio.from_thread import start_blocking_portal  # A program with an event loop needs none of it.
-
-        backend, options = _LOOPS[self._loop]
         with ExitStack() as stack:
-            portal = stack.enter_context(start_blocking_portal(backend, options, name="rwt server"))
-            stack.enter_context(portal.wrap_async_context_manager(self))
-            robot = BlockingNode(self.node(self._name), self)
+            thread = ServerThread(self, self._loop)
+            stack.enter_context(stopped_by_signals(lambda: None))
+            stack.enter_context(thread)
+            robot = BlockingNode(self.node(self._name), self, thread)
             self._thread = stack.pop_all()
         return robot
 
@@ -378,6 +378,8 @@ class Server:
 
     def run(
         self,
+        main: Main | None = None,
+        *,
         announce: Callable[[str], None] | None = None,
         on_up: Callable[[Server], str] | None = None,
         in_worker: InWorker | None = None,
@@ -386,7 +388,12 @@ class Server:
         processes, of which one that ends is started again.
 
         Args:
-            announce: called with what `on_up` returns; writes to the log by default.
+            main: the robot's own program; when it returns, the server ends. A coroutine function is given
+                this server, and runs on its event loop; a signal cancels it. A plain function is given a node
+                whose methods wait, and runs in the program's main thread with the server in another; a signal
+                raises an exception in it, at any point. Either way ``finally`` and ``with`` of the program
+                run before clients are disconnected. None serves and does nothing else.
+            announce: called with what `on_up` returns; prints it by default.
             on_up: called when clients can connect, on the event loop; by default says where the server
                 listens. With workers each process calls it, and what the first returns is announced.
             in_worker: called in each worker process with its number and a function that serves; returns the
@@ -402,18 +409,33 @@ class Server:
             GraphError: the graph cannot be joined with others.
             ServerError: the recording cannot be written.
         """
-        announce = announce or logger.info
-        on_up = on_up or listening
         if self.settings.workers > 1 and self._worker is None:
             from rwt.workers.worker import run_workers  # Imported only where there are several.
 
-            def serve(worker: WorkerContext, settings: Settings) -> None:
-                self._as_worker(worker, settings).run(worker.announce, on_up)
+            if main is not None:
+                raise SettingsError("`workers`: the robot's own program runs in one process: use 1 here")
 
-            return run_workers(self.settings, serve, announce, in_worker)
+            def serve(worker: WorkerContext, settings: Settings) -> None:
+                self._as_worker(worker, settings).run(announce=worker.announce, on_up=on_up)
+
+            return run_workers(self.settings, serve, announce or print_announcement, in_worker)
         raise_descriptor_limit()
-        backend, options = _LOOPS[self._loop]
-        anyio.run(self._until_stopped, announce, on_up, backend=backend, backend_options=options)
+        if main is None or _is_coroutine_function(main):
+            backend, options = LOOPS[self._loop]
+            say = partial(self.announce, announce, on_up)
+            try:
+                anyio.run(self._until_stopped, main, say, backend=backend, backend_options=options)
+            except BaseExceptionGroup as group:
+                if isinstance(ending := exit_of(group), SystemExit):
+                    raise ending from None
+                raise
+            return 0
+        try:
+            with self as robot:
+                robot.node.run(partial(self.announce, announce, on_up))
+                main(robot)
+        except (KeyboardInterrupt, Stopped):
+            pass
         return 0
 
     def _as_worker(self, worker: WorkerContext, settings: Settings) -> Server:
@@ -429,25 +451,74 @@ class Server:
             worker=worker,
         )
 
-    async def _until_stopped(self, announce: Callable[[str], None], on_up: Callable[[Server], str]) -> None:
-        with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+    async def _until_stopped(
+        self,
+        main: Callable[[Server], Awaitable[object]] | None,
+        say: Callable[[], None],
+    ) -> None:
+        stop = anyio.Event()
+        failure: Exception | None = None
+        with on_signals(dict.fromkeys(STOP_SIGNALS, stop.set)):
             async with self, anyio.create_task_group() as tasks:
-                announce(on_up(self))
+                say()
 
-                async def until_ended() -> None:
-                    await self.ended()
+                async def end_after(wait: Callable[[], Awaitable[object]]) -> None:
+                    await wait()
                     tasks.cancel_scope.cancel()
 
-                tasks.start_soon(until_ended)
-                async for _ in signals:
-                    break
+                tasks.start_soon(end_after, self.ended)
+                tasks.start_soon(end_after, stop.wait)
+                try:
+                    await (anyio.sleep_forever() if main is None else main(self))
+                except Exception as error:
+                    failure = error  # Raised below, and not in a group.
                 tasks.cancel_scope.cancel()
+        if failure is not None:
+            raise failure
+
+
+def _is_coroutine_function(main: Main) -> TypeIs[Callable[[Server], Awaitable[object]]]:
+    return inspect.iscoroutinefunction(main)
+
+
+def print_announcement(text: str) -> None:
+    """Print that a server is ready; on standard error where standard output belongs to the protocol."""
+    over_stdio = "listening on stdio:" in text.splitlines()
+    print(text, flush=True, file=sys.stderr if over_stdio else sys.stdout)
 
 
 def listening(server: Server) -> str:
-    """Where a running server is reached, a line for each URL."""
-    lines = [f"listening on {url}" for url in server.urls]
+    """Where a running server is reached: a line for each URL, and what to write on other machines."""
+    lines = []
+    for url in server.urls:
+        lines.append(f"listening on {url}")
+        lines += [f"  from other machines: {other}" for other in _from_other_machines(url)]
     return "\n".join([*lines, *(f"dialing {dialed.url}" for dialed in server.dials)])
+
+
+def _from_other_machines(url: str) -> list[str]:
+    """A URL that stands for every address of this machine, with those that can be written instead."""
+    scheme, _, rest = url.partition("://")
+    host, _, port = rest.rpartition(":")
+    if host not in ("0.0.0.0", "[::]"):
+        return []
+    family = socket.AF_INET if host == "0.0.0.0" else socket.AF_INET6
+    return [
+        f"{scheme}://{f'[{address}]' if family is socket.AF_INET6 else address}:{port}"
+        for address in _own_addresses(family)
+    ]
+
+
+def _own_addresses(family: socket.AddressFamily) -> list[str]:
+    """Addresses of this machine in its networks, the one that leads out of them first."""
+    found = []
+    with socket.socket(family, socket.SOCK_DGRAM) as probe, suppress(OSError):
+        # Addresses for documentation (RFC 5737, RFC 3849): it sends nothing, and only looks for a route.
+        probe.connect(("192.0.2.1" if family is socket.AF_INET else "2001:db8::1", 9))
+        found.append(str(probe.getsockname()[0]))
+    with suppress(OSError):
+        found += [str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None, family)]
+    return [each for each in dict.fromkeys(found) if not ipaddress.ip_address(each).is_loopback]
 
 
 def _transport_limits(settings: Settings) -> Limits:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rwt.server import Loop
+from rwt.blocking import Loop
 
 LOOPS: dict[Loop, tuple[str, dict[str, bool]]] = {
     "asyncio": ("asyncio", {"use_uvloop": False}),

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any
@@ -13,7 +10,7 @@ from typing import Any
 import pytest
 
 from rwt import BlockingNode, Server, Settings, SettingsError
-from rwt.server import Loop
+from rwt.blocking import Loop
 from rwt_client.blocking import connect
 from rwt_graph import NotRunning
 from rwt_program.errors import NotFound, ServiceFailed, TimedOut, WrongThread
@@ -112,31 +109,3 @@ def test_a_notebook_has_a_loop_of_its_own_running() -> None:
 def test_settings_are_checked_before_anything_starts() -> None:
     with pytest.raises(SettingsError, match="processes cannot share"):
         Server(URL, settings=Settings(workers=2)).__enter__()
-
-
-_SPINS = """
-from rwt import Server
-
-class Telling(Server):
-    async def ended(self):
-        print("spinning", flush=True)
-        await super().ended()
-
-with Telling("ws://127.0.0.1:0", loop="{loop}") as robot:
-    robot.spin()
-print("left", flush=True)
-"""
-
-
-def test_ctrl_c_ends_what_spins(loop: Loop) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", _SPINS.format(loop=loop)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "spinning\n"
-        process.send_signal(signal.SIGINT)
-        out, errors = process.communicate(timeout=20)
-    assert (process.returncode, out, errors) == (0, "left\n", "")

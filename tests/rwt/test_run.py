@@ -13,11 +13,10 @@ import pytest
 from websockets.sync.client import connect
 
 from rwt import Server, SettingsError
-from rwt.server import Loop
+from rwt.blocking import Loop
 
 _PROGRAM = """
 import logging, sys
-from functools import partial
 from rwt import Node, Server
 
 def horn(graph):
@@ -26,7 +25,7 @@ def horn(graph):
     return node
 
 logging.basicConfig(level="INFO")
-sys.exit(Server("ws://127.0.0.1:0", extra_nodes=[horn], {arguments}).run(partial(print, flush=True)))
+sys.exit(Server("ws://127.0.0.1:0", extra_nodes=[horn], {arguments}).run())
 """
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -147,7 +146,7 @@ def _run(arguments: argparse.Namespace) -> int:
             record=arguments.record,
             introspection=arguments.introspection,
         )
-        return server.run(announce, _on_up, _in_worker)
+        return server.run(on_up=_on_up, in_worker=_in_worker)
 
 
 @contextmanager
@@ -193,12 +192,6 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "zenoh.domain": arguments.domain,
     }
     return settings_of(arguments, given).settings
-
-
-def announce(text: str) -> None:
-    """Print that a server is ready; on standard error where standard output belongs to the protocol."""
-    over_stdio = "listening on stdio:" in text.splitlines()
-    print(text, flush=True, file=sys.stderr if over_stdio else sys.stdout)
 
 
 def _on_up(server: Server) -> str:

@@ -23,12 +23,12 @@ logger = logging.getLogger(__name__)
 Task = Callable[[], Awaitable[None]]
 
 
-_CallSoon = Callable[[Callable[[], None]], object]
+CallSoon = Callable[[Callable[[], object]], object]
 """Runs a call on the event loop's thread, soon."""
 
 
-def _call_soon_threadsafe() -> _CallSoon:
-    """The way of the running event loop, asyncio's or trio's, to be called from other threads."""
+def call_soon_threadsafe() -> CallSoon:
+    """The way of the running event loop, asyncio's or trio's, to be called from threads and signals."""
     try:
         return asyncio.get_running_loop().call_soon_threadsafe
     except RuntimeError:
@@ -44,7 +44,7 @@ class Runtime:
         self.clock = clock
         self._inbox: deque[Callable[[], None]] = deque()
         self._waking = False
-        self._call_soon: _CallSoon | None = None
+        self._call_soon: CallSoon | None = None
         self._thread: int | None = None
         self._group: anyio.abc.TaskGroup | None = None
         self._waiting: list[tuple[Task, str]] = []
@@ -74,7 +74,7 @@ class Runtime:
             self._waking = True
             self._schedule(call_soon)
 
-    def _schedule(self, call_soon: _CallSoon) -> None:
+    def _schedule(self, call_soon: CallSoon) -> None:
         try:
             call_soon(self._drain)
         except RuntimeError:
@@ -144,7 +144,7 @@ class Runtime:
         group = anyio.create_task_group()
         await group.__aenter__()
         self._group = group
-        self._call_soon = _call_soon_threadsafe()
+        self._call_soon = call_soon_threadsafe()
         self._thread = threading.get_ident()
         group.start_soon(_guarded, self.clock.drive, "clock", name="clock")
         group.start_soon(self._start_tasks, group, name="task starter")
@@ -167,8 +167,13 @@ class Runtime:
             finally:
                 self._group = None
                 self._wake = None
-                self._waiting.clear()
                 self._thread = None
+                waiting, self._waiting = self._waiting, []
+                with anyio.CancelScope() as scope:
+                    # As a task group does with what starts in it after its end: whoever waits for it hears.
+                    scope.cancel()
+                    for task, name in waiting:
+                        await _guarded(task, name)
 
 
 async def _guarded(task: Task, name: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rwt_cli.commands.config import add_settings_options, settings_of
-from rwt_cli.commands.serve import announce, command_errors
+from rwt_cli.commands.serve import command_errors
 from rwt_cli.console.key_presses import Key, key_presses
 from rwt_cli.console.logs import log_to_stderr
 from rwt_cli.errors import CommandError
@@ -101,7 +101,7 @@ def parse_remap(text: str) -> tuple[str, str]:
 
 def _run(arguments: argparse.Namespace) -> int:
     from rwt.playback import PlaybackServer  # `--help` and completion need none of it.
-    from rwt.server import listening
+    from rwt.server import listening, print_announcement
     from rwt_nodes.recording import RecordingError, open_recording
 
     log_to_stderr("text", verbose=arguments.verbose)
@@ -125,10 +125,10 @@ def _run(arguments: argparse.Namespace) -> int:
                 return listening(up)
 
             def say(text: str) -> None:
-                announce(text)
+                print_announcement(text)
                 _say_what_plays(recording)
 
-            return server.run(say, on_up)
+            return server.run(announce=say, on_up=on_up)
     except RecordingError as error:
         raise CommandError(str(error)) from error
 

@@ -1,0 +1,161 @@
+"""A server for programs without an event loop: it runs in a thread, and its node's methods wait."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Final, Literal, Self
+
+import anyio
+
+from rwt.errors import ServerError
+from rwt.signals import Stopped
+from rwt_graph.errors import NotRunning
+from rwt_graph.memory.runtime import call_soon_threadsafe
+from rwt_graph.program import node
+from rwt_program.errors import WrongThread
+
+if TYPE_CHECKING:
+    from rwt.server import Server
+    from rwt_graph.program.node import Node
+
+Loop = Literal["asyncio", "trio", "uvloop"]
+"""Event loops that a server can be given where the program has none."""
+
+LOOPS: Final[dict[Loop, tuple[str, dict[str, bool]]]] = {
+    "asyncio": ("asyncio", {}),
+    "trio": ("trio", {}),
+    "uvloop": ("asyncio", {"use_uvloop": True}),
+}
+"""Backend and options of each, for :func:`anyio.run`."""
+
+_LOOK_SECONDS: Final = 1.0
+"""Some systems deliver Ctrl-C to a thread that waits only when its wait has ended."""
+
+
+def exit_of(error: BaseException) -> BaseException:
+    """What a handler has ended the event loop with, out of the groups that tasks put around it."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
+
+
+class ServerThread:
+    """A server on an event loop in a thread of its own, within a block.
+
+    Args:
+        server: what is entered there.
+        loop: which event loop.
+    """
+
+    def __init__(self, server: Server, loop: Loop) -> None:
+        self._server = server
+        self._loop = loop
+        self._up: Future[None] = Future()
+        self._stop: Future[None] = Future()
+        self._ended = threading.Event()
+        self._failure: BaseException | None = None
+        # A program whose main thread has died is not kept alive.
+        self._thread = threading.Thread(target=self._run, name="rwt server", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        try:
+            self._up.result()
+        except BaseException:
+            self._leave()
+            raise
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        self._leave()
+        # What failed for want of the loop is no news: what ended the loop is.
+        if self._failure is not None and (error is None or isinstance(error, NotRunning)):
+            raise self._what_ended_it() from self._failure
+
+    def wait(self) -> None:
+        """Wait until there is nobody to serve, see :meth:`Server.ended`.
+
+        Raises:
+            WrongThread: called in a callback.
+            SystemExit: raised in a callback; it has ended the loop.
+            ServerError: something else has ended the loop.
+        """
+        if threading.current_thread() is self._thread:
+            raise WrongThread("a blocking call on the server's own thread would wait for itself")
+        while not self._ended.wait(_LOOK_SECONDS):
+            pass
+        if self._failure is not None:
+            raise self._what_ended_it() from self._failure
+
+    def _leave(self) -> None:
+        if not self._stop.done():
+            self._stop.set_result(None)
+        self._thread.join()
+
+    def _what_ended_it(self) -> BaseException:
+        error = None if self._failure is None else exit_of(self._failure)
+        if isinstance(error, ServerError | SystemExit):
+            return error
+        return ServerError(f"the event loop of the server was lost: {error!r}")
+
+    def _run(self) -> None:
+        backend, options = LOOPS[self._loop]
+        try:
+            anyio.run(self._serve, backend=backend, backend_options=options)
+        except BaseException as error:
+            self._failure = error
+        if not self._up.done():
+            self._up.set_exception(self._failure or NotRunning("the server was stopped before it was up"))
+        self._ended.set()
+
+    async def _serve(self) -> None:
+        stop = anyio.Event()
+        call_soon = call_soon_threadsafe()
+
+        def leave(_: Future[None]) -> None:
+            with contextlib.suppress(RuntimeError):  # The loop has ended by itself.
+                call_soon(stop.set)
+
+        self._stop.add_done_callback(leave)
+        try:
+            async with self._server, anyio.create_task_group() as tasks:
+                tasks.start_soon(self._watch_end)
+                self._up.set_result(None)
+                await stop.wait()
+                tasks.cancel_scope.cancel()
+        except BaseException as error:
+            # Kept, also what cancels the last task of a loop that ends, which nobody could take any more.
+            self._failure = error
+
+    async def _watch_end(self) -> None:
+        await self._server.ended()
+        self._ended.set()
+
+
+class BlockingNode(node.BlockingNode):
+    """A node whose verbs wait, in the graph of a server of its own; see :class:`rwt_graph.Node`.
+
+    Attributes:
+        server: the server whose graph it is in.
+    """
+
+    def __init__(self, inner: Node, server: Server, thread: ServerThread) -> None:
+        super().__init__(inner)
+        self.server = server
+        self._thread = thread
+
+    def spin(self) -> None:
+        """Say where the server listens, and wait until Ctrl-C is pressed, SIGTERM comes, or the server has
+        ended (see :meth:`Server.ended`).
+
+        Raises:
+            WrongThread: called in a callback, on the graph's own thread.
+            SystemExit: raised by a callback.
+            ServerError: the server's event loop was lost.
+        """
+        with contextlib.suppress(KeyboardInterrupt, Stopped):
+            if not self._loop.here:
+                self.server.announce()
+            self._thread.wait()
