@@ -11,11 +11,12 @@ import threading
 from collections.abc import Callable, Iterable
 from os import PathLike
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from rwt_interfaces import standard
 from rwt_interfaces.definitions import actionlib, package_directories, parser
 from rwt_interfaces.definitions.model import ActionDefinition, MessageDefinition, ServiceDefinition
+from rwt_interfaces.definitions.parser import MOST_ELEMENTS
 from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName, UnknownType
 from rwt_interfaces.names import KINDS, Kind, parse_type_name, three_part
@@ -23,6 +24,9 @@ from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 _SEPARATOR = "=" * 80
 _NOUNS: dict[Kind, str] = {"msg": "a message", "srv": "a service", "action": "an action"}
+
+#: Levels of messages within messages.
+MOST_LEVELS: Final = 50
 
 #: A name much longer than any type's is not worth a search for what it resembles.
 _LONGEST_GUESSED = 120
@@ -294,24 +298,42 @@ class Registry:
         return found
 
     def _check_nested(self, definition: MessageDefinition) -> None:
-        """Make sure that a message can be compiled: all it contains is known, and nothing contains itself."""
-        checked: set[str] = set()
+        """Make sure that a message can be compiled: all it contains is known, within bounds, and nothing
+        contains itself.
+        """
+        # Of each message: levels, its own included, and elements that every one of its kind has.
+        checked: dict[str, tuple[int, int]] = {}
 
-        def check(current: MessageDefinition, within: tuple[str, ...]) -> None:
+        def check(current: MessageDefinition, within: tuple[str, ...]) -> tuple[int, int]:
             if current.name in within:
                 raise DefinitionError(
                     f"{current.name} contains itself: {' > '.join((*within, current.name))}"
                 )
             if current.name in checked:
-                return
+                return checked[current.name]
+            levels, elements = 0, 0
             for field in current.fields:
+                deep, each = 0, 1
                 if not field.type.is_primitive:
+                    if len(within) >= MOST_LEVELS:
+                        raise DefinitionError(_too_deep(within[0]))
                     try:
                         nested = self.definition(field.type.name)
                     except UnknownType as error:
                         raise UnknownType(f"{current.name}, field {field.name}: {error}") from None
-                    check(nested, (*within, current.name))
-            checked.add(current.name)
+                    deep, each = check(nested, (*within, current.name))
+                sequence = field.type.is_array and field.type.length is None
+                elements += 0 if sequence else each * (field.type.length or 1)
+                levels = max(levels, deep)
+            if levels >= MOST_LEVELS:
+                raise DefinitionError(_too_deep(current.name))
+            if elements > MOST_ELEMENTS:
+                raise DefinitionError(
+                    f"{current.name} has {elements} elements in fields and arrays of fixed lengths, "
+                    f"and {MOST_ELEMENTS} is the limit"
+                )
+            checked[current.name] = levels + 1, elements
+            return levels + 1, elements
 
         check(definition, ())
 
@@ -409,6 +431,10 @@ class Registry:
         near.sort(key=lambda candidate: not candidate.startswith("std_"))
         near = near[:3] or difflib.get_close_matches(name, known, cutoff=0.75)
         return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _too_deep(name: str) -> str:
+    return f"{name} contains messages within messages deeper than {MOST_LEVELS} levels"
 
 
 def _cache_key(name: str) -> str:

@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 
 from rwt_interfaces.definitions.literals import Literals
 from rwt_interfaces.definitions.model import Constant, Field, MessageDefinition, WrittenType
-from rwt_interfaces.definitions.parser import format_message, parse_action, parse_message, parse_service
+from rwt_interfaces.definitions.parser import (
+    MOST_ELEMENTS,
+    format_message,
+    parse_action,
+    parse_message,
+    parse_service,
+)
 from rwt_interfaces.distro import DISTROS, Distro
 from rwt_interfaces.errors import DefinitionError
 
@@ -53,7 +59,7 @@ def field_types(draw: st.DrawFn) -> WrittenType:
         name,
         string_bound,
         is_array=shape != "scalar",
-        length=draw(SIZES) if shape == "fixed" else None,
+        length=draw(st.integers(1, MOST_ELEMENTS)) if shape == "fixed" else None,
         bound=draw(SIZES) if shape == "bounded" else None,
     )
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from rwt_interfaces.definitions.parser import LONGEST_TEXT, too_long
 from rwt_interfaces.errors import DefinitionError
 from rwt_interfaces.names import KINDS, Kind, is_word
 
@@ -26,9 +27,11 @@ class InterfaceFile:
         """Its text.
 
         Raises:
-            DefinitionError: not readable, or not UTF-8.
+            DefinitionError: not readable, not UTF-8, or too long.
         """
         try:
+            if self.path.stat().st_size > 4 * LONGEST_TEXT:  # a character has four bytes at most
+                raise DefinitionError(too_long(str(self.path)))
             return self.path.read_text("utf-8-sig")
         except UnicodeDecodeError:
             raise DefinitionError(f"{self.path}: not UTF-8 text") from None

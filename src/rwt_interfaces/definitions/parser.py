@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Final
 
 from rwt_interfaces.definitions.literals import Literals, Value
 from rwt_interfaces.definitions.model import (
@@ -28,7 +29,19 @@ from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName
 from rwt_interfaces.names import is_word, parse_type_name
 
-_LONGEST_ARRAY = 2**32 - 1
+#: Characters of the longest text that is read.
+LONGEST_TEXT: Final = 1024 * 1024
+
+#: Elements of the longest array of a fixed length, which every message of the type has.
+MOST_ELEMENTS: Final = 1024 * 1024
+
+#: Characters of the longest name of a type or a field.
+_LONGEST_WORD: Final = 255
+
+_LONGEST_SEQUENCE: Final = 2**32 - 1
+
+#: Characters of what is wrong with a line: it may quote the line.
+_LONGEST_COMPLAINT: Final = 300
 
 _TYPE = re.compile(
     r"(?P<base>[A-Za-z][A-Za-z0-9_/]*)(?:<=(?P<chars>[0-9]+))?(?P<array>\[(?:<=(?P<bound>[0-9]+)|(?P<length>[0-9]+))?\])?",
@@ -57,8 +70,9 @@ def parse_message(text: str, name: str, *, source: str = "", distro: Distro = JA
         InvalidName: `name` is not a type name.
     """
     package, _, short = parse_type_name(name)
-    lines = list(enumerate(_lines(text), start=1))
-    return _Message(package, source or f"{package}/{short}.msg", distro).read(short, lines)
+    source = source or f"{package}/{short}.msg"
+    lines = list(enumerate(_lines(text, source), start=1))
+    return _Message(package, source, distro).read(short, lines)
 
 
 def parse_service(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> ServiceDefinition:
@@ -117,17 +131,19 @@ def format_message(definition: MessageDefinition) -> str:
 _Lines = list[tuple[int, str]]
 
 
-def _lines(text: str) -> list[str]:
+def _lines(text: str, source: str) -> list[str]:
     """Lines of a text with any line ending, without its byte order mark.
 
     Not splitlines(), which also splits at form feeds and other separators that may stand in a comment.
     """
+    if len(text) > LONGEST_TEXT:
+        raise DefinitionError(too_long(source))
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def _sections(text: str, source: str, parts: tuple[str, ...]) -> Iterator[_Lines]:
     sections: list[_Lines] = [[]]
-    for number, line in enumerate(_lines(text), start=1):
+    for number, line in enumerate(_lines(text, source), start=1):
         if line.startswith("---"):
             sections.append([])
             if len(sections) > len(parts):
@@ -167,7 +183,7 @@ class _Message:
                 if item.name in fields or item.name in constants:
                     raise DefinitionError(f'the name "{item.name}" is used twice')
             except DefinitionError as error:
-                raise DefinitionError(f"{self.source}:{number}: {error}") from None
+                raise DefinitionError(f"{self.source}:{number}: {_short(str(error))}") from None
             if isinstance(item, Field):
                 fields[item.name] = item
             else:
@@ -192,9 +208,9 @@ class _Message:
         if match is None:
             raise DefinitionError(f'expected a name after "{written[:80]}"')
         name, rest = match["name"], match["rest"]
-        if not is_word(name):
+        if not is_word(name) or len(name) > _LONGEST_WORD:
             raise DefinitionError(
-                f'"{name}" cannot be a name: letters, digits and _, beginning with a letter'
+                f'"{name[:80]}" cannot be a name: up to {_LONGEST_WORD} letters, digits and _, a letter first'
             )
         if rest.startswith("="):
             return self._constant(field_type, name, rest[1:].strip())
@@ -203,7 +219,7 @@ class _Message:
         return Field(name, field_type, self._default(field_type, rest))
 
     def _type(self, written: str) -> WrittenType:
-        match = _TYPE.fullmatch(written)
+        match = _TYPE.fullmatch(written) if len(written) <= _LONGEST_WORD else None
         if match is None:
             raise DefinitionError(f'"{written[:80]}" is not a type')
         base = self._base(match["base"])
@@ -214,7 +230,7 @@ class _Message:
             base,
             string_bound=None if chars is None else _size(chars, written),
             is_array=match["array"] is not None,
-            length=None if match["length"] is None else _size(match["length"], written),
+            length=None if match["length"] is None else _size(match["length"], written, MOST_ELEMENTS),
             bound=None if match["bound"] is None else _size(match["bound"], written),
         )
 
@@ -255,11 +271,20 @@ class _Message:
         return Literals(rest).default(field_type)
 
 
-def _size(digits: str, written: str) -> int:
-    size = int(digits) if len(digits) <= 10 else _LONGEST_ARRAY + 1
-    if not 0 < size <= _LONGEST_ARRAY:
-        raise DefinitionError(f'"{written[:80]}": a length must be between 1 and {_LONGEST_ARRAY}')
+def _size(digits: str, written: str, most: int = _LONGEST_SEQUENCE) -> int:
+    size = int(digits) if len(digits) <= 10 else most + 1
+    if not 0 < size <= most:
+        raise DefinitionError(f'"{written[:80]}": a length is a number from 1 to {most}')
     return size
+
+
+def too_long(source: str) -> str:
+    """What is wrong with a text that is not read."""
+    return f"{source}: a definition has {LONGEST_TEXT} characters at most, and this one has more"
+
+
+def _short(complaint: str) -> str:
+    return complaint if len(complaint) <= _LONGEST_COMPLAINT else f"{complaint[:_LONGEST_COMPLAINT]}…"
 
 
 def _tidy(lines: _Lines) -> str:
