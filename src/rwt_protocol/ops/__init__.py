@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Union
 
 from pydantic import Field
 
@@ -32,38 +32,25 @@ SPEC_OF: Final[Mapping[type[Op], OpSpec]] = MappingProxyType({spec.model: spec f
 """Every op, by its model."""
 
 
-_FromClients = (
-    Auth
-    | SetLevel
-    | Advertise
-    | Unadvertise
-    | Subscribe
-    | Unsubscribe
-    | AdvertiseService
-    | UnadvertiseService
-    | AdvertiseAction
-    | UnadvertiseAction
-)
-_FromServers = Png | Status
-_FromEither = (
-    Fragment
-    | Publish
-    | CallService
-    | ServiceResponse
-    | SendActionGoal
-    | CancelActionGoal
-    | ActionFeedback
-    | ActionResult
-)
+if TYPE_CHECKING:
+    AnyOp = Op
+    OpToServer = Op
+    OpToClient = Op
+else:
 
-AnyOp = Annotated[_FromClients | _FromServers | _FromEither, Field(discriminator="op")]
-"""Any op, told apart by `op`: for `pydantic.TypeAdapter`, and for members of other models."""
+    def _union(*directions: Direction) -> object:
+        models = tuple(spec.model for spec in _SPECS if spec.direction in directions)
+        return Annotated[Union[models], Field(discriminator="op")]  # noqa: UP007 # of a tuple
 
-OpToServer = Annotated[_FromClients | _FromEither, Field(discriminator="op")]
-"""Any op that a client sends."""
+    AnyOp = _union(*Direction)
+    """Any op, told apart by `op`: for `pydantic.TypeAdapter`, and for members of other models."""
 
-OpToClient = Annotated[_FromServers | _FromEither, Field(discriminator="op")]
-"""Any op that a server sends."""
+    OpToServer = _union(Direction.TO_SERVER, Direction.BOTH)
+    """Any op that a client sends."""
+
+    OpToClient = _union(Direction.TO_CLIENT, Direction.BOTH)
+    """Any op that a server sends."""
+
 
 ALIASES: Final[Mapping[str, str]] = MappingProxyType(
     {alias: spec.name for spec in _SPECS for alias in spec.aliases}
