@@ -33,8 +33,12 @@ class BridgeLimits(ClientLimits):
         Field(ge=4, le=500, description="objects and arrays open at once in one message, itself included"),
     ] = 100
     structure_bytes: Annotated[
-        Bytes, Field(description="bytes of one message in CBOR beside its long strings and typed arrays")
-    ] = 512 * 1024
+        Bytes,
+        Field(
+            description="bytes of one message in CBOR beside its long strings and typed arrays; brackets of"
+            " one in JSON"
+        ),
+    ] = 256 * 1024
     fragmented_messages: Annotated[
         Count, Field(description="messages of one client that may be in pieces at the same time")
     ] = 16

@@ -14,7 +14,7 @@ from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Fragment
 from rwt_protocol.transport import Frame
 
-MOST_PIECES: Final = 10_000
+MOST_PIECES: Final = 1_000
 """Frames that one message is cut into at most, however small the pieces that a client asks for."""
 
 _encode: Final = msgspec.json.Encoder().encode
@@ -121,7 +121,7 @@ def cut(frame: Frame, size: int, id: str = "") -> Sequence[Frame]:  # as on the 
     """A frame as fragments of at most `size` characters of its text, if it is longer (FRG-21).
 
     A binary frame is never cut (FRG-27), and a size below one asks for no cutting. A message that would take
-    more than 10,000 pieces is cut into that many, larger ones.
+    more than 1,000 pieces is cut into that many, larger ones.
 
     Args:
         frame: the whole message.

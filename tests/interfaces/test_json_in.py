@@ -451,3 +451,14 @@ def test_a_float32_is_sent_as_the_number_that_it_holds(name: str, raw: bytes, se
 def test_float32_arrays_too(numbers: bytes, sent: bytes) -> None:
     layout = b'{"layout":{"dim":[],"data_offset":0},"data":%b}'
     assert take("std_msgs/Float32MultiArray", layout % numbers).json() == layout % sent
+
+
+def test_fields_that_are_left_out_are_bounded_over_the_whole_message() -> None:
+    few, many = (b'{"points":[' + b'{"x":1},' * count + b"{}]}" for count in (14_998, 14_999))
+    assert sent("geometry_msgs/Polygon", few).startswith('{"points":[{"x":1.0,"y":0.0,"z":0.0},')
+    with pytest.raises(
+        InvalidMessage, match="more than 30000 fields are missing: send them with their values"
+    ):
+        take("geometry_msgs/Polygon", many)
+    with pytest.raises(InvalidMessage, match="more than 30000 fields are missing"):
+        take("visualization_msgs/MarkerArray", b'{"markers":[' + b"{}," * 5_000 + b"{}]}")

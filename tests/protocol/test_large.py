@@ -9,11 +9,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.ops import OPS, Publish
 from rwt_protocol.payloads import RawJson
-from rwt_protocol.session import Refusal, Session
+from rwt_protocol.session import Refusal, Session, WireLimits
 from tests.protocol.wire_examples import text_of
 
 FILL = "x" * (LARGE + 1)
@@ -247,6 +248,17 @@ def test_a_large_member_beside_the_payload_is_refused_by_name(value: str, payloa
     assert isinstance(found, Refusal)
     assert (found.op, found.id) == ("publish", "i")
     assert found.reason == f"publish.topic: {len(value)} bytes; a member beside the payload may have 65536"
+
+
+def test_the_brackets_of_a_frame_are_bounded() -> None:
+    limits = WireLimits(split=SplitLimits(max_structure=100_000))
+    for count, taken in ((49_997, True), (50_001, False)):
+        arrays = "[]," * (count - 3) + "[]"
+        text = f'{{"op":"publish","topic":"/a","msg":{{"data":[{arrays}]}}}}'
+        (found,) = Session(limits=limits).decode(text.encode(), False, 0.0)
+        assert isinstance(found, Publish) is taken
+        if isinstance(found, Refusal):
+            assert found.reason == "more than 100000 brackets (structure_bytes)"
 
 
 def test_a_piece_of_a_message_may_be_large() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from array import array
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import msgspec
 import pybase64
@@ -52,6 +52,36 @@ class LenientDecoder(Protocol):
         """Complete one value; `now` is asked only where a time is missing."""
 
 
+MOST_LEFT_OUT: Final = 30_000
+"""Fields of one message, those of nested ones included, that may be left to their defaults: three bytes of a
+message can leave out forty."""
+
+
+class _Completion:
+    """The clock for one message, and how many fields may still be left out."""
+
+    __slots__ = ("_left", "_now")
+
+    def __init__(self, now: Now) -> None:
+        self._now = now
+        self._left = MOST_LEFT_OUT
+
+    def __call__(self) -> int:
+        return self._now()
+
+    def leave_out(self, fields: int) -> None:
+        """Count fields that are missing.
+
+        Raises:
+            InvalidMessage: they are too many.
+        """
+        self._left -= fields
+        if self._left < 0:
+            raise InvalidMessage(
+                "", f"more than {MOST_LEFT_OUT} fields are missing: send them with their values"
+            )
+
+
 def compile_message(message: MessageType) -> LenientDecoder:
     """The lenient decoder of one message type."""
     if message.time is not None:
@@ -67,15 +97,18 @@ def compile_message(message: MessageType) -> LenientDecoder:
         given = fields_of(value)
         if given is None:
             raise InvalidMessage("", f"expected {with_article(message.name)} object, got {describe(value)}")
+        completion = now if type(now) is _Completion else _Completion(now)
+        if len(given) < len(fields):
+            completion.leave_out(len(fields) - len(given))
         values = []
         found = 0
         for name, take, absent in fields:
             if name not in given:
-                values.append(absent(now))
+                values.append(absent(completion))
                 continue
             found += 1
             try:
-                values.append(take(given[name], now))
+                values.append(take(given[name], completion))
             except InvalidMessage as error:
                 raise under(name, error) from None
         if found != len(given) and not given.keys() <= ignored.union(names):

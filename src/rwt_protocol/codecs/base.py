@@ -24,12 +24,12 @@ class SplitLimits:
 
     Attributes:
         max_depth: objects and arrays that may be open at once; the message itself is the first.
-        max_structure: bytes of a frame in CBOR beside its long strings and typed arrays. Each of them can
-            cost eighty bytes of memory once it is decoded.
+        max_structure: bytes of a frame in CBOR beside its long strings and typed arrays, and brackets of a
+            frame in JSON. Each byte can cost eighty bytes of memory once it is decoded.
     """
 
     max_depth: int = 100
-    max_structure: int = 512 * 1024
+    max_structure: int = 256 * 1024
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,9 @@ class JsonCodec:
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
                 return split_whole(data, max_depth)
         if size > LARGE:
+            most = limits.max_structure
+            if size > most and 2 * (data.count(b"{") + data.count(b"[")) > most:
+                return (DecodeFailure(f"more than {most} brackets (structure_bytes)"),)
             members = split_large(data, max_depth)
             if members is not None:
                 return (members,)
