@@ -11,8 +11,9 @@ import msgspec
 
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.json import REJECTIONS, parse
-from rwt_interfaces.serialise.long_strings import LARGE, LongString, RawText, string_of, substituted
-from rwt_interfaces.serialise.splice import Parts, SplicedMessage
+from rwt_interfaces.serialise.long_arrays import LongArrays, parts_around
+from rwt_interfaces.serialise.long_strings import LARGE, LongString, Parts, RawText, string_of, substituted
+from rwt_interfaces.serialise.splice import SplicedMessage
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
@@ -31,7 +32,7 @@ class Payload:
         type: the message's type.
     """
 
-    __slots__ = ("_forms", "_json", "_message", "_spliced", "_string", "type")
+    __slots__ = ("_forms", "_json", "_json_parts", "_message", "_spliced", "_string", "type")
 
     def __init__(
         self,
@@ -46,6 +47,7 @@ class Payload:
         self._message = message
         self._string = string
         self._spliced = spliced
+        self._json_parts: Parts | None = None
         self._forms: dict[BinaryForm, Parts] | None = None
 
     def __repr__(self) -> str:
@@ -78,6 +80,9 @@ class Payload:
         """A message that may not be passed on as it is; its long string may be, if there is one."""
         complete = message_type.decode_leniently
         if string is None:
+            if len(raw) >= LARGE and message_type.json.long_arrays is not None:
+                with suppress(*REJECTIONS):
+                    return cls._around_arrays(message_type, raw, message_type.json.long_arrays, now)
             return cls(message_type, None, complete(parse(raw), now))
         parsed = parse(string.text)
         with suppress(InvalidMessage):
@@ -88,6 +93,17 @@ class Payload:
         # Whatever is wrong may lie in the long string, or say what it is.
         whole = substituted(parsed, string.token.decode(), string_of(string.content))
         return cls(message_type, None, complete(whole, now))
+
+    @classmethod
+    def _around_arrays(cls, message_type: MessageType, raw: RawText, arrays: LongArrays, now: Now) -> Payload:
+        members, long = arrays.take(raw)
+        message = message_type.decode_leniently(
+            {name: parse(memoryview(text)) for name, text in members.items()}, now
+        )
+        payload = cls(message_type, None, message)
+        if long:
+            payload._json_parts = parts_around(message, long, message_type.json.encode)
+        return payload
 
     @classmethod
     def from_args(cls, message_type: MessageType, raw: RawText | None, now: Now | None = None) -> Payload:
@@ -172,6 +188,8 @@ class Payload:
         """The bytes of :meth:`json` in one part or more, so that a long one is not copied."""
         if self._json is not None:
             return (self._json,)
+        if self._json_parts is not None:
+            return self._json_parts
         spliced = self._apart()
         if spliced is not None:
             return spliced.json(self.type.json.encode)
@@ -260,6 +278,8 @@ class Payload:
             return len(self._json)
         if self._forms:
             return max(sum(map(len, parts)) for parts in self._forms.values())
+        if self._json_parts is not None:
+            return sum(map(len, self._json_parts))
         if self._spliced is not None:
             return self._spliced.kept_size
         return _size_of(self._message)
@@ -270,6 +290,8 @@ class Payload:
             raw = bytes(self._json)
             string = None if self._string is None else self._string.moved(raw)
             return Payload(self.type, raw, self._message, string)
+        if self._json_parts is not None:
+            return Payload(self.type, bytes(self.json()), self._message)
         if self._spliced is not None:
             return Payload(self.type, self._json, self._message, None, self._spliced.detached())
         return self

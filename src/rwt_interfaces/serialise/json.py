@@ -16,6 +16,7 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.long_arrays import long_arrays
 from rwt_interfaces.serialise.long_strings import LongString, RawText, cut_long_string
 from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
 
@@ -35,6 +36,7 @@ class JsonCodec:
 
     Attributes:
         strict: the Struct that accepts only what may be passed on; immutable.
+        long_arrays: takes long arrays of numbers out of a text; None if the type has no such fields.
         check: accepts a text that may be passed on untouched, or raises one of :data:`REJECTIONS`.
     """
 
@@ -47,6 +49,7 @@ class JsonCodec:
         "_texts",
         "_unsendable",
         "check",
+        "long_arrays",
         "strict",
     )
 
@@ -60,6 +63,7 @@ class JsonCodec:
         self.check = _bounded(msgspec.json.Decoder(self.strict).decode, flaw_in(message, inexact))
         # Where a length is checked a short string cannot stand for a long one.
         sized = self._kinds & {"fixed octets", "bounded string"}
+        self.long_arrays = long_arrays(message)
         self._octets = not sized and "octets" in self._kinds
         self._texts = not sized and "string" in self._kinds
 

@@ -11,6 +11,8 @@ import pybase64
 
 #: A JSON text, perhaps a view of the buffer that a whole frame was received in.
 RawText = bytes | memoryview
+#: The bytes of one encoded message, to be joined.
+Parts = tuple[RawText, ...]
 
 #: From this many bytes on a text is large.
 LARGE = 4096
@@ -23,6 +25,8 @@ TEXT_PIECE = 1 << 14
 #: What stands for a long string, or the beginning of it. No client can know it, nor write it by accident.
 _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
+#: What stands for anything else.
+TOKEN = _TOKEN.decode()
 #: What follows a string in JSON.
 _AFTER_STRING = b":,]}"
 _BACKSLASH = 0x5C

@@ -15,7 +15,7 @@ import msgspec
 import pybase64
 
 from rwt_interfaces import field_types
-from rwt_interfaces.serialise.long_strings import LongString, RawText, string_of, token_for_base64
+from rwt_interfaces.serialise.long_strings import LongString, Parts, RawText, string_of, token_for_base64
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 #: Octets of a message in Python stand apart from this size on.
 LONG_OCTETS = 1 << 14
 
-Parts = tuple[RawText, ...]
-"""The bytes of one encoded message, to be joined."""
 LengthHead = Callable[[int, bool], bytes]
 """What stands before a content of some length in an encoding; True for text."""
 

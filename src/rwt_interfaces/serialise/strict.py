@@ -7,6 +7,7 @@ the distribution spells them. The few flaws that annotations cannot express have
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any
@@ -119,6 +120,41 @@ def _flaw_of(type: FieldType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw 
             return None if flaw is None else lambda items: any(map(flaw, items))
         case _:
             return leaf(type)
+
+
+def array_reader(type: field_types.Array) -> Callable[[msgspec.Raw], tuple[list[Any], bool]]:
+    """A function that reads the text of an array of numbers as the field holds them, null as NaN.
+
+    It also tells whether the text may be passed on, and raises a msgspec.MsgspecError for numbers that the
+    strict Struct refuses for another reason than that they are no float32s.
+    """
+    decode: Callable[[msgspec.Raw], list[Any]] = msgspec.json.Decoder(_strict(type)).decode
+    if type.element == field_types.FLOAT32:
+        return lambda text: _nearest(decode(text))
+    if isinstance(type.element, field_types.Float):
+        return lambda text: (_with_nan(decode(text)), True)
+    flaw = _flaw_of(type, inexact)
+    if flaw is None:
+        return lambda text: (decode(text), True)
+
+    def read(text: msgspec.Raw) -> tuple[list[Any], bool]:
+        numbers = decode(text)
+        if flaw(numbers):
+            raise msgspec.ValidationError
+        return numbers, True
+
+    return read
+
+
+def _with_nan(numbers: list[float | None]) -> list[Any]:
+    return [math.nan if each is None else each for each in numbers] if None in numbers else numbers
+
+
+def _nearest(numbers: list[float | None]) -> tuple[list[float], bool]:
+    if None in numbers:
+        return float32_list(_with_nan(numbers)), not _has_inexact(numbers)
+    nearest = float32_list(numbers)
+    return nearest, nearest == numbers
 
 
 def _has_inexact(items: list[float | None]) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import struct
 import sys
-from array import array
 from functools import lru_cache
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Annotated, Any
@@ -64,7 +63,8 @@ def float32(number: float) -> float:
 
 def float32_list(numbers: list[Any]) -> list[float]:
     """The float32s nearest to numbers in its range, infinities and NaN among them."""
-    return array("f", numbers).tolist()
+    nearest: list[Any] = memoryview(struct.pack(f"{len(numbers)}f", *numbers)).cast("f").tolist()
+    return nearest
 
 
 def int_annotation(type: field_types.Int) -> object:
