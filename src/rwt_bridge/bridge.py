@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Final, Never
 from rwt_access.access import Access
 from rwt_access.errors import AccessError
 from rwt_access.settings import SettingsError
-from rwt_bridge.connected_clients import ConnectedClients
 from rwt_bridge.ops import actions, auth, services, topics
 from rwt_bridge.peer import Peer
 from rwt_bridge.pending_auth import PendingAuth
 from rwt_delivery.shared_graph import SharedGraph
+from rwt_interfaces.payload import Payload
 from rwt_program.errors import RobotError
+from rwt_program.qos import LATCHED
 from rwt_protocol import ops
 from rwt_protocol.codecs import CODECS, Codec, Encoding, bson_codec, encoding_of
 from rwt_protocol.codecs.base import SplitLimits
@@ -28,8 +29,11 @@ from rwt_protocol.session import Session, WireLimits
 if TYPE_CHECKING:
     from rwt_access.roles import Role
     from rwt_bridge.settings import BridgeSettings
-    from rwt_graph.api import Graph
+    from rwt_graph.api import Graph, Participant, Publisher
+    from rwt_graph.clock import Clock
+    from rwt_interfaces.registry import Registry
     from rwt_protocol.transport import Endpoint, PeerInfo, Sink
+
 
 HANDLERS: Final[Mapping[type[ops.Op], Callable[[Peer, Never], None]]] = {
     **topics.HANDLERS,
@@ -165,3 +169,51 @@ def _exclusive_codec(settings: BridgeSettings) -> Codec | None:
         return bson_codec()
     except EncodingUnavailable as missing:
         raise SettingsError(f"`bson_only_mode`: {missing.reason}") from None
+
+
+class ConnectedClients:
+    """`/client_count` and `/connected_clients` (CFG-07, CFG-08): one latched publisher each, 0 and [] first.
+
+    The client that connects is itself counted. The list is made when clients have come or gone and the clock
+    turns next, so that a thousand that come together cost one message and not a thousand of growing length.
+    """
+
+    def __init__(self, participant: Participant, registry: Registry, clock: Clock) -> None:
+        self._clock = clock
+        self._count = participant.advertise("/client_count", registry.message("std_msgs/Int32"), LATCHED)
+        self._list = participant.advertise(
+            "/connected_clients", registry.message("rosbridge_msgs/ConnectedClients"), LATCHED
+        )
+        self._distro = registry.distro
+        self._clients: dict[int, dict[str, object]] = {}
+        self._due = False
+        self._tell_count()
+        self._tell_list()
+
+    def joined(self, number: int, address: str) -> None:
+        """A client has connected."""
+        moment = self._distro.time(self._clock.time_ns())
+        self._clients[number] = {"ip_address": address, "connection_time": moment}
+        self._changed()
+
+    def left(self, number: int) -> None:
+        """A client has gone."""
+        self._clients.pop(number, None)
+        self._changed()
+
+    def _changed(self) -> None:
+        self._tell_count()
+        if not self._due:
+            self._due = True
+            self._clock.call_later(0.0, self._tell_list)
+
+    def _tell_count(self) -> None:
+        _publish(self._count, {"data": len(self._clients)})
+
+    def _tell_list(self) -> None:
+        self._due = False
+        _publish(self._list, {"clients": list(self._clients.values())})
+
+
+def _publish(publisher: Publisher, message: dict[str, object]) -> None:
+    publisher.publish(Payload.from_value(publisher.type, message))

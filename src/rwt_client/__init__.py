@@ -9,7 +9,6 @@
 
 from rwt_client.connection import connect
 from rwt_client.endpoints.action_server import ActionServer
-from rwt_client.endpoints.parameters import Parameters
 from rwt_client.endpoints.publisher import RemotePublisher
 from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
@@ -28,7 +27,7 @@ from rwt_client.errors import (
 )
 from rwt_client.events import ConnectionEvent, EventStream
 from rwt_client.robot import Robot
-from rwt_client.rosapi import FieldInfo, NodeInfo, RosApi, RosVersion, TopicInfo, TypeInfo
+from rwt_client.rosapi import FieldInfo, NodeInfo, Parameters, RosApi, RosVersion, TopicInfo, TypeInfo
 from rwt_transports.backoff import Backoff
 
 __all__ = [

@@ -12,7 +12,6 @@ import msgspec
 from rwt_client.endpoints.action_server import ActionServer, ActionServers
 from rwt_client.endpoints.actionlib import send_over_topics
 from rwt_client.endpoints.goals import SentGoals
-from rwt_client.endpoints.parameters import Parameters
 from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher, wire_qos
 from rwt_client.endpoints.raw_subscription import RawCallback, RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
@@ -21,7 +20,7 @@ from rwt_client.endpoints.subscriptions import RemoteSubscription, SubscribeOpti
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent, EventStream
-from rwt_client.rosapi import UNANSWERED, RosApi
+from rwt_client.rosapi import UNANSWERED, Parameters, RosApi
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.session import ReconnectingSession
 from rwt_interfaces import NOETIC, Distro

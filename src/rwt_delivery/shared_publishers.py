@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt_delivery.deadline import DeadlineWatch
 from rwt_delivery.drop_notices import LOG_SECONDS
-from rwt_delivery.startup_buffer import SECONDS, StartupBuffer
 from rwt_graph.api import Sample
 from rwt_graph.errors import GraphError, TypeConflict
 from rwt_program.qos import Durability, History, QoS
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
     Lacks = Callable[[QoS], str]
     """Which of the policies that a client asks for a publisher does not offer, in words; empty if none."""
+    from rwt_graph.api import Sample
 
 
 class Ends(Protocol):
@@ -78,7 +78,7 @@ class SharedPublisher:
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
             self._startup = StartupBuffer()
             self.publish = self._publish_at_startup
-            self._startup_timer = clock.call_later(SECONDS, self.end_startup)
+            self._startup_timer = clock.call_later(STARTUP_SECONDS, self.end_startup)
 
     @property
     def keeps_samples(self) -> bool:
@@ -273,3 +273,41 @@ class SharedPublishers:
         if self._by_topic.get(topic) is shared:
             del self._by_topic[topic]
         shared.close()
+
+
+STARTUP_SECONDS: Final = 1.0
+"""How long after its creation a publisher's samples are kept for readers that come late."""
+
+_MOST_SAMPLES: Final = 100
+_MOST_BYTES: Final = 64 * 1024
+
+
+class StartupBuffer:
+    """The samples of one publisher's first second (ADV-08), the newest of them where they are many or large.
+
+    A program that advertises and publishes at once cannot know whether its readers have subscribed yet.
+    """
+
+    __slots__ = ("_samples", "_size")
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[Sample, int]] = deque()
+        self._size = 0
+
+    def add(self, sample: Sample, size: int) -> None:
+        """Keep a sample of `size` bytes, and forget older ones for it; all of them for one that is too large.
+
+        To keep one is to copy it out of its receive buffer, which large streams must not pay for.
+        """
+        if size > _MOST_BYTES:
+            self._samples.clear()
+            self._size = 0
+            return
+        self._samples.append((sample.detach(), size))
+        self._size += size
+        while len(self._samples) > _MOST_SAMPLES or self._size > _MOST_BYTES:
+            self._size -= self._samples.popleft()[1]
+
+    def samples(self) -> tuple[Sample, ...]:
+        """What is kept, oldest first."""
+        return tuple(sample for sample, _ in self._samples)

@@ -6,17 +6,20 @@ are connected, ops by the protocol.
 
 from __future__ import annotations
 
+import os
+import time
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
-from rwt.observability.loop_lag import BUCKETS, LoopLag
-from rwt.observability.process_metrics import write_process
 from rwt.observability.prometheus import Labels, PrometheusText
 
 if TYPE_CHECKING:
+    from rwt.observability.prometheus import PrometheusText
     from rwt_bridge.bridge import Bridge
     from rwt_bridge.peer import Peer
     from rwt_delivery.counters import Counters, EncodingCounts, TopicCounts
+    from rwt_graph.clock import Clock, Timer
     from rwt_protocol.transport import Traffic
     from rwt_transports.http import HttpExtension
     from rwt_transports.relay.dial import RelayStatus
@@ -50,7 +53,7 @@ class ServerMetrics:
         _write_dials(page, self.dials)
         page.histogram(
             "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
-            BUCKETS, self._loop_lag.counts, self._loop_lag.total,
+            LAG_BUCKETS, self._loop_lag.counts, self._loop_lag.total,
         )  # fmt: skip
         _write_topics(page, bridge.shared.counters)
         _write_clients(page, clients)
@@ -204,3 +207,58 @@ def _write_clients(page: PrometheusText, clients: list[tuple[Peer, Traffic]]) ->
             for reason, count in sorted(traffic.dropped.items())
         ],
     )  # fmt: skip
+
+
+_PROC: Final = Path("/proc/self")
+_STARTED: Final = time.time()
+
+
+def write_process(page: PrometheusText) -> None:
+    """CPU time everywhere, memory and open files where there is `/proc`; Prometheus' clients name them so."""
+    times = os.times()
+    cpu = times.user + times.system
+    page.single("process_cpu_seconds_total", "counter", "CPU time used, in seconds.", cpu)
+    page.single("process_start_time_seconds", "gauge", "When the process began, Unix time.", _STARTED)
+    try:
+        pages = int((_PROC / "statm").read_text().split()[1])
+        files = sum(1 for _ in (_PROC / "fd").iterdir())
+    except OSError:
+        return  # no Linux
+    resident = pages * os.sysconf("SC_PAGE_SIZE")
+    page.single("process_resident_memory_bytes", "gauge", "Resident memory, in bytes.", resident)
+    page.single("process_open_fds", "gauge", "Open file descriptors.", files)
+
+
+LAG_PERIOD: Final = 0.5
+"""Seconds between two looks."""
+LAG_BUCKETS: Final = (0.001, 0.005, 0.02, 0.1, 0.5, 2.0)
+"""Upper bounds in seconds."""
+
+
+class LoopLag:
+    """How late the event loop is: a histogram of when a timer runs after it should have.
+
+    Attributes:
+        counts: looks whose lag was at most the bucket's bound and above that of the one before; the last
+            count is of the lags above all bounds.
+        total: the sum of all lags, in seconds.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self.counts = [0] * (len(LAG_BUCKETS) + 1)
+        self.total = 0.0
+        self._due = clock.monotonic() + LAG_PERIOD
+        self._timer: Timer = clock.call_later(LAG_PERIOD, self._look)
+
+    def close(self) -> None:
+        """Look no more."""
+        self._timer.cancel()
+
+    def _look(self) -> None:
+        now = self._clock.monotonic()
+        lag = max(0.0, now - self._due)
+        self.total += lag
+        self.counts[sum(lag > bound for bound in LAG_BUCKETS)] += 1
+        self._due = now + LAG_PERIOD
+        self._timer = self._clock.call_later(LAG_PERIOD, self._look)

@@ -11,8 +11,8 @@ from rwt_nodes.demo.arm.kinematics import Arm
 from rwt_nodes.demo.battery import Battery
 from rwt_nodes.demo.diagnostics import Diagnostics
 from rwt_nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
-from rwt_nodes.demo.fibonacci import Fibonacci
 from rwt_nodes.demo.frames import MAP, frame
+from rwt_nodes.demo.messages import Message
 from rwt_nodes.demo.model.meshes import Meshes
 from rwt_nodes.demo.model.urdf import camera_mount, urdf, visuals
 from rwt_nodes.demo.navigation.goal_marker import GoalMarker
@@ -27,7 +27,8 @@ from rwt_nodes.demo.world.lens import DEFAULT_LENS, Lens
 from rwt_nodes.demo.world.lidar import Lidar
 from rwt_nodes.demo.world.map import World, draw_map, house
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
-from rwt_program.errors import ServiceFailed
+from rwt_program.errors import GoalCanceled, ServiceFailed
+from rwt_program.goals import ReceivedGoal
 
 #: Seconds from one control step to the next.
 CONTROL_PERIOD = 0.05
@@ -236,3 +237,50 @@ def _add_two_ints(request: _Addends) -> messages.Message:
         msg = f"{request.a} + {request.b} does not fit an int64"
         raise ServiceFailed(msg)
     return {"sum": total}
+
+
+#: As many numbers, from 0 on, fit the message's int32.
+_MOST_NUMBERS = 47
+
+#: How many numbers more than the order says a tutorial finds: programs written for either count on it.
+_SURPLUS = {"actionlib_tutorials/Fibonacci": 2, "example_interfaces/Fibonacci": 1}
+
+
+class FibonacciRequest(Protocol):
+    """The goal, which every package's Fibonacci action has."""
+
+    order: int
+
+
+class Fibonacci:
+    """The action `/fibonacci` of ROS's tutorials: one number after another, slowly enough to cancel.
+
+    Attributes:
+        rate: numbers in a second.
+    """
+
+    rate = 2.0
+
+    def __init__(self, node: Node) -> None:
+        name = node.distro.fibonacci_type
+        self._node = node
+        self._surplus = _SURPLUS[name]
+        node.advertise_action("fibonacci", name, self._execute, accept=self._accept)
+
+    def _accept(self, request: FibonacciRequest) -> bool | str:
+        highest = _MOST_NUMBERS - self._surplus
+        if 0 <= request.order <= highest:
+            return True
+        return f"order must be 0 to {highest}, where int32 ends, got {request.order}"
+
+    async def _execute(self, goal: ReceivedGoal) -> Message:
+        request: FibonacciRequest = goal.request
+        count = request.order + self._surplus
+        sequence = [0, 1][:count]
+        while len(sequence) < count:
+            await self._node.clock.sleep(1 / self.rate)
+            if goal.cancel_requested:
+                raise GoalCanceled({"sequence": sequence})
+            sequence = [*sequence, sequence[-1] + sequence[-2]]
+            goal.publish_feedback({"sequence": sequence})
+        return {"sequence": sequence}

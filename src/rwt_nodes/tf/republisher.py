@@ -11,9 +11,8 @@ import anyio
 
 from rwt_graph import Node
 from rwt_interfaces.times import NANOSECONDS
-from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.request import Request, RequestMessage, RequestRefused
-from rwt_nodes.tf.streams import GoalStream, TopicStream
+from rwt_nodes.tf.streams import CpuBudget, GoalStream, TopicStream
 from rwt_nodes.tf.transform_filters import MissingFrames, make_filter
 from rwt_program.errors import GoalAborted, GoalCanceled, ServiceFailed
 from rwt_program.goals import ReceivedGoal

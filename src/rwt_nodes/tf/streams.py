@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from time import thread_time
 from typing import Final
 
 from rwt_graph import Node, Timer, TopicPublisher
-from rwt_nodes.tf.cpu_budget import CpuBudget
 from rwt_nodes.tf.transform_filters import TransformFilter
 from rwt_program.goals import ReceivedGoal
 from rwt_program.qos import Durability, QoS
@@ -143,3 +143,43 @@ class TopicStream:
         self._timer = None
         self._publisher.close()
         self._ended()
+
+
+SHARE: Final = 0.25
+"""Of the event loop's time, for all streams together: a client may ask for a thousand frames a hundred times
+a second, and other clients must be served, too."""
+
+_NEWEST: Final = 0.2
+"""How much the last turn counts in what a turn usually takes: one that was held up must not slow a stream."""
+
+
+class CpuBudget:
+    """The processor time of one stream: it rests after each turn to stay within its part of :data:`SHARE`.
+
+    Args:
+        monotonic: seconds of the robot's clock.
+        streams: how many there are.
+        worked: seconds of processor time that this thread has taken.
+    """
+
+    def __init__(
+        self,
+        monotonic: Callable[[], float],
+        streams: Callable[[], int],
+        worked: Callable[[], float] = thread_time,
+    ) -> None:
+        self._monotonic = monotonic
+        self._streams = streams
+        self._worked = worked
+        self._usual = 0.0
+        self._rests_until = float("-inf")
+
+    def turn(self, work: Callable[[], None]) -> None:
+        """Do `work`, unless the stream rests."""
+        now = self._monotonic()
+        if now < self._rests_until:
+            return
+        began = self._worked()
+        work()
+        self._usual += _NEWEST * (self._worked() - began - self._usual)
+        self._rests_until = now + self._usual * self._streams() / SHARE

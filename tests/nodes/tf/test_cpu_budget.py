@@ -6,7 +6,7 @@ from itertools import count
 
 import pytest
 
-from rwt_nodes.tf.cpu_budget import SHARE, CpuBudget
+from rwt_nodes.tf.streams import SHARE, CpuBudget
 from tests.nodes.tf.conftest import Asking, Lab, settle
 
 
