@@ -44,6 +44,12 @@ roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
 {sections}"""
 
 
+_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""What the index may do: show itself, and pictures of this server. No name in it can become a script."""
+
 Gather = Callable[[bytes], Awaitable[bytes]]
 """Makes of the metrics of this process those of all that serve its port."""
 
@@ -151,7 +157,8 @@ def _index(
         actions=_rows((action.name, registry.type_name(action.type)) for action in reader.actions()),
         sections="\n".join(its.section(request, reader) for its in extensions if its.section is not None),
     )
-    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
+    headers = {"Content-Security-Policy": _POLICY}
+    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=headers)
 
 
 def _host_and_port(address: str) -> tuple[str, str]:

@@ -33,7 +33,7 @@ from rwt_graph.errors import NotRunning
 from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import DISCLOSURES
 from rwt_transports.drivers.sockets import raise_descriptor_limit
-from rwt_transports.limits import Limits
+from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import check_dial_url, dial
 from rwt_transports.websocket.extensions import Deflate
@@ -315,6 +315,7 @@ class Server:
             return accept
 
         limits = _transport_limits(settings)
+        addresses = AddressCount(limits.connections_per_address)
         gather = None if self._worker is None else self._worker.metrics.gather
         listeners = [
             await stack.enter_async_context(
@@ -323,6 +324,7 @@ class Server:
                     accept_at(url),
                     routes=routes(bridge, metrics, http, loopback=is_loopback_listener(url), gather=gather),
                     hosts=settings.origins.hosts,
+                    addresses=addresses,
                     limits=limits,
                     tls=tls,
                     bson=settings.bson_only_mode,
@@ -334,7 +336,7 @@ class Server:
         token = settings.dial.token.get_secret_value() if settings.dial.token else None
         dial_tls = client_tls(settings.dial.cafile)
         for url in settings.dial.urls:
-            dialing = dial(url, accept_at(url), token=token, limits=limits, tls=dial_tls)
+            dialing = dial(url, accept_at(url), token=token, limits=limits, addresses=addresses, tls=dial_tls)
             metrics.dials.append(await stack.enter_async_context(dialing))
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
@@ -527,6 +529,8 @@ def _transport_limits(settings: Settings) -> Limits:
     return Limits(
         message_bytes=settings.max_message_size,
         connections=limits.connections,
+        connections_per_address=limits.connections_per_address,
+        stalled_http_seconds=limits.stalled_http_seconds,
         handshake_seconds=limits.handshake_seconds,
         idle_http_seconds=limits.idle_http_seconds,
         close_seconds=limits.close_seconds,

@@ -1,9 +1,8 @@
-"""Who comes in, and as what: origin, connections per address, bearer token; before a connection opens."""
+"""Who comes in, and as what: origin and bearer token; before a connection opens."""
 
 from __future__ import annotations
 
 import logging
-from collections import Counter
 from typing import TYPE_CHECKING
 
 from rwt_access.audit import LineRate
@@ -12,7 +11,6 @@ from rwt_access.errors import NotAuthenticated
 from rwt_access.origins import NO_SITE, Origins
 from rwt_access.roles import roles
 from rwt_transports.errors import Refused
-from rwt_transports.http import is_local
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -65,11 +63,9 @@ class Admission:
         name = auth.default_role or ("admin" if is_open else None)
         self.default_role: Role | None = self.roles[name] if name else None
         self._origins = Origins(settings.origins.allow)
-        self._per_address = settings.limits.connections_per_address
-        self._addresses: Counter[str] = Counter()
 
     def admit(self, info: PeerInfo, *, loopback: bool) -> Role | None:
-        """Let a connection in; :meth:`left` must be called when it has ended.
+        """Let a connection in.
 
         Args:
             info: what the transport knows of the other side.
@@ -79,18 +75,10 @@ class Admission:
             The client's role; None for one that must authenticate by an `auth` op before anything else.
 
         Raises:
-            Refused: it may not come in, with status 401, 403 or 429; the text names the setting.
+            Refused: it may not come in, with status 401 or 403; the text names the setting.
         """
         self._check_origin(info, loopback=loopback)
-        role = self._role(info)
-        self._count(info)
-        return role
-
-    def left(self, info: PeerInfo) -> None:
-        """A connection that was let in has ended."""
-        self._addresses[info.address] -= 1
-        if self._addresses[info.address] <= 0:
-            del self._addresses[info.address]
+        return self._role(info)
 
     def role_of(self, info: PeerInfo) -> Role | None:
         """The role that a request without a connection has, by its token; None where it has none.
@@ -131,13 +119,6 @@ class Admission:
         if role is None:
             raise self._refused(info, 401, "this bearer token is not known here (auth.tokens)")
         return role
-
-    def _count(self, info: PeerInfo) -> None:
-        most = self._per_address
-        if most and self._addresses[info.address] >= most and info.address and not is_local(info.address):
-            text = f"{most} connections from {info.address} are open (limits.connections_per_address)"
-            raise self._refused(info, 429, text)
-        self._addresses[info.address] += 1
 
     def log_refusal(self, info: PeerInfo, reason: str) -> None:
         """Note that a connection was turned away; the rate is that of all connections together."""

@@ -35,7 +35,10 @@ class ClientLimits(Table):
 
     connections_per_address: Annotated[
         CountOrNone,
-        Field(description="open connections from one address that is not this machine's; 0 for any number"),
+        Field(
+            description="open connections from one address that is not this machine's, those of plain HTTP"
+            " and in TLS handshakes included; 0 for any number"
+        ),
     ] = 128
     subscriptions: Annotated[Count, Field(description="subscriptions of one client")] = 1000
     advertisements: Annotated[

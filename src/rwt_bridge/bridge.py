@@ -135,7 +135,6 @@ class Bridge:
         del self._peers[peer.number]
         self.shared.counters.left(peer.messages, peer.sink.traffic)
         self._connected.left(peer.number)
-        self.access.admission.left(peer.info)
 
     def close(self) -> None:
         """Leave the graph."""

@@ -62,7 +62,6 @@ class PendingAuth:
         """The connection has ended."""
         self._stop_timer()
         self._shut = True
-        self._admission.left(self._info)
 
     def _first(self, data: bytes, binary: bool) -> None:
         if len(data) > _LONGEST_AUTH:

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from ssl import SSLContext
 from typing import Protocol, runtime_checkable
 
 from anyio.abc import TaskGroup
 
 from rwt_protocol.transport import Buffer, Frame
+from rwt_transports.limits import AddressCount
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +181,8 @@ class BindAddress:
         path: of a Unix socket; the host is then empty.
         tls: encrypts the connections.
         shared: whether other processes of this user listen on the same TCP port.
+        handshake_seconds: how long a handshake in TLS may take.
+        addresses: counts each peer until its handshake in TLS has ended.
     """
 
     host: str = ""
@@ -187,6 +190,8 @@ class BindAddress:
     path: str = ""
     tls: SSLContext | None = None
     shared: bool = False
+    handshake_seconds: float = 10.0
+    addresses: AddressCount = field(default_factory=AddressCount)
 
     def __str__(self) -> str:
         return self.path or f"port {self.port} on {self.host}"

@@ -15,7 +15,7 @@ from rwt_transports.api import DriverCallbacks, FlowControlled, Framing, Link, O
 from rwt_transports.background import TaskStarter
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http import EVERY_NAME, Hosts
-from rwt_transports.limits import Limits
+from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
 from rwt_transports.websocket.deflate import deflate_server
@@ -32,6 +32,10 @@ MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
 
 class PeerConnection(DriverCallbacks, Protocol):
     """What stands behind one peer's link, as its listener sees it: HTTP, or a wire's messages."""
+
+    @property
+    def address(self) -> str:
+        """The peer's address, empty where there is none."""
 
     def begin(self) -> None:
         """Start, with the link at hand."""
@@ -62,6 +66,7 @@ class ListenerState:
         single: whether everything ends with the one peer that there is.
         idle_seconds: silence after which a peer counts as gone; 0 for never.
         max_message_size: bytes of the largest message that can be sent; 0 for any.
+        addresses: how many connections each address has.
         hosts: the names by which HTTP requests may address the listener.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
@@ -76,6 +81,7 @@ class ListenerState:
     single: bool = False
     idle_seconds: float = 0.0
     max_message_size: int = 0
+    addresses: AddressCount = field(default_factory=AddressCount)
     hosts: Hosts = EVERY_NAME
     tasks: TaskStarter | None = None
     ended: anyio.Event = field(default_factory=anyio.Event)
@@ -91,8 +97,10 @@ class ListenerState:
     def add(self, connection: PeerConnection, link: Link) -> None:
         """Let a connection have its link, and begin."""
         self.connections.add(connection)
+        self.addresses.enter(connection.address)
         link.set_callbacks(connection)
-        if self.closing or len(self.connections) > 2 * self.limits.connections:
+        too_many = len(self.connections) > 2 * self.limits.connections
+        if self.closing or too_many or self.addresses.is_flooding(connection.address):
             connection.abort()
         else:
             connection.begin()
@@ -143,6 +151,7 @@ class ListenerState:
     def detach(self, connection: PeerConnection) -> None:
         """A connection has ended."""
         self.connections.discard(connection)
+        self.addresses.leave(connection.address)
         if not self.connections and self._empty is not None:
             self._empty.set()
         if self.single:
@@ -153,7 +162,6 @@ class Connection:
     """Stands between a driver and an endpoint; see :mod:`rwt_transports.api`."""
 
     __slots__ = (
-        "_address",
         "_alive",
         "_closed_with",
         "_deadline",
@@ -165,6 +173,7 @@ class Connection:
         "_port",
         "_state",
         "_wire",
+        "address",
         "outbox",
         "take",
     )
@@ -174,7 +183,7 @@ class Connection:
     ) -> None:
         self._state = state
         self._link = link
-        self._address = address
+        self.address = address
         self._port = port
         limits = state.limits
         self._wire = (
@@ -195,12 +204,13 @@ class Connection:
     def begin(self) -> None:
         """Open at once, where the transport has no handshake."""
         state = self._state
-        peer = PeerInfo(state.transport, self._address, self._port, max_message_size=state.max_message_size)
+        peer = PeerInfo(state.transport, self.address, self._port, max_message_size=state.max_message_size)
         if len(state.connections) > state.limits.connections:
             logger.warning("no room for %s: %d connections", self, state.limits.connections)
             self._link.abort()
             return
         try:
+            state.addresses.check(self.address)
             self.open(peer)
         except Refused as refused:
             self.close(POLICY, refused.reason)
@@ -382,7 +392,7 @@ class Connection:
         self._link.abort()
 
     def __repr__(self) -> str:
-        return f"<{self._state.transport} connection {self._address}:{self._port}>"
+        return f"<{self._state.transport} connection {self.address}:{self._port}>"
 
 
 class _ConnectionSink(Outbox):

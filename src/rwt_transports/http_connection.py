@@ -40,7 +40,7 @@ class HttpConnection:
         self._state = state
         self._limits = limits = state.limits
         self._link = link
-        self._address = address
+        self.address = address
         self._port = port
         self.outbox = Outbox(SERVER_FRAMING, limits, link.wake, self._overflow)
         self.take: Callable[[], Buffer | None] = self.outbox.take
@@ -50,9 +50,12 @@ class HttpConnection:
         self._busy = False  # a handler is at work, or a body is being sent
         self._streaming = False  # that body comes piece by piece, and may have no end
         self._ahead = 0  # bytes that came while an answer was being made
+        self._refused: HttpResponse | None = None  # what answers every request
+        self._taken = 0  # bytes that the network had taken when the time-outs were checked last
         self._over = False
         self._served = False
         self._deadline: float | None = None
+        self._stalled: float | None = None  # until when the network must take something of what waits
         self._scope: anyio.CancelScope | None = None
 
     # -- the driver's side ---------------------------------------------------------------------------------
@@ -100,7 +103,11 @@ class HttpConnection:
     # -- the listener's side -------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Wait for a request."""
+        """Wait for a request; a connection too many is given its reason, and closed."""
+        try:
+            self._state.addresses.check(self.address)
+        except Refused as refused:
+            self._refused = _refusal(refused)
 
     def close(self, code: int, reason: str) -> None:
         """Close, once an answer that is being made has been sent; a stream is ended."""
@@ -114,9 +121,18 @@ class HttpConnection:
 
     def tick(self, now: float) -> None:
         """Check the time-outs; `now` is monotonic, in seconds. Bytes that trickle in extend nothing."""
+        limits = self._limits
+        if self.outbox.is_waited_for:
+            if self._taken != self.outbox.taken or self._stalled is None:
+                self._taken = self.outbox.taken
+                self._stalled = now + limits.stalled_http_seconds
+            elif now >= self._stalled:
+                self.abort()
+            self._deadline = None
+            return
+        self._stalled = None
         if self._busy and not self._over:
             return
-        limits = self._limits
         if self._deadline is None:
             usual = limits.idle_http_seconds if self._served else limits.handshake_seconds
             self._deadline = now + (limits.close_seconds if self._over else usual)
@@ -175,11 +191,14 @@ class HttpConnection:
             headers[name] = f"{headers[name]}, {value}" if name in headers else value
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
-        request = HttpRequest(method, path, query, headers, bytes(self._body), self._address)
+        request = HttpRequest(method, path, query, headers, bytes(self._body), self.address)
         if not self._state.hosts.include(headers.get("host", "")):
             shown = ascii(headers["host"])[1:-1][:200]
             text = f"this server does not answer to the name {shown} (origins.hosts)\n"
             self._respond_text(403, text, {"Connection": "close"})
+            return
+        if self._refused is not None:
+            self._respond(self._refused)
             return
         if wants_websocket(pairs):
             if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; a proxy's default, more often than not
@@ -210,8 +229,8 @@ class HttpConnection:
         if len(state.connections) > state.limits.connections:
             text = f"all {state.limits.connections} connections of this server are taken (connections)\n"
             return HttpResponse(text.encode(), 503)
-        peer = PeerInfo(state.transport, self._address, self._port, target, request.headers)
-        connection = Connection(state, self._link, self._address, self._port, answer.deflate)
+        peer = PeerInfo(state.transport, self.address, self._port, target, request.headers)
+        connection = Connection(state, self._link, self.address, self._port, answer.deflate)
         # In front of what the endpoint sends at once.
         unsent: list[Buffer] = []
         while (data := self.take()) is not None:
@@ -221,7 +240,7 @@ class HttpConnection:
         try:
             connection.open(peer)
         except Refused as refused:
-            refusal = HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+            refusal = _refusal(refused)
         except Exception:
             log_exception("the accept function failed for %s", self)
             refusal = _INTERNAL_ERROR
@@ -319,7 +338,7 @@ class HttpConnection:
         headers = [("Date", formatdate(usegmt=True)), ("Content-Type", response.content_type)]
         if size is not None:
             headers.append(("Content-Length", str(size)))
-        headers.extend(response.headers.items())
+        headers.extend({**_SAFE, **response.headers}.items())
         phrase = HTTPStatus(response.status).phrase
         self._send(h11.Response(status_code=response.status, headers=headers, reason=phrase))
 
@@ -359,7 +378,15 @@ class HttpConnection:
             self.outbox.when_empty(self._link.close)
 
     def __repr__(self) -> str:
-        return f"<{self._state.transport} connection {self._address}:{self._port}>"
+        return f"<{self._state.transport} connection {self.address}:{self._port}>"
+
+
+_SAFE = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
+"""What every answer says: it is of the type that it names, and its URL, perhaps with a token, stays here."""
+
+
+def _refusal(refused: Refused) -> HttpResponse:
+    return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
 
 
 _INTERNAL_ERROR = HttpResponse(b"internal error\n", 500)

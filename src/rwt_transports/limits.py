@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ipaddress
+from collections import Counter
 from dataclasses import dataclass
 
+from rwt_transports.errors import Refused
+from rwt_transports.http import is_local
 from rwt_transports.websocket.extensions import Deflate
 
 KIB = 1024
@@ -23,8 +27,11 @@ class Limits:
             cost the connection.
         connections: open connections of one listener. More are answered with HTTP 503 where the transport
             has HTTP, and cut otherwise; twice as many are always cut.
+        connections_per_address: the same bound for each address; see :class:`AddressCount`.
         handshake_seconds: from the first byte expected to the end of the request.
         idle_http_seconds: how long a kept-alive HTTP connection may wait between two requests.
+        stalled_http_seconds: how long the peer may take none of the bytes of an answer or a stream that wait
+            for it; then it is cut.
         http_header_bytes: size of one request line with its headers.
         http_body_bytes: size of one plain HTTP request body.
         close_seconds: how long a closing connection may take before it is cut.
@@ -44,8 +51,10 @@ class Limits:
     message_bytes: int = 64 * MIB
     strict_utf8: bool = False
     connections: int = 1024
+    connections_per_address: int = 128
     handshake_seconds: float = 10.0
     idle_http_seconds: float = 60.0
+    stalled_http_seconds: float = 20.0
     http_header_bytes: int = 16 * KIB
     http_body_bytes: int = MIB
     close_seconds: float = 2.0
@@ -58,3 +67,55 @@ class Limits:
     control_bytes: int = 64 * MIB
     control_frames: int = 100_000
     deflate: Deflate = Deflate.OFF
+
+
+class AddressCount:
+    """How many connections are open from each address, over all listeners that share it.
+
+    From the first byte on: handshakes in TLS, plain HTTP and streams count like every other. This machine's
+    own addresses are not counted. A network of 64 bits counts as one IPv6 address, since whoever has one of
+    its addresses has all of them.
+
+    Args:
+        most: connections of one address; 0 for any number.
+    """
+
+    def __init__(self, most: int = 0) -> None:
+        self._most = most
+        self._open: Counter[str] = Counter()
+
+    def enter(self, address: str) -> None:
+        """Count one more."""
+        if key := self._key(address):
+            self._open[key] += 1
+
+    def leave(self, address: str) -> None:
+        """Count one less."""
+        if key := self._key(address):
+            self._open[key] -= 1
+            if not self._open[key]:
+                del self._open[key]
+
+    def check(self, address: str) -> None:
+        """Look at a connection that is counted already.
+
+        Raises:
+            Refused: the address has more than it may have, with status 429; the text names the setting.
+        """
+        if self._open[self._key(address)] > self._most:
+            text = f"{self._most} connections from {address} are open (limits.connections_per_address)"
+            raise Refused(429, text, {"Connection": "close"})
+
+    def is_flooding(self, address: str) -> bool:
+        """Whether the address has twice what it may have, so that it does not even get an answer."""
+        return self._open[self._key(address)] > 2 * self._most
+
+    def _key(self, address: str) -> str:
+        if not self._most or not address or is_local(address):
+            return ""
+        if ":" not in address:
+            return address
+        try:
+            return str(ipaddress.ip_network((address.partition("%")[0], 64), strict=False))
+        except ValueError:
+            return address

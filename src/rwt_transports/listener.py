@@ -17,7 +17,7 @@ from rwt_transports.connection import ListenerState
 from rwt_transports.errors import BadUrl
 from rwt_transports.http import Hosts, Routes, is_local
 from rwt_transports.http_connection import HttpConnection
-from rwt_transports.limits import Limits
+from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.schemes import parse_listen_url
 from rwt_transports.websocket.close_codes import GOING_AWAY
 
@@ -49,6 +49,7 @@ async def listen(
     *,
     routes: Routes | None = None,
     hosts: Iterable[str] = (),
+    addresses: AddressCount | None = None,
     limits: Limits | None = None,
     driver: Driver | None = None,
     tls: SSLContext | None = None,
@@ -64,6 +65,7 @@ async def listen(
         accept: makes the endpoint of each new peer; may raise :exc:`~rwt_transports.errors.Refused`.
         routes: plain HTTP requests that the same port answers.
         hosts: names by which it may be addressed; see :class:`~rwt_transports.http.Hosts`.
+        addresses: counts the connections of each address; one of its own by default.
         limits: bounds per listener and per connection.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
         bson: whether every message is a BSON document; on a stream it says itself where it ends (BSN-03).
@@ -81,6 +83,7 @@ async def listen(
     make_wire = scheme.bson_wire if bson else scheme.wire
     if make_wire is None:
         raise BadUrl(f"cannot listen on {url!r}: BSON is not spoken over {target.name}; use ws:// or tcp://")
+    addresses = addresses or AddressCount(chosen.connections_per_address)
     state = ListenerState(
         accept,
         make_wire,
@@ -90,12 +93,16 @@ async def listen(
         single=scheme.single,
         idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,
         max_message_size=scheme.max_message_size,
+        addresses=addresses,
         hosts=Hosts(hosts, loopback=is_local(target.address.host)),
     )
     mover = driver or scheme.driver()
+    bound = replace(
+        target.address, shared=shared, addresses=addresses, handshake_seconds=chosen.handshake_seconds
+    )
     failure: Exception | None = None
     async with (
-        mover.serve(replace(target.address, shared=shared), state.attach) as port,
+        mover.serve(bound, state.attach) as port,
         anyio.create_task_group() as tasks,
     ):
         state.tasks = TaskStarter()

@@ -203,6 +203,16 @@ class Outbox:
             self.messages, self._taken, waiting, self.backlog, dict(self._data.dropped), self.received
         )
 
+    @property
+    def taken(self) -> int:
+        """Bytes handed to the network so far."""
+        return self._taken
+
+    @property
+    def is_waited_for(self) -> bool:
+        """Whether something is to happen once everything has been taken by the network, or bytes wait."""
+        return self._on_empty is not None or bool(self.ready) or self._current is not None
+
     def _ready_frame(self, frame: Frame) -> None:
         self.messages += 1
         if frame.size < self.small:

@@ -318,6 +318,7 @@ async def test_the_page_of_the_port_shows_what_its_reader_may_see() -> None:
         page = await _get(host, f"/?token={TOKEN}")
         assert page.startswith("HTTP/1.1 200 ")
         assert "A robot is here" in page
+        assert "Content-Security-Policy: default-src 'none'; " in page and "<script" not in page
         assert (await _get(host, "/healthz")).startswith("HTTP/1.1 200 ")
 
 

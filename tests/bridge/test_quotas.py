@@ -11,7 +11,6 @@ from rwt_access.quotas import RateLimit
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock
-from rwt_transports.errors import Refused
 from tests.bridge.recording_client import Client, Message
 
 
@@ -123,29 +122,6 @@ def test_zero_counts_nothing(graph: MemoryGraph) -> None:
     for _ in range(100):
         client.say("publish", topic="/x", type="std_msgs/String", msg={})
     assert client.close_code is None
-
-
-# -- connections of one address ----------------------------------------------------------------------------
-
-
-def test_connections_of_one_address_are_bounded(graph: MemoryGraph) -> None:
-    bridge = _bridge(graph, connections_per_address=2)
-    first = Client(bridge, "192.0.2.1")
-    Client(bridge, "192.0.2.1")
-    with pytest.raises(Refused) as refused:
-        Client(bridge, "192.0.2.1")
-    assert refused.value.status == 429
-    assert refused.value.reason == "2 connections from 192.0.2.1 are open (limits.connections_per_address)"
-    Client(bridge, "192.0.2.2")
-    first.leave()
-    Client(bridge, "192.0.2.1")
-
-
-@pytest.mark.parametrize("address", ["127.0.0.1", "::1", ""])
-def test_this_machine_is_not_counted(graph: MemoryGraph, address: str) -> None:
-    bridge = _bridge(graph, connections_per_address=1)
-    for _ in range(3):
-        Client(bridge, address)
 
 
 # -- messages that are too large to send -------------------------------------------------------------------

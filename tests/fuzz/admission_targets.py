@@ -48,7 +48,6 @@ def admission(data: bytes) -> None:
     if role is not None and data[0] & 1:
         assert TOKEN in unquote_plus(data.decode("latin-1")), "let in without the token"
         role.sees_topic(path)
-    door.left(info)
 
 
 def settings(data: bytes) -> None:

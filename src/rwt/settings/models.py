@@ -25,6 +25,9 @@ class LimitSettings(BridgeLimits):
     idle_http_seconds: Annotated[
         Seconds, Field(description="how long a kept-alive HTTP connection may wait between two requests")
     ] = 60.0
+    stalled_http_seconds: Annotated[
+        Seconds, Field(description="how long the reader of a page or stream may take nothing of what waits")
+    ] = 20.0
     ping_seconds: Annotated[
         SecondsOrNone, Field(description="silence after which a client is pinged; 0 never pings")
     ] = 20.0

@@ -29,6 +29,8 @@ logger = logging.getLogger("rwt_nodes.video")
 
 #: Pictures of a video that may wait for a viewer. A picture by itself never waits: the next replaces it.
 _MOST_WAITING: Final = 4
+#: Seconds without room for a picture after which a viewer has to make place for another.
+STALLED_SECONDS: Final = 5.0
 #: Seconds from one key picture for a slow viewer to the next; they are large, and every viewer gets them.
 _KEY_PAUSE: Final = 0.5
 
@@ -46,6 +48,7 @@ class Viewer:
         self._begun = False  # what cannot be shown by itself makes no sense before a key picture
         self._woken = anyio.Event()
         self._over = False
+        self._handed_over: float | None = None  # when the viewer's connection was given a picture to send
         self.failure: VideoError | None = None
 
     @property
@@ -74,14 +77,21 @@ class Viewer:
 
     async def next(self) -> Encoded | None:
         """The next picture, waiting for it; None when there will be no more."""
+        self._handed_over = None
         while not self._waiting:
             if self._over:
                 return None
             await self._woken.wait()
             self._woken = anyio.Event()
         picture = self._waiting.popleft()
+        self._handed_over = self._broadcast.now()
         self._broadcast.wake()
         return picture
+
+    @property
+    def has_stalled(self) -> bool:
+        """Whether the network has not taken one picture for a long time."""
+        return self._handed_over is not None and self._broadcast.now() - self._handed_over >= STALLED_SECONDS
 
     def leave(self) -> None:
         """Leave the broadcast."""
@@ -124,7 +134,7 @@ class Broadcast:
         self.request = request
         self.counts = counts
         self.viewers: list[Viewer] = []
-        self._now = now
+        self.now = now
         self._log = node.log
         self._make_encoder = make_encoder
         self._encoder: Encoder | None = None
@@ -226,7 +236,7 @@ class Broadcast:
             self.end(error)
 
     async def _encode(self, payload: Payload) -> Encoded | None:
-        now = self._now()
+        now = self.now()
         key, at_ms = self._takes_key(now), int(now * 1000)
 
         def work() -> Encoded | None:
@@ -246,6 +256,6 @@ class Broadcast:
         self.counts.encoded += 1
         self._shown = picture
         if picture.key:
-            self._key_at = self._now()
+            self._key_at = self.now()
         for viewer in tuple(self.viewers):
             viewer.put(picture)

@@ -175,9 +175,16 @@ class WebVideoServer:
         return resolved
 
     def _check_room(self, stream: StreamRequest) -> None:
-        viewers = sum(len(broadcast.viewers) for broadcast in self._broadcasts.values())
-        if viewers >= self._most_viewers:
-            raise RequestRefused(503, f"{viewers} viewers are looking already (limits.video_viewers)")
+        viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.viewers]
+        if len(viewers) >= self._most_viewers:
+            # Whose connection takes nothing makes place for who wants to look.
+            stalled = [viewer for viewer in viewers if viewer.has_stalled]
+            for viewer in stalled:
+                viewer.leave()
+            if not stalled:
+                raise RequestRefused(
+                    503, f"{len(viewers)} viewers are looking already (limits.video_viewers)"
+                )
         if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
             many = len(self._broadcasts)
             raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")

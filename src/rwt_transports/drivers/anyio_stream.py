@@ -21,7 +21,6 @@ logger = logging.getLogger("rwt_transports")
 
 READ_BYTES = 64 * 1024
 BACKLOG = 512
-TLS_HANDSHAKE_SECONDS = 10
 
 GONE = (anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError)
 """How a stream says that its other end has gone; TLS says the first of them to a writer, too."""
@@ -140,7 +139,7 @@ class AnyioDriver:
         port = 0 if address.path else int(sockets[0].getsockname()[1])
         serve = partial(serve_stream, attach)
         if address.tls is not None:
-            serve = partial(_serve_in_tls, address.tls, attach)
+            serve = partial(_serve_in_tls, address, address.tls, attach)
         try:
             async with AsyncExitStack() as listeners, anyio.create_task_group() as tasks:
                 for each in sockets:
@@ -166,18 +165,26 @@ async def serve_stream(attach: Attach, stream: ByteStream) -> None:
         log_exception("the connection of %s:%s failed", host, port)
 
 
-async def _serve_in_tls(tls: SSLContext, attach: Attach, stream: ByteStream) -> None:
+async def _serve_in_tls(address: BindAddress, tls: SSLContext, attach: Attach, stream: ByteStream) -> None:
     """Shake hands, and serve the peer."""
+    peer = stream.extra(SocketAttribute.remote_address, "")
+    host = str(peer[0]) if isinstance(peer, tuple) else ""
+    address.addresses.enter(host)
     try:
-        with anyio.fail_after(TLS_HANDSHAKE_SECONDS):
+        if address.addresses.is_flooding(host):
+            await anyio.aclose_forcefully(stream)
+            return
+        with anyio.fail_after(address.handshake_seconds):
             encrypted = await TLSStream.wrap(
                 stream, server_side=True, ssl_context=tls, standard_compatible=False
             )
     except Exception as error:
-        logger.info("no TLS with %s: %s", stream.extra(SocketAttribute.remote_address, ""), error)
+        logger.info("no TLS with %s: %s", host, error)
         await anyio.aclose_forcefully(stream)
-    else:
-        await serve_stream(attach, encrypted)
+        return
+    finally:
+        address.addresses.leave(host)
+    await serve_stream(attach, encrypted)
 
 
 async def _listener(bound: socket.socket) -> SocketListener:

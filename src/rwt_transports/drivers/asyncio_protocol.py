@@ -8,14 +8,14 @@ import contextlib
 import logging
 import socket
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager
 from functools import partial
 from typing import cast
 
 import anyio
 from anyio.abc import TaskGroup
 
-from rwt_transports.api import Attach, BindAddress, DriverCallbacks, RemoteAddress
+from rwt_transports.api import Attach, BindAddress, DriverCallbacks, Link, RemoteAddress
 from rwt_transports.drivers.sockets import accept_peers, bind_tcp, bind_unix, remove_unix
 from rwt_transports.errors import log_exception
 
@@ -24,7 +24,6 @@ logger = logging.getLogger("rwt_transports")
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
 BACKLOG = 512
-TLS_HANDSHAKE_SECONDS = 10
 
 
 class _Turn:
@@ -209,19 +208,34 @@ class AsyncioDriver:
             if address.path
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
-        make_link = partial(_Link, attach, _Turn(loop), bytearray(READ_BYTES))
+        turn, buffer = _Turn(loop), bytearray(READ_BYTES)
         port = 0 if address.path else int(sockets[0].getsockname()[1])
-        patience = TLS_HANDSHAKE_SECONDS if address.tls else None
+        patience = address.handshake_seconds if address.tls else None
+        addresses = address.addresses
 
-        async def open_link(accepted: socket.socket) -> None:
-            try:
-                await loop.connect_accepted_socket(
-                    make_link, accepted, ssl=address.tls, ssl_handshake_timeout=patience
-                )
-            except OSError as error:
-                logger.info("a connection did not come about: %s", error)
-            except Exception:
-                log_exception("a connection failed as it came")
+        async def open_link(accepted: tuple[socket.socket, tuple[object, ...]]) -> None:
+            with ExitStack() as counted:
+                if address.tls is not None:
+                    host = str(accepted[1][0])
+                    addresses.enter(host)
+                    counted.callback(addresses.leave, host)
+                    if addresses.is_flooding(host):
+                        accepted[0].close()
+                        return
+
+                def attach_counted(link: Link, host: str, port: int) -> None:
+                    counted.close()  # From here on the connection counts itself.
+                    attach(link, host, port)
+
+                make_link = partial(_Link, attach_counted, turn, buffer)
+                try:
+                    await loop.connect_accepted_socket(
+                        make_link, accepted[0], ssl=address.tls, ssl_handshake_timeout=patience
+                    )
+                except OSError as error:
+                    logger.info("a connection did not come about: %s", error)
+                except Exception:
+                    log_exception("a connection failed as it came")
 
         try:
             async with anyio.create_task_group() as tasks:
@@ -230,7 +244,7 @@ class AsyncioDriver:
                     tasks.start_soon(
                         accept_peers,
                         partial(loop.sock_accept, each),
-                        lambda accepted: tasks.start_soon(open_link, accepted[0]),
+                        lambda accepted: tasks.start_soon(open_link, accepted),
                     )
                 yield port
                 tasks.cancel_scope.cancel()

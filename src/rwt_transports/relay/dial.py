@@ -22,7 +22,7 @@ from rwt_transports.background import background_tasks
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import OutgoingConnection, connect
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
-from rwt_transports.limits import Limits
+from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.relay.protocol import (
     INSTANCE,
     NAME_RULE,
@@ -78,6 +78,7 @@ async def dial(
     *,
     token: str | None = None,
     limits: Limits | None = None,
+    addresses: AddressCount | None = None,
     tls: SSLContext | None = None,
     backoff: Backoff = BACKOFF,
 ) -> AsyncIterator[RelayStatus]:
@@ -89,6 +90,7 @@ async def dial(
             client is closed with 1008 and the reason, since it is connected to the hub already.
         token: what the hub wants to see.
         limits: bounds of each connection.
+        addresses: counts the clients of each address that the hub names; one of its own by default.
         tls: how to check the hub's certificate; by default against the system's authorities.
         backoff: how long to wait between attempts, and after how many to give up.
 
@@ -102,7 +104,8 @@ async def dial(
     status = RelayStatus(url)
 
     connect_one = partial(connect, url, limits=limits, tls=tls, headers=headers)
-    robot = _Robot(status, accept, backoff, connect_one)
+    counted = addresses or AddressCount((limits or Limits()).connections_per_address)
+    robot = _Robot(status, accept, backoff, connect_one, counted)
     async with background_tasks() as tasks:
         tasks.start_soon(robot.run, tasks)
         try:
@@ -138,12 +141,18 @@ class _Robot:
     """Keeps the connections of one dial-out."""
 
     def __init__(
-        self, status: RelayStatus, accept: Accept, backoff: Backoff, connect_one: _ConnectOne
+        self,
+        status: RelayStatus,
+        accept: Accept,
+        backoff: Backoff,
+        connect_one: _ConnectOne,
+        addresses: AddressCount,
     ) -> None:
         self._status = status
         self._accept = accept
         self._backoff = backoff
         self._connect_one = connect_one
+        self._addresses = addresses
         self._fewer = anyio.Event()
         self._open: set[OutgoingConnection] = set()
         self._running = anyio.CancelScope()
@@ -182,7 +191,7 @@ class _Robot:
 
     async def _serve(self, *, task_status: TaskStatus[None]) -> None:
         """One connection, from the handshake to its end."""
-        idle = _IdleConnection(self._accept, self._assigned)
+        idle = _IdleConnection(self._accept, self._assigned, self._addresses)
         async with self._connect_one(idle.open) as connection:
             opened = anyio.current_time()
             self._opened()
@@ -191,6 +200,7 @@ class _Robot:
             await connection.ended()
             self._open.discard(connection)
         if idle.has_client:
+            self._addresses.leave(idle.address)
             self._status.clients -= 1
             return
         self._status.idle -= 1
@@ -232,13 +242,16 @@ class _IdleConnection:
     """The endpoint of a connection to the hub, until its client's endpoint takes over.
 
     Attributes:
+        address: the client's.
         has_client: whether a client was assigned to it, let in or not.
         code: with which code it ended, 0 if a client's endpoint took over.
         ending: the same with the reason.
     """
 
-    def __init__(self, accept: Accept, assigned: Callable[[], None]) -> None:
+    def __init__(self, accept: Accept, assigned: Callable[[], None], addresses: AddressCount) -> None:
         self._accept = accept
+        self._addresses = addresses
+        self.address = ""
         self._assigned = assigned
         self.has_client = False
         self.code = 0
@@ -258,8 +271,11 @@ class _IdleConnection:
             sink.close(PROTOCOL_ERROR, str(error))
             return
         self.has_client = True
+        self.address = info.address
+        self._addresses.enter(info.address)
         self._assigned()
         try:
+            self._addresses.check(info.address)
             sink.hand_over(self._accept(sink, info))
         except Refused as refused:
             sink.close(POLICY, refused.reason)

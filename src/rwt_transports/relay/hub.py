@@ -27,7 +27,7 @@ from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
 from rwt_transports.errors import Refused
 from rwt_transports.http import HttpRequest, HttpResponse, Routes
-from rwt_transports.limits import Limits
+from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.protocol import (
     INSTANCE,
@@ -95,10 +95,17 @@ class Hub:
     Args:
         tokens: bearer tokens of which a robot must show one; none lets every robot in.
         grace: seconds for which a robot without a connection still counts as here.
+        addresses: counts the connections of each address; a robot's own, one for each of its clients, do not.
     """
 
-    def __init__(self, tokens: Collection[str] = (), grace: float = GRACE_SECONDS) -> None:
+    def __init__(
+        self,
+        tokens: Collection[str] = (),
+        grace: float = GRACE_SECONDS,
+        addresses: AddressCount | None = None,
+    ) -> None:
         self._grace = grace
+        self.addresses = addresses or AddressCount()
         self._tokens = tuple(token.encode() for token in tokens)
         self._robots: dict[str, Robot] = {}
 
@@ -155,7 +162,8 @@ class Hub:
             logger.info("robot %s dialled in from %s", name, info.address or "?")
         if len(robot.idle) >= MOST_IDLE:
             raise Refused(429, f"{MOST_IDLE} connections of {name} wait already")
-        side = _RobotEnd(self, robot, sink)
+        side = _RobotEnd(self, robot, sink, info.address)
+        self.addresses.leave(info.address)
         robot.idle.append(side)
         return side
 
@@ -191,6 +199,7 @@ class Hub:
     def left(self, side: _RobotEnd, *, for_good: bool) -> None:
         """A connection of a robot has ended; `for_good`: the robot itself says that it is going away."""
         robot = side.robot
+        self.addresses.enter(side.address)
         robot.pairs.discard(side)
         if side in robot.idle:
             robot.idle.remove(side)
@@ -294,8 +303,9 @@ class _RelayEnd(ABC):
 class _RobotEnd(_RelayEnd):
     """A connection that a robot has opened."""
 
-    def __init__(self, hub: Hub, robot: Robot, sink: Sink) -> None:
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str) -> None:
         super().__init__(hub, robot, sink)
+        self.address = address
         self._let_go = False
 
     def too_early(self, frame: Frame) -> None:
@@ -392,9 +402,18 @@ async def open_hub(
         BadUrl: the URL is not one to listen on.
         ListenError: the address cannot be had.
     """
-    hub = Hub(tokens, grace)
+    addresses = AddressCount((limits or Limits()).connections_per_address)
+    hub = Hub(tokens, grace, addresses)
     async with (
-        listen(url, hub.accept, routes=hub_routes(hub), limits=limits, tls=tls, hosts=hosts) as listener,
+        listen(
+            url,
+            hub.accept,
+            routes=hub_routes(hub),
+            hosts=hosts,
+            addresses=addresses,
+            limits=limits,
+            tls=tls,
+        ) as listener,
         background_tasks() as tasks,
     ):
         tasks.start_soon(hub.watch)

@@ -269,13 +269,32 @@ async def test_equal_viewers_share_one_encoder_and_one_subscription(theatre: The
     assert theatre.value("rwt_video_encoded_pictures_total") == 2
 
 
+def large(number: int) -> dict[str, Any]:
+    """A picture that no coding makes small."""
+    noise = np.random.default_rng(number).integers(0, 255, (480, 640, 3), np.uint8)
+    return {**image(noise, "rgb8"), "header": {"stamp": {"sec": number, "nanosec": 0}}}
+
+
+async def test_who_does_not_read_makes_place_for_who_wants_to_look(
+    anyio_backend: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rwt_nodes.video.broadcast.STALLED_SECONDS", 0.0)
+    stream = "/stream?topic=/cam/image&type=png&quality=0"
+    async with _theatre(limits=(2, 1)) as theatre, theatre.asks(stream), theatre.asks(stream) as reader:
+        await theatre.listeners(1)
+        for number in range(1, 41):
+            theatre.pictures.publish(large(number))
+            await reader.parts(1)
+            reader.body = b"--boundarydonotcross\r\n"
+        async with theatre.asks(stream) as third:
+            await third.parts(1)
+            theatre.pictures.publish(large(41))
+            await reader.parts(1)
+            refused = await theatre.gets(stream)
+            assert refused.body == b"2 viewers are looking already (limits.video_viewers)\n"
+
+
 async def test_who_does_not_read_holds_nobody_back_and_gets_the_newest(theatre: Theatre) -> None:
-    rng = np.random.default_rng(1)
-
-    def large(number: int) -> dict[str, Any]:
-        noise = rng.integers(0, 255, (480, 640, 3), np.uint8)
-        return {**image(noise, "rgb8"), "header": {"stamp": {"sec": number, "nanosec": 0}}}
-
     async with (
         theatre.asks("/stream?topic=/cam/image&type=png&quality=0") as slow,
         theatre.asks("/stream?topic=/cam/image&type=png&quality=0") as fast,
