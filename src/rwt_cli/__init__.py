@@ -50,6 +50,8 @@ COMMANDS: Final = (
     Command("param", "parameters: list, get, set, describe, delete, dump, load"),
     Command("node", "nodes: list, info"),
     Command("tf", "frames: echo, tree"),
+    Command("top", "watch topics with their rates, nodes and clients"),
+    Command("teleop", "drive with the arrow keys"),
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),

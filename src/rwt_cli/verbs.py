@@ -73,11 +73,12 @@ def add_family(commands: Commands, name: str, description: str, verbs: Sequence[
     family = commands.add_parser(name, description=description)
     added = add_commands(family)
     for verb in verbs:
-        _add_verb(added, verb)
+        add_verb(added, verb)
     return added
 
 
-def _add_verb(commands: Commands, verb: Verb) -> None:
+def add_verb(commands: Commands, verb: Verb) -> None:
+    """Add a verb to a family, or as a command of its own."""
     parser = commands.add_parser(
         verb.name,
         help=verb.help,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import base64
 import io
+import re
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -282,6 +283,19 @@ def test_delay(rwt: Rwt) -> None:
     assert -1 < record["delay"] < 5
     ended = rwt("topic", "delay", "/chatter", "-n", "1")
     assert (ended.code, "std_msgs/msg/String has no header" in ended.err) == (1, True)
+
+
+def test_top(rwt: Rwt) -> None:
+    head, columns, *rows = rwt("top", "/odom", "/map", "--interval", "0.5").out.splitlines()
+    assert re.fullmatch(r"2 topics, [\d.]+ KB/s; \d+ nodes; \d+ clients", head)
+    assert columns.split() == ["Hz", "a", "second", "topic", "type"]
+    assert rows[0].split()[3:] == ["/odom", "nav_msgs/msg/Odometry"]
+    assert rows[1].split() == ["0.0", "0", "B", "/map", "nav_msgs/msg/OccupancyGrid"]  # kept, not published
+    assert "/demo_robot" in rows[2]
+    first, second = rwt("top", "/odom", "--json", "-n", "2", "--interval", "0.5").records
+    assert "/demo_robot" in first["nodes"]
+    assert first["clients"] >= 1
+    assert second["topics"][0]["rate"] > 0
 
 
 def test_rates_of_a_silent_topic(rwt: Rwt) -> None:

@@ -3,38 +3,50 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import AsyncGenerator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Final, Literal
 
 import anyio
 
-Key = Literal["space", "up", "down", "right"]
+Key = Literal["space", "up", "down", "right", "left", "q"]
 
 _KEYS: Final[dict[bytes, Key]] = {
-    b" ": "space",
-    b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right",
-    b"\x1bOA": "up", b"\x1bOB": "down", b"\x1bOC": "right",
+    b" ": "space", b"q": "q",
+    b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
+    b"\x1bOA": "up", b"\x1bOB": "down", b"\x1bOC": "right", b"\x1bOD": "left",
 }  # fmt: skip
+_PRESS: Final = re.compile(rb"\x1b[\[O][A-D]|.", re.DOTALL)
+
+
+def can_press_keys() -> bool:
+    """Whether keys can be read: standard input is a terminal, and the program is not in its background, where
+    reading would stop it."""
+    if not sys.stdin.isatty() or not hasattr(os, "tcgetpgrp"):
+        return False
+    return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
 
 
 async def key_presses() -> AsyncGenerator[Key, None]:
-    """Keys as they are pressed. Without a terminal, or in the background, none ever are."""
-    if not sys.stdin.isatty() or not hasattr(os, "tcgetpgrp"):
+    """Keys as they are pressed, a held one as often as the terminal repeats it; none where there are none."""
+    if not can_press_keys():
         return
     descriptor = sys.stdin.fileno()
-    if os.tcgetpgrp(descriptor) != os.getpgrp():
-        return  # Reading would stop a program in the background.
     with _without_lines(descriptor):
         while True:
             await anyio.wait_readable(descriptor)
-            pressed = os.read(descriptor, 16)
-            if not pressed:
+            try:
+                arrived = os.read(descriptor, 64)
+            except OSError:  # The terminal was closed.
                 return
-            key = _KEYS.get(pressed)
-            if key is not None:
-                yield key
+            if not arrived:
+                return
+            for pressed in _PRESS.findall(arrived):
+                key = _KEYS.get(pressed)
+                if key is not None:
+                    yield key
 
 
 @contextmanager
@@ -48,4 +60,5 @@ def _without_lines(descriptor: int) -> Iterator[None]:
     try:
         yield
     finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        with suppress(termios.error):  # The terminal may have been closed.
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

@@ -169,7 +169,7 @@ def press(player: Player, key: Key) -> None:
         player.toggle_paused()
     elif key == "right":
         player.play_next()
-    else:
+    elif key in ("up", "down"):
         factor = _FASTER if key == "up" else 1 / _FASTER
         player.set_rate(min(FASTEST, max(SLOWEST, player.rate * factor)))
 
