@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import time
+from collections.abc import Callable
 from typing import Final
 
 from rwt_access.quotas import RateLimit
@@ -93,3 +95,39 @@ class LineRate:
             return None
         left_out, self.left_out = self.left_out, 0
         return f"{text} ({left_out} lines like it were left out)" if left_out else text
+
+
+class LogRate(logging.Filter):
+    """Bounds how many lines each place in the program writes, whichever client causes them.
+
+    It belongs on a handler of the root logger, where the lines of all rooms come together. `rwt serve` and
+    `rwt hub` have it; a program with a log of its own adds it: ``handler.addFilter(LogRate())``.
+
+    Args:
+        per_second: lines of one place in the long run.
+        burst: lines of one place at once.
+        monotonic: seconds on a clock that never goes back.
+    """
+
+    def __init__(
+        self, per_second: int = 5, burst: int = 100, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__()
+        self._monotonic = monotonic
+        self._per_second = per_second
+        self._burst = burst
+        self._places: dict[tuple[str, int], LineRate] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether the line is written; one that follows others that were not says how many they were."""
+        place = record.pathname, record.lineno
+        rate = self._places.get(place)
+        if rate is None:
+            rate = self._places[place] = LineRate(self._per_second, self._burst)
+        left_out = rate.left_out
+        if rate.admit("", self._monotonic()) is None:
+            return False
+        if left_out:
+            record.msg = f"{record.getMessage()} ({left_out} lines like it were left out)"
+            record.args = ()
+        return True
