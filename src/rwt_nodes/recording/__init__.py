@@ -10,8 +10,9 @@ from rwt_nodes.recording.errors import (
     RecordingNotWritten,
     RecordingUnreadable,
 )
+from rwt_nodes.recording.opening import open_recording
 from rwt_nodes.recording.recorder import Recorder, RecordingOptions
-from rwt_nodes.recording.recording import RecordedMessage, RecordedTopic, Recording, open_recording
+from rwt_nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
 from rwt_nodes.recording.selection import EVERYTHING, TopicSelection
 from rwt_nodes.recording.writer import COMPRESSIONS, Compression, RecordedChannel, RecordingWriter, Split
 
