@@ -41,6 +41,7 @@ class Command:
         getattr(module, f"add_{self.name}_command")(commands)
 
 
+#: The words that `rwt` takes first, in the order in which help lists them.
 COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
     Command("hub", "let robots behind a NAT dial in, and clients reach them"),

@@ -109,6 +109,7 @@ class Distro:
         return int(getattr(time, seconds) * NANOSECONDS + getattr(time, nanoseconds))
 
 
+#: ROS 2 as of 2024.
 JAZZY = Distro(
     name="jazzy",
     ros_version=2,
@@ -141,6 +142,7 @@ JAZZY = Distro(
     add_two_ints_type="example_interfaces/AddTwoInts",
     fibonacci_type="example_interfaces/Fibonacci",
 )
+#: The last ROS 1.
 NOETIC = Distro(
     name="noetic",
     ros_version=1,

@@ -1,14 +1,21 @@
-"""The whole protocol as one document, made from the models: JSON Schema or AsyncAPI."""
+"""The whole protocol as one document, made from the models: JSON Schema or AsyncAPI.
+
+``python -m rwt_protocol.schema FOLDER`` writes both for each version of the protocol.
+"""
 
 from __future__ import annotations
 
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 from pydantic import JsonValue
 from pydantic.json_schema import models_json_schema
 
 from rwt_protocol.ops import OPS, Direction, OpSpec
-from rwt_protocol.profiles import COMPAT, Profile
+from rwt_protocol.profiles import COMPAT, PROFILES, Profile
 
 _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
@@ -103,3 +110,41 @@ def _finish(definition: dict[str, JsonValue], spec: OpSpec, profile: Profile) ->
         required.insert(0, "op")
         for name in profile.without.get(spec.name, ()):
             members.pop(name, None)
+
+
+def write_documents(folder: Path) -> Sequence[Path]:
+    """Write each profile as ``rosbridge-NAME.schema.json`` and ``rosbridge-NAME.asyncapi.json``.
+
+    Args:
+        folder: where to; made if it is not there.
+
+    Raises:
+        OSError: it cannot be written there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for profile in PROFILES.values():
+        documents = {"schema": protocol_schema(profile), "asyncapi": protocol_asyncapi(profile)}
+        for kind, document in documents.items():
+            file = folder / f"rosbridge-{profile.name}.{kind}.json"
+            file.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+            written.append(file)
+    return written
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The command: write the documents to the one folder that is given, and say which."""
+    if len(arguments) != 1 or arguments[0].startswith("-"):
+        sys.stderr.write("usage: python -m rwt_protocol.schema FOLDER\n")
+        return 2
+    try:
+        written = write_documents(Path(arguments[0]))
+    except OSError as error:
+        sys.stderr.write(f"cannot write to {arguments[0]}: {error.strerror}\n")
+        return 1
+    sys.stdout.writelines(f"{file}\n" for file in written)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -88,6 +88,7 @@ class Transform:
         )
 
 
+#: The transform that moves and turns nothing.
 IDENTITY = Transform()
 
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 
 from rwt_protocol.ops import OPS
 from rwt_protocol.profiles import COMPAT, PROFILES, ROS1, V2_0_0, Profile
-from rwt_protocol.schema import protocol_asyncapi, protocol_schema
+from rwt_protocol.schema import main, protocol_asyncapi, protocol_schema
+from tests.protocol.test_library import INVALID, VALID
 from tests.protocol.wire_examples import EXAMPLES, Example
 
 
@@ -86,3 +91,47 @@ def test_asyncapi_says_who_sends_what(profile: Profile) -> None:
     for name, side in (("receive", "client to server"), ("send", "server to client")):
         ops = {message["$ref"].rpartition("/")[2] for message in whole["operations"][name]["messages"]}
         assert ops == {op for op in profile.ops if profile.direction(op).value in (side, "both")}
+
+
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: str(profile.name))
+def test_the_documents_are_of_the_kinds_that_they_say(profile: Profile) -> None:
+    jsonschema.Draft202012Validator.check_schema(document(profile))
+    asyncapi = protocol_asyncapi(profile)
+    assert set(asyncapi) <= {"asyncapi", "info", "defaultContentType", "channels", "operations", "components"}
+    schemas: Any = asyncapi["components"]
+    for schema in schemas["schemas"].values():
+        jsonschema.Draft202012Validator.check_schema(schema)
+
+
+@pytest.mark.parametrize("example", VALID, ids=lambda example: str(example.name))
+def test_messages_that_are_taken_satisfy_it(example: Example) -> None:
+    jsonschema.Draft202012Validator(document()).validate(example.message)
+
+
+@pytest.mark.parametrize("example", INVALID, ids=lambda example: str(example.name))
+def test_messages_that_are_refused_do_not(example: Example) -> None:
+    assert not jsonschema.Draft202012Validator(document()).is_valid(example.message)
+
+
+def test_a_command_writes_both_for_each_version(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "folder"
+    done = subprocess.run(
+        [sys.executable, "-m", "rwt_protocol.schema", str(folder)], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    written = {Path(line) for line in done.stdout.splitlines()}
+    assert written == set(folder.iterdir())
+    assert len(written) == 2 * len(PROFILES)
+    for name, profile in PROFILES.items():
+        for kind, made in (("schema", protocol_schema), ("asyncapi", protocol_asyncapi)):
+            text = (folder / f"rosbridge-{name}.{kind}.json").read_text(encoding="utf-8")
+            assert json.loads(text) == json.loads(json.dumps(made(profile)))
+
+
+def test_the_command_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == main(["--help"]) == 2
+    assert capsys.readouterr().err.startswith("usage: python -m rwt_protocol.schema FOLDER\n")
+    file = tmp_path / "file"
+    file.touch()
+    assert main([str(file)]) == 1
+    assert capsys.readouterr().err == f"cannot write to {file}: File exists\n"

@@ -1,0 +1,32 @@
+"""The pages of the packages are what their docstrings say, and leave no public name out."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from tests.docs.blocks import ROOT
+from tools import generate_api
+
+
+def test_the_pages_are_current() -> None:
+    checked = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "generate_api.py"), "--check"],
+        capture_output=True,
+        text=True,
+        timeout=25,
+    )
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+@pytest.mark.parametrize("package", generate_api.packages())
+def test_every_public_name_says_what_it_is(package: str) -> None:
+    page = (generate_api.TARGET / f"{package}.md").read_text(encoding="utf-8")
+    empty = []
+    for name, text in re.findall(r"^## `(\w+)`\n(.*?)(?=^##? |\Z)", page, re.MULTILINE | re.DOTALL):
+        if not re.search(r"^[A-Z0-9>*`](?!class |exception |enum |\w+\().*\w", text, re.MULTILINE):
+            empty.append(name)
+    assert empty == []
