@@ -21,8 +21,8 @@ from rwt_cli import main
 from rwt_cli.commands.bag.play import parse_remap, press
 from rwt_cli.commands.bag.record import parse_split
 from rwt_client.blocking import connect
-from rwt_interfaces import JAZZY
-from rwt_nodes.recording import RecordingWriter, open_recording
+from rwt_interfaces import JAZZY, Registry
+from rwt_nodes.recording import RecordingWriter, channel_form, open_recording
 from rwt_nodes.recording.mcap_files import McapRecording
 from tests import processes
 
@@ -107,6 +107,30 @@ def test_a_recording_survives_kill_9(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert len(rows(whole)) == count
     assert main(["recording", "info", "--json", str(path)]) == 0
     assert json.loads(capsys.readouterr().out)["complete"] is False
+
+
+def test_of_a_damaged_recording_the_rest_is_played_and_recovered_and_the_end_is_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, to = tmp_path / "run.mcap", tmp_path / "to.mcap"
+    form = channel_form("/text", Registry(JAZZY).message("std_msgs/String"), "ros")
+    with RecordingWriter(path, JAZZY, compression="none") as writer:
+        channel = writer.add_channel(form)
+        for number in range(9):
+            text = bytes([65 + number]) * 400_000
+            writer.write(
+                channel, number, number, b"\0\1\0\0" + (400_001).to_bytes(4, "little") + text + b"\0"
+            )
+    path.write_bytes(path.read_bytes().replace(b"DDDDDDDD", b"????????", 1))
+    played = processes.ended("play", str(path), "ws://127.0.0.1:0")
+    assert played.returncode == 1
+    assert "not played: 1 damaged places of the recording" in played.stderr
+    assert "Traceback" not in played.stderr
+    assert main(["recording", "recover", str(path), "-o", str(to)]) == 1
+    printed = capsys.readouterr()
+    assert "6 messages of 1 topics" in printed.out
+    assert "1 damaged chunks" in printed.err
+    assert len(rows(to)) == 6
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])

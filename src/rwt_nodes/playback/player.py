@@ -77,7 +77,6 @@ class Player:
 
     Raises:
         ValueError: `rate`, `start` or `end` are not possible.
-        TypeConflict: a topic is established with another type in this graph.
     """
 
     def __init__(self, graph: Graph, recording: Recording, options: PlayOptions | None = None) -> None:
@@ -95,6 +94,7 @@ class Player:
             self._participant, graph.registry, recording, options.selection, options.remap
         )
         self._ahead: ReadAhead | None = None
+        self._failure = ""
         self._next: RecordedMessage | None = None
         self._timer: Timer | None = None
         self._paused = True
@@ -112,6 +112,20 @@ class Player:
         self._read_from(self._begin)
         if not options.paused:
             self.resume()
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What of the recording could not be played so far, in words; empty while all of it could."""
+        damaged, unreadable = self._recording.damaged, self.publications.unreadable
+        found = [f"{name}: {why}" for name, why in self.publications.skipped.items()]
+        if damaged:
+            found.append(f"{damaged} damaged places of the recording")
+        if unreadable:
+            found.append(f"{unreadable} messages that do not fit their types")
+        failure = self._failure if self._ahead is None else self._ahead.failure
+        if failure:
+            found.append(f"the rest of the recording: {failure}")
+        return tuple(found)
 
     # -- time ----------------------------------------------------------------------------------------------
 
@@ -234,6 +248,7 @@ class Player:
         self._disarm()
         if self._ahead is not None:
             self._ahead.close()
+            self._failure = self._ahead.failure
             self._ahead = None
         while self._closables:
             self._closables.pop()()

@@ -13,6 +13,7 @@ from rwt_interfaces.definitions.parser import parse_message
 from rwt_interfaces.names import two_part
 from rwt_nodes.recording.recorded_qos import combined
 from rwt_nodes.recording.selection import TopicSelection
+from rwt_program.errors import RobotError
 
 if TYPE_CHECKING:
     from rwt_graph.api import Participant, Publisher
@@ -50,9 +51,6 @@ class Publications:
     Attributes:
         skipped: why topics are not played, by name.
         unreadable: messages that could not be read.
-
-    Raises:
-        TypeConflict: a topic is established with another type in this graph.
     """
 
     def __init__(
@@ -102,7 +100,11 @@ class Publications:
             self.skipped[topic.name] = str(error)
             return
         name = self._remap.get(topic.name, topic.name)
-        publisher = self._participant.advertise(name, message, combined(topic.offered_qos))
+        try:
+            publisher = self._participant.advertise(name, message, combined(topic.offered_qos))
+        except RobotError as error:  # one bad name or type must not keep the others from being played
+            self.skipped[topic.name] = str(error)
+            return
         self._by_topic[topic.name, topic.type] = _Publication(publisher, message, read)
 
     def publish(self, message: RecordedMessage) -> bool:

@@ -19,6 +19,9 @@ AHEAD_BYTES: Final = 32 * 1024 * 1024
 class ReadAhead:
     """The messages of an iterator, which a thread takes from it up to a bound.
 
+    Attributes:
+        failure: why reading ended too soon; empty where it did not.
+
     Args:
         messages: what is read. It is used by the thread alone, and closed by it.
     """
@@ -29,6 +32,7 @@ class ReadAhead:
         self._bytes = 0
         self._ended = False
         self._closed = False
+        self.failure = ""
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._read, name="read-ahead", daemon=True)
         self._thread.start()
@@ -60,9 +64,10 @@ class ReadAhead:
             for message in self._messages:
                 if not self._put(message):
                     break
-        except Exception:
+        except Exception as error:
             # What was read until then is played; a file may be damaged anywhere, and in any way.
-            logger.exception("the recording cannot be read any further")
+            self.failure = str(error) or type(error).__name__
+            logger.error("the recording cannot be read any further: %s", self.failure)
         finally:
             with self._changed:
                 self._ended = True

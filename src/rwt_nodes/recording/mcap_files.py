@@ -5,10 +5,14 @@ Imported only where such a file is read: it needs the extra ``mcap``.
 
 from __future__ import annotations
 
+import logging
+import os
 import struct
 import time
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
+from enum import Enum, auto
+from heapq import heapify, heappop, heappush
 from io import SEEK_END, BytesIO
 from pathlib import Path
 from typing import IO, Final
@@ -23,7 +27,7 @@ from mcap.summary import Summary
 
 from rwt_interfaces.distro import JAZZY, NOETIC, Distro, closest_distro
 from rwt_nodes.recording.channels import DEFINITION, ChannelForm, Encoding
-from rwt_nodes.recording.errors import RecordingUnreadable
+from rwt_nodes.recording.errors import RecordingNotWritten, RecordingUnreadable
 from rwt_nodes.recording.recorded_qos import read_offered_qos
 from rwt_nodes.recording.recording import (
     MessageEncoding,
@@ -34,6 +38,8 @@ from rwt_nodes.recording.recording import (
 )
 from rwt_nodes.recording.writer import METADATA, RecordedChannel, RecordingWriter
 
+logger = logging.getLogger(__name__)
+
 MAGIC: Final = b"\x89MCAP0\r\n"
 
 _ENCODINGS: Final[dict[str, MessageEncoding]] = {"cdr": "cdr", "ros1": "ros1", "json": "json"}
@@ -41,6 +47,9 @@ _Found = tuple[records.Schema | None, records.Channel, records.Message]
 
 _HEAD: Final = struct.Struct("<BQ")
 _MOST_WAITING: Final = 64 * 1024 * 1024
+
+#: Bytes of the largest chunk that is unpacked; writers make them of some megabytes.
+_LARGEST_CHUNK: Final = 1024 * 1024 * 1024
 _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
     Opcode.HEADER: records.Header.read,
     Opcode.SCHEMA: records.Schema.read,
@@ -50,13 +59,22 @@ _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
 }
 
 
+class _Damaged(Enum):
+    """A record that cannot be read."""
+
+    DAMAGED = auto()
+
+
+DAMAGED: Final = _Damaged.DAMAGED
+
+
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
     """What was found in a file without a usable index.
 
     Attributes:
         summary: the index that the file should have had.
-        damaged: chunks that could not be read.
+        damaged: chunks and records that could not be read.
         lost_bytes: bytes at the end that belong to no whole record.
         is_unchunked: whether messages stand in the file itself rather than in chunks.
     """
@@ -82,6 +100,7 @@ class McapRecording(Recording):
         self.paths = (path,)
         self._path = path
         self.recovery: RecoveryReport | None = None
+        self._damaged: set[int] = set()  # by where the chunk begins
         self._file = _opened(path)
         try:
             self.index = self._indexed()
@@ -94,13 +113,14 @@ class McapRecording(Recording):
     def _indexed(self) -> Summary:
         """The file's index, or one made by reading all of it."""
         try:
-            summary = _reader(self._file).get_summary()
+            self._file.seek(0)
+            summary = SeekingReader(self._file).get_summary()
         except (McapError, OSError, ValueError, struct.error, MemoryError):
             # What a cut file holds where its footer should be can be anything.
             summary = None
         counted = None if summary is None else summary.statistics
         if summary is None or counted is None or (counted.message_count and not summary.chunk_indexes):
-            self.recovery = rebuild_index(self._file, self._path)
+            self.recovery = rebuild_index(self._file)
             return self.recovery.summary
         return summary
 
@@ -119,7 +139,7 @@ class McapRecording(Recording):
 
     def _distro(self) -> Distro:
         """What the file's own note says, or else its profile and its channels."""
-        for _, record in walk(self._file, self._path):
+        for _, record in walk(self._file):
             if isinstance(record, records.Metadata) and record.name == METADATA:
                 note = record.metadata
                 return closest_distro(note.get("distro", ""), 1 if note.get("ros_version") == "1" else 2)
@@ -133,28 +153,69 @@ class McapRecording(Recording):
     ) -> Iterator[RecordedMessage]:
         """The messages of `topics` from `start_ns` to before `end_ns`, by log time."""
         with _opened(self._path) as file:
-            for schema, channel, message in self.records(file, topics, start_ns, end_ns):
+            for schema, channel, message in self.channel_messages(file, topics, start_ns, end_ns):
                 name = "" if schema is None else schema.name
                 published = message.publish_time or message.log_time
                 yield RecordedMessage(channel.topic, name, message.log_time, published, message.data)
 
-    def records(
+    def channel_messages(
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> Iterator[_Found]:
         """The messages as the file has them, with their channels."""
         if self.recovery is not None and self.recovery.is_unchunked:
             return iter(self._unchunked(file, topics, start_ns, end_ns))
-        if not self.index.chunk_indexes:
-            return iter(())
-        chosen = None if topics is None else list(topics)
-        return _reader(file, self.index).iter_messages(chosen, starting_at=start_ns, ending_before=end_ns)
+        return self._chunked(file, topics, start_ns, end_ns)
+
+    def _chunked(
+        self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
+    ) -> Iterator[_Found]:
+        """The messages of all chunks that can be read, by log time; each chunk is opened when it is due."""
+        channels, schemas = self.index.channels, self.index.schemas
+        # Sorted by time, and then as they are in the file. A chunk stands before its own messages.
+        due: list[tuple[int, int, int, records.ChunkIndex | _Found]] = [
+            (chunk.message_start_time, chunk.chunk_start_offset, -1, chunk)
+            for chunk in self.index.chunk_indexes
+            if chunk.message_end_time >= start_ns and (end_ns is None or chunk.message_start_time < end_ns)
+        ]
+        heapify(due)
+        while due:
+            _, begin, _, item = heappop(due)
+            if isinstance(item, tuple):
+                yield item
+                continue
+            for number, message in enumerate(self._opened(file, item)):
+                channel = channels.get(message.channel_id) if isinstance(message, records.Message) else None
+                if channel is None or not isinstance(message, records.Message):
+                    continue
+                in_time = start_ns <= message.log_time and (end_ns is None or message.log_time < end_ns)
+                if in_time and (topics is None or channel.topic in topics):
+                    found = (schemas.get(channel.schema_id), channel, message)
+                    heappush(due, (message.log_time, begin, number, found))
+
+    def _opened(self, file: IO[bytes], chunk: records.ChunkIndex) -> list[records.McapRecord]:
+        """What is in a chunk; nothing where it is damaged, which is noted."""
+        begin = chunk.chunk_start_offset
+        try:
+            file.seek(begin + _HEAD.size)
+            return _contents(records.Chunk.read(ReadDataStream(file)))
+        except Exception as error:
+            # A damaged chunk fails in as many ways as there are compressions; the next one may be whole.
+            if begin not in self._damaged:
+                self._damaged.add(begin)
+                logger.warning("%s: the chunk at byte %d is left out: %s", self._path, begin, error)
+            return []
+
+    @property
+    def damaged(self) -> int:
+        """Chunks and records that could not be read, as far as the file was read."""
+        return len(self._damaged) + (0 if self.recovery is None else self.recovery.damaged)
 
     def _unchunked(
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> list[_Found]:
         """The messages of a file without chunks, which nothing but memory can sort."""
         found: list[_Found] = []
-        for _, message in walk(file, self._path):
+        for _, message in walk(file):
             if isinstance(message, records.Message) and message.channel_id in self.index.channels:
                 channel = self.index.channels[message.channel_id]
                 in_time = start_ns <= message.log_time and (end_ns is None or message.log_time < end_ns)
@@ -181,22 +242,6 @@ def _opened(path: Path) -> IO[bytes]:
     return file
 
 
-def _reader(file: IO[bytes], summary: Summary | None = None) -> SeekingReader:
-    file.seek(0)
-    return _IndexedReader(file, summary)
-
-
-class _IndexedReader(SeekingReader):
-    """A reader that is given the index of its file."""
-
-    def __init__(self, file: IO[bytes], index: Summary | None) -> None:
-        super().__init__(file)
-        self._index = index
-
-    def get_summary(self) -> Summary | None:
-        return super().get_summary() if self._index is None else self._index
-
-
 def _topic(channel: records.Channel, schema: records.Schema | None, count: int) -> RecordedTopic:
     encoding = _ENCODINGS.get(channel.message_encoding, "")
     definition = channel.metadata.get(DEFINITION, "")
@@ -209,13 +254,11 @@ def _topic(channel: records.Channel, schema: records.Schema | None, count: int) 
 # -- files without an index ----------------------------------------------------------------------------------
 
 
-def walk(file: IO[bytes], path: Path) -> Iterator[tuple[int, records.McapRecord | None]]:
+def walk(file: IO[bytes]) -> Iterator[tuple[int, records.McapRecord | _Damaged | None]]:
     """The records of a file up to its index or to the last one that is whole, chunks unopened.
 
-    With each comes the place where it ends. Records of kinds that are of no use here are None.
-
-    Raises:
-        RecordingUnreadable: a record's content is not what its head says.
+    With each comes the place where it ends. Records of kinds that are of no use here are None, and one whose
+    content is not what its head says is :data:`DAMAGED`.
     """
     size = file.seek(0, SEEK_END)
     end = len(MAGIC)
@@ -227,33 +270,40 @@ def walk(file: IO[bytes], path: Path) -> Iterator[tuple[int, records.McapRecord 
         if end > size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
             return
         is_wanted = opcode in _KINDS or opcode == Opcode.MESSAGE
-        yield (
-            end,
-            _record(opcode, file.read(length), f"{path}: damaged at byte {begin}") if is_wanted else None,
-        )
+        yield end, _record(opcode, file.read(length)) if is_wanted else None
 
 
-def _record(opcode: int, content: bytes, complaint: str) -> records.McapRecord:
+def _record(opcode: int, content: bytes) -> records.McapRecord | _Damaged:
     stream = ReadDataStream(BytesIO(content))
     try:
         if opcode != Opcode.MESSAGE:
             return _KINDS[opcode](stream)
         message: records.McapRecord = records.Message.read(stream, len(content))
         return message
-    except (McapError, ValueError, struct.error) as error:
-        raise RecordingUnreadable(complaint) from error
+    except (McapError, ValueError, struct.error):
+        return DAMAGED
 
 
-def rebuild_index(file: IO[bytes], path: Path) -> RecoveryReport:
-    """Rebuild the index of a file by reading all of it.
+def _contents(chunk: records.Chunk) -> list[records.McapRecord]:
+    """The records in a chunk.
 
     Raises:
-        RecordingUnreadable: it is damaged before its first chunk ends.
+        Exception: it is damaged; of which kind is up to the library that unpacks it.
     """
+    if chunk.uncompressed_size > _LARGEST_CHUNK:
+        raise ValueError(f"it would have {chunk.uncompressed_size} bytes, more than {_LARGEST_CHUNK}")
+    return breakup_chunk(chunk, validate_crc=True)
+
+
+def rebuild_index(file: IO[bytes]) -> RecoveryReport:
+    """Rebuild the index of a file by reading all of it."""
     summary, counts, unchunked = Summary(), dict[int, int](), list[int]()
     damaged, whole = 0, len(MAGIC)
-    for whole, record in walk(file, path):
+    for whole, record in walk(file):
         if record is None:
+            continue
+        if isinstance(record, _Damaged):
+            damaged += 1
             continue
         if isinstance(record, records.Message):
             unchunked.append(record.log_time)
@@ -261,7 +311,7 @@ def rebuild_index(file: IO[bytes], path: Path) -> RecoveryReport:
             _note(summary, [record], counts)
             continue
         try:
-            inner = breakup_chunk(record, validate_crc=True)
+            inner = _contents(record)
         except Exception:
             # A damaged chunk fails in as many ways as there are compressions; the next one may be whole.
             damaged += 1
@@ -318,22 +368,41 @@ def _statistics(summary: Summary, counts: dict[int, int], times: list[int]) -> r
 def recover(path: Path, to: Path, *, overwrite: bool = False) -> McapRecording:
     """Copy what can be read of a file into a complete one; gives what was found in the first.
 
+    The copy has another name until it is complete, so `to` may be the file itself, and stays as it is if
+    anything fails.
+
     Raises:
         RecordingUnreadable: `path` is not an MCAP file.
         RecordingNotWritten: `to` is there already, or cannot be written.
     """
+    if not overwrite and to.exists():
+        raise RecordingNotWritten(f"{to} is there already: name another file, or overwrite it")
+    part = to.with_name(f".{to.name}.{os.getpid()}.part")
     with McapRecording(path) as recording:
         channels = recording.index.channels.values()
         encoding: Encoding = "json" if any(each.message_encoding == "json" for each in channels) else "ros"
-        writer = RecordingWriter(to, recording.distro, encoding, overwrite=overwrite)
-        with writer, _opened(path) as file:
-            _copy(recording, file, writer)
+        try:
+            with RecordingWriter(part, recording.distro, encoding) as writer, _opened(path) as file:
+                _copy(recording, file, writer)
+            _replace(part, to)
+        finally:
+            part.unlink(missing_ok=True)
     return recording
+
+
+def _replace(part: Path, to: Path) -> None:
+    """Give a file its name once the disk has all of it."""
+    try:
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
+        part.replace(to)
+    except OSError as error:
+        raise RecordingNotWritten(f"{to}: cannot be written: {error.strerror}") from None
 
 
 def _copy(recording: McapRecording, file: IO[bytes], writer: RecordingWriter) -> None:
     channels: dict[int, RecordedChannel] = {}
-    for schema, channel, message in recording.records(file, None, 0, None):
+    for schema, channel, message in recording.channel_messages(file, None, 0, None):
         recorded = channels.get(channel.id)
         if recorded is None:
             kind = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)

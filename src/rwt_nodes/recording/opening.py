@@ -62,6 +62,11 @@ class _Together(Recording):
         self.end_ns = max((part.end_ns for part in filled), default=0)
         self.topics = merged_topics([topic for part in parts for topic in part.topics])
 
+    @property
+    def damaged(self) -> int:
+        """Places of all parts that could not be read."""
+        return sum(part.damaged for part in self._parts)
+
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:

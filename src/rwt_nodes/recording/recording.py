@@ -74,6 +74,11 @@ class Recording(ABC):
     end_ns: int
     complete: bool = True
 
+    @property
+    def damaged(self) -> int:
+        """Places that could not be read and were left out, as far as the recording was read."""
+        return 0
+
     @abstractmethod
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None

@@ -220,6 +220,70 @@ def test_a_damaged_chunk_is_left_out(tmp_path: Path, whole: Path) -> None:
         assert [each.log_time for each in recording.messages()] == [0, 1, 2, 6, 7, 8]
 
 
+def _damaged(path: Path, whole: Path, how: str) -> Path:
+    """A file with an index, the second chunk of which cannot be read."""
+    content = bytearray(whole.read_bytes())
+    place = content.index(b"DDDDDDDD")
+    with McapRecording(whole) as recording:
+        begin = recording.index.chunk_indexes[1].chunk_start_offset
+    assert begin < place
+    if how == "content":
+        content[place] = ord("?")
+    elif how == "size":
+        content[begin + 25 : begin + 33] = (2**40).to_bytes(8, "little")
+    else:
+        content[begin + 37 : begin + 41] = (2**31).to_bytes(4, "little")  # the length of its compression
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("how", ["content", "size", "record"])
+def test_of_a_file_with_an_index_a_damaged_chunk_is_left_out(
+    tmp_path: Path, whole: Path, caplog: pytest.LogCaptureFixture, how: str
+) -> None:
+    path, to = _damaged(tmp_path / "damaged.mcap", whole, how), tmp_path / "to.mcap"
+    with McapRecording(path) as recording:
+        assert (recording.complete, recording.damaged) == (True, 0)
+        for _ in range(2):
+            assert [each.log_time for each in recording.messages()] == [0, 1, 2, 6, 7, 8]
+            assert [each.log_time for each in recording.messages(None, 2, 8)] == [2, 6, 7]
+        assert recording.damaged == 1
+    assert caplog.text.count("is left out") == 1
+    assert recover(path, to).damaged == 1
+    assert [row[2] for row in rows(to)] == [0, 1, 2, 6, 7, 8]
+    with open_recording([path, to]) as both:
+        assert len(list(both.messages())) == 12
+        assert both.damaged == 1
+
+
+def test_a_file_may_be_recovered_into_itself(tmp_path: Path, whole: Path) -> None:
+    path = _damaged(tmp_path / "run.mcap", whole, "content")
+    recover(path, path, overwrite=True)
+    assert [row[2] for row in rows(path)] == [0, 1, 2, 6, 7, 8]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_recovery_that_fails_leaves_what_was_there(
+    tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, to = tmp_path / "run.mcap", tmp_path / "to.mcap"
+    path.write_bytes(whole.read_bytes())
+    to.write_bytes(b"precious")
+    before = path.read_bytes()
+    with pytest.raises(RecordingNotWritten, match=r"to\.mcap is there already"):
+        recover(path, to)
+
+    def fail(_file: int) -> None:
+        raise OSError(errno.EIO, "the disk is broken")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    for each in (path, to):
+        with pytest.raises(RecordingNotWritten, match="the disk is broken"):
+            recover(path, each, overwrite=True)
+    assert (path.read_bytes(), to.read_bytes()) == (before, b"precious")
+    assert sorted(tmp_path.iterdir()) == [path, to]
+
+
 def test_recover_makes_a_complete_file(tmp_path: Path, whole: Path) -> None:
     path, to = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     content = whole.read_bytes()

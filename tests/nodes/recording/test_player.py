@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -301,3 +301,25 @@ def test_what_cannot_be_played_is_named_and_left_out(tmp_path: Path) -> None:
         with Player(MemoryGraph(clock=clock), recording) as player:
             clock.advance(1.0)
             assert (player.played, player.publications.unreadable) == (1, 1)
+
+
+@pytest.mark.parametrize("bad", ["/a b", "", "/" + "x" * 600, "/taken"])
+def test_a_topic_that_cannot_be_played_keeps_no_other_from_it(tmp_path: Path, bad: str) -> None:
+    path = tmp_path / "run.mcap"
+    form = channel_form("/good", Registry(JAZZY).message("std_msgs/String"), "ros")
+    with RecordingWriter(path, JAZZY) as writer:
+        for channel in (replace(form, topic=bad), form):
+            recorded = writer.add_channel(channel)
+            for number in (1, 2):
+                writer.write(recorded, number, number, b"\0\1\0\0\2\0\0\0a\0")
+    clock = SimulatedClock(START)
+    graph = MemoryGraph(clock=clock)
+    graph.participant("/other").advertise("/taken", graph.registry.message("std_msgs/Int32"))
+    heard: list[str] = []
+    Node(graph, "ear").subscribe("/good", lambda message: heard.append(message.data))
+    with open_recording([path]) as recording, Player(graph, recording) as player:
+        clock.advance(1)
+        assert player.finished.is_set()
+        assert heard == ["a", "a"]
+        (loss,) = player.losses
+        assert loss.startswith(f"{bad}: ")

@@ -128,7 +128,11 @@ def _run(arguments: argparse.Namespace) -> int:
                 print_announcement(text)
                 _say_what_plays(recording)
 
-            return server.run(announce=say, on_up=on_up)
+            code = server.run(announce=say, on_up=on_up)
+            losses = server.player.losses if code == 0 else ()
+            for loss in losses:
+                print(f"not played: {loss}", file=sys.stderr)
+            return code or int(bool(losses))
     except RecordingError as error:
         raise CommandError(str(error)) from error
 

@@ -63,7 +63,7 @@ def _run_info(arguments: argparse.Namespace) -> int:
 
 
 def _run_recover(arguments: argparse.Namespace) -> int:
-    from rwt_nodes.recording import RecordingError
+    from rwt_nodes.recording import RecordingError, open_recording
     from rwt_nodes.recording.errors import require
 
     try:
@@ -71,16 +71,18 @@ def _run_recover(arguments: argparse.Namespace) -> int:
         from rwt_nodes.recording.mcap_files import recover
 
         found = recover(arguments.file, arguments.output, overwrite=arguments.overwrite)
+        with open_recording([arguments.output]) as whole:
+            count = sum(topic.count or 0 for topic in whole.topics)
     except RecordingError as error:
         raise CommandError(str(error)) from error
-    count = sum(topic.count or 0 for topic in found.topics)
-    print(f"{count} messages of {len(found.topics)} topics in {arguments.output}")
-    if found.recovery is None:
+    print(f"{count} messages of {len(whole.topics)} topics in {arguments.output}")
+    if found.recovery is None and not found.damaged:
         print(f"{arguments.file} was complete", file=sys.stderr)
-    else:
-        lost = f"{found.recovery.damaged} damaged chunks and {found.recovery.lost_bytes} bytes at the end"
-        print(f"{lost} could not be read", file=sys.stderr)
-    return 0
+        return 0
+    lost_bytes = 0 if found.recovery is None else found.recovery.lost_bytes
+    lost = f"{found.damaged} damaged chunks and {lost_bytes} bytes at the end"
+    print(f"{lost} could not be read", file=sys.stderr)
+    return int(bool(found.damaged))
 
 
 def described(recording: Recording) -> dict[str, object]:
