@@ -19,7 +19,7 @@ from rwt_transports.schemes import url_forms
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"
 
 _ELSEWHERE = ("serve", "hub", "record", "play", "recording", "bag", "conformance", "config")
-_ROBOT_OPTIONS = ("--url", "--token", "--timeout", "--json", "--help")
+_ROBOT_OPTIONS = ("--url", "--token", "--cafile", "--insecure", "--timeout", "--json", "--help")
 
 _HEAD = """\
 # Verbs of the command line
@@ -37,6 +37,8 @@ Names, options and output are those of the `ros2` tool where it has them. A name
 |---|---|
 | `--url URL` | Where the robot is: URL_FORMS, with a host and a port, the path of a socket or a command. Default: the variable `RWT_URL`, else `ws://127.0.0.1:9090`. |
 | `--token TOKEN` | Bearer token to show, with `ws://` and `wss://`. Default: the variable `RWT_TOKEN`, which others on the machine cannot read. |
+| `--cafile FILE` | Check the server's certificate against those in this file, in PEM. Default: the system's authorities. |
+| `--insecure` | Do not check it: whoever is between here and the robot can then read and change everything. |
 | `--timeout SECONDS` | How long to wait for the connection and for each answer, default 10. There is no limit for a message, a subscription and the end of a goal unless this sets one. |
 | `--json` | Print JSON: one value, or of what goes on one value a line. Octets are base64 and NaN is null, as rosbridge sends them. |
 | `--help`, `-h` | Say all this in short. |

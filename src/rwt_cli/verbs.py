@@ -13,6 +13,7 @@ import sys
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from rwt_cli.console.output import Output, standard_output
@@ -20,6 +21,8 @@ from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, Co
 from rwt_cli.parser import Commands, add_commands
 
 if TYPE_CHECKING:
+    import ssl
+
     from rwt_client import ConnectionEvent, Robot
     from rwt_program.errors import RobotError
 
@@ -113,6 +116,7 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
         metavar="TOKEN",
         help=f"bearer token to present (default ${TOKEN_VARIABLE}, which others on this machine cannot read)",
     )
+    add_tls_options(group)
     group.add_argument(
         "--timeout",
         type=seconds,
@@ -121,6 +125,22 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
         " message no limit)",
     )
     group.add_argument("--json", action="store_true", help="print JSON, for programs")
+
+
+def add_tls_options(to: argparse._ActionsContainer) -> None:
+    """Add the options on how the server's certificate is checked."""
+    certificate = to.add_mutually_exclusive_group()
+    certificate.add_argument(
+        "--cafile",
+        type=Path,
+        metavar="FILE",
+        help="check the server's certificate against those in this file, in PEM (default: the system's)",
+    )
+    certificate.add_argument(
+        "--insecure",
+        action="store_true",
+        help="do not check it: whoever is between here and the robot can then read and change everything",
+    )
 
 
 def seconds(text: str) -> float:
@@ -198,6 +218,39 @@ def request_headers(arguments: Arguments) -> dict[str, str]:
     return {"Authorization": f"Bearer {token}"}
 
 
+def tls_of(arguments: Arguments) -> ssl.SSLContext | None:
+    """How the server's certificate is checked; None for the system's authorities.
+
+    Raises:
+        CommandError: the connection would not be encrypted, or the file holds no certificates.
+    """
+    if arguments.cafile is None and not arguments.insecure:
+        return None
+    import ssl  # takes a while, and few commands need it
+
+    from rwt_transports.schemes import SCHEMES
+
+    scheme = SCHEMES.get(url_of(arguments).partition(":")[0].lower())
+    if scheme is None or not scheme.tls:
+        raise CommandError(
+            "--cafile and --insecure are about a certificate: give a URL of wss:// or tcps://", CALLED_WRONGLY
+        )
+    try:
+        context = ssl.create_default_context(cafile=arguments.cafile)
+    except ssl.SSLError as error:
+        raise CommandError(
+            f"--cafile: {arguments.cafile}: expected certificates in PEM", CALLED_WRONGLY
+        ) from error
+    except OSError as error:
+        raise CommandError(
+            f"--cafile: {arguments.cafile}: cannot be read: {error.strerror}", CALLED_WRONGLY
+        ) from error
+    if arguments.insecure:
+        context.check_hostname = False
+        context.verify_mode = ssl.CERT_NONE
+    return context
+
+
 def connecting(
     arguments: Arguments, *, definitions: bool = False, lasting: bool = False
 ) -> AbstractAsyncContextManager[Robot]:
@@ -216,6 +269,7 @@ def connecting(
         reconnect=RECONNECT if lasting else None,
         fetch_types=definitions,
         headers=request_headers(arguments),
+        tls=tls_of(arguments),
     )
 
 

@@ -13,6 +13,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
+from rwt import Server
 from rwt_cli.commands.doctor import encodings
 from tests.cli.conftest import Rwt, demo_server
 
@@ -57,8 +58,26 @@ def test_a_token_that_is_missing_or_wrong(rwt: Rwt) -> None:
         assert (ended.code, "it wants a token: --token or RWT_TOKEN" in ended.out) == (3, True)
         ended = rwt("doctor", url, "--token", "x" * 20)
         assert (ended.code, "this token is not good" in ended.out) == (3, True)
-        ended = rwt("doctor", url, "--token", token, "--timeout", "1")
-        assert (ended.code, "problem  encoding json: refused: " in ended.out) == (1, True), ended.out
+
+
+def test_a_narrow_role_is_told_once_what_it_may_not(rwt: Rwt) -> None:
+    narrow = ("--set", "auth.default_role=kiosk", "--set", 'roles.kiosk.call=["/reset"]')
+    with demo_server(*narrow) as url:
+        ended = rwt("doctor", url)
+    assert ended.code == 0
+    assert ended.out.count("may not") == 2
+    (said,) = (line for line in ended.out.splitlines() if line.startswith("note     permissions: "))
+    assert "role 'kiosk' may not publish on " in said
+    assert "role 'kiosk' may not subscribe to " in said
+    assert "encoding json" not in ended.out
+
+
+def test_a_narrow_role_is_refused_no_more_than_it_is_told(rwt: Rwt) -> None:
+    with Server("ws://127.0.0.1:0", auth={"default_role": "viewer"}) as robot:
+        assert rwt("doctor", robot.server.urls[0]).code == 0
+        text = robot.server.metrics.text().decode()
+    refusals = [line for line in text.splitlines() if line.startswith("rwt_refusals_total{")]
+    assert refusals == ['rwt_refusals_total{op="advertise"} 1']
 
 
 def test_nobody_there(rwt: Rwt) -> None:

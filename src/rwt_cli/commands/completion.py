@@ -109,8 +109,8 @@ def _live(names: Names, given: argparse.Namespace) -> list[str]:
     from rwt_client import ClientError
 
     found: list[str] = []
-    url, token = getattr(given, "url", None), getattr(given, "token", None)
-    arguments = Arguments(url=url, token=token, timeout=LIVE_SECONDS)
+    options = {name: getattr(given, name, None) for name in ("url", "token", "cafile", "insecure")}
+    arguments = Arguments(**options, timeout=LIVE_SECONDS)
 
     async def ask() -> None:
         with anyio.move_on_after(LIVE_SECONDS):

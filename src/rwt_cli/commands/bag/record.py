@@ -23,9 +23,11 @@ from rwt_cli.verbs import (
     DEFAULT_URL,
     TOKEN_VARIABLE,
     URL_VARIABLE,
+    add_tls_options,
     command_error,
     request_headers,
     seconds,
+    tls_of,
     topic_glob,
     url_of,
 )
@@ -41,6 +43,8 @@ from rwt_nodes.recording import (
 )
 
 if TYPE_CHECKING:
+    import ssl
+
     from rwt_cli.commands.bag.remote_recorder import RemoteRecorder
     from rwt_client import Robot
 
@@ -66,6 +70,7 @@ class _RecordArguments:
 
     url: str
     headers: dict[str, str]
+    tls: ssl.SSLContext | None
     path: Path
     selection: TopicSelection
     encoding: Encoding
@@ -116,6 +121,7 @@ def add_bag_record_verb(verbs: Commands) -> None:
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--token", metavar="TOKEN", help=f"bearer token to show (default ${TOKEN_VARIABLE})")
+    add_tls_options(parser)
     parser.add_argument(
         "--output", "-o", type=Path, metavar="FILE", help="the file (default rwt_DATE-TIME.mcap)"
     )
@@ -204,6 +210,7 @@ def _run(arguments: argparse.Namespace) -> int:
     order = _RecordArguments(
         url_of(arguments),
         request_headers(arguments),
+        tls_of(arguments),
         path,
         TopicSelection(
             tuple(arguments.topics), tuple(arguments.exclude), arguments.services, arguments.actions
@@ -239,7 +246,7 @@ async def _record(order: _RecordArguments) -> None:
 
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
         reconnect = Backoff() if order.reconnect else None
-        async with connect(order.url, reconnect=reconnect, headers=order.headers) as robot:
+        async with connect(order.url, reconnect=reconnect, headers=order.headers, tls=order.tls) as robot:
             await _record_robot(robot, order, signals)
 
 

@@ -21,11 +21,14 @@ from rwt_cli.verbs import (
     epilog,
     request_headers,
     run_async,
+    tls_of,
     token_of,
     url_of,
 )
 
 if TYPE_CHECKING:
+    import ssl
+
     from rwt_cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
 
 Verdict = Literal["ok", "note", "warning", "problem"]
@@ -38,6 +41,10 @@ _WRONG_SECONDS: Final = 0.5
 """From how much on a clock is wrong: transforms and delays are wrong by as much."""
 _STYLES: Final[dict[Verdict, Style]] = {"ok": "good", "note": "faint", "warning": "warning", "problem": "bad"}
 _TEXT: Final = "a message of the doctor, long enough to be cut into pieces " * 4
+_NARROW_ROLE: Final = (
+    "for an app that does no more this is as it should be; the encodings were not checked, for which the role"
+    " of the token must publish and subscribe to /rwt_doctor_*"
+)
 _ROSAPI_MISSING: Final = (
     "start rosapi beside the server (`rosapi_node`; rosbridge's launch file does): without it types must be"
     " named, and no list can be made"
@@ -125,10 +132,11 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
 
     url, limit = url_of(arguments), arguments.timeout or USUAL_TIMEOUT
     try:
-        for finding in await _over_http(url, min(limit, _PATIENCE)):
+        tls = tls_of(arguments)
+        for finding in await _over_http(url, min(limit, _PATIENCE), tls):
             report(finding)
         probe = WireProbe()
-        async with connect(url, probe.accept, headers=request_headers(arguments), timeout=limit):
+        async with connect(url, probe.accept, headers=request_headers(arguments), timeout=limit, tls=tls):
             report(_connected(url, bool(token_of(arguments))))
             examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
             async for finding in examination.findings():
@@ -161,11 +169,11 @@ def _how_to_connect(error: str, token: bool) -> str:
     if "name" in error or "resolve" in error:
         return "check the host's name, or use its address"
     if "certificate" in error.lower() or "tls" in error.lower():
-        return "check that the certificate names this host and is trusted here"
+        return "check that the certificate names this host, and name its authority's file by --cafile"
     return "check address, port and firewall; a server on 127.0.0.1 is reached from its own machine only"
 
 
-async def _over_http(url: str, patience: float) -> list[Finding]:
+async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:
     """What the server reports at ``/healthz``, which only this project's servers have."""
     import anyio.to_thread
 
@@ -174,7 +182,7 @@ async def _over_http(url: str, patience: float) -> list[Finding]:
         return []
     secure = scheme.lower() == "wss"
     host = re.split("[/?]", rest)[0]
-    status, body = await anyio.to_thread.run_sync(partial(_get_health, host, secure, patience))
+    status, body = await anyio.to_thread.run_sync(partial(_get_health, host, secure, patience, tls))
     if status == 0:
         return []  # Whether it can be reached at all is the next finding.
     try:
@@ -188,14 +196,17 @@ async def _over_http(url: str, patience: float) -> list[Finding]:
     return [Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")]
 
 
-def _get_health(host: str, secure: bool, patience: float) -> tuple[int, bytes]:
+def _get_health(host: str, secure: bool, patience: float, tls: ssl.SSLContext | None) -> tuple[int, bytes]:
     """Status and body of ``/healthz``; status 0 if there is no answer of HTTP."""
     import http.client
 
-    kind = http.client.HTTPSConnection if secure else http.client.HTTPConnection
     try:
         address = host.rpartition("@")[2]
-        connection = kind(address if secure or ":" in address.rpartition("]")[2] else f"{address}:9090")
+        if secure:
+            connection: http.client.HTTPConnection = http.client.HTTPSConnection(address, context=tls)
+        else:
+            has_port = ":" in address.rpartition("]")[2]
+            connection = http.client.HTTPConnection(address if has_port else f"{address}:9090")
         connection.timeout = patience
         try:
             connection.request("GET", "/healthz")
@@ -230,6 +241,10 @@ class _Examination:
             yield await self._look_at_version()
             for finding in await self._look_at_time():
                 yield finding
+            refused = await self._refusals()
+            if refused:
+                yield Finding("permissions", "note", refused, _NARROW_ROLE)
+                return
         for encoding in encodings():
             yield await self._look_at_encoding(encoding)
             if self._probe.closed_with is not None:
@@ -279,13 +294,26 @@ class _Examination:
         quickest, ahead = min(trips)
         return [_latency([took for took, _ in trips]), _clock(ahead, quickest)]
 
+    async def _refusals(self) -> str:
+        """What the server refuses of a topic of the doctor's own; empty if nothing."""
+        probe, topic = self._probe, _own_topic()
+        complaints = len(probe.complaints)
+        probe.send("advertise", topic=topic, type=self._type, id=f"advertise:{topic}")
+        probe.send("subscribe", topic=topic, type=self._type, id=f"subscribe:{topic}")
+        await self._settle()
+        refused = probe.complaints[complaints:]
+        if not refused:
+            probe.send("unsubscribe", topic=topic, id=f"subscribe:{topic}")
+            probe.send("unadvertise", topic=topic, id=f"advertise:{topic}")
+        return "; ".join(refused)
+
     # -- encodings -----------------------------------------------------------------------------------------
 
     async def _look_at_encoding(self, encoding: str) -> Finding:
         name = f"encoding {encoding}"
         if not self._binary and _is_binary(encoding):
             return Finding(name, "note", "not on this transport, which carries text only")
-        probe, topic = self._probe, f"/rwt_doctor_{secrets.token_hex(4)}"
+        probe, topic = self._probe, _own_topic()
         kind = self._type
         how = {"fragment_size": 100} if encoding == "fragments" else {"compression": encoding}
         options = {} if encoding == "json" else how
@@ -306,6 +334,10 @@ class _Examination:
         """Wait until the server has handled all ops so far, so that no late answer is mistaken."""
         if self._rosapi:
             await self._probe.call("/rosapi/get_time", self._patience)
+
+
+def _own_topic() -> str:
+    return f"/rwt_doctor_{secrets.token_hex(4)}"
 
 
 def encodings() -> tuple[str, ...]:
