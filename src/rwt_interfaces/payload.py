@@ -91,7 +91,7 @@ class Payload:
             if spliced is not None:
                 return cls(message_type, None, None, None, spliced)
         # Whatever is wrong may lie in the long string, or say what it is.
-        whole = substituted(parsed, string.token.decode(), string_of(string.content))
+        whole = substituted(parsed, string.token.decode(), string_of(string.content, string.unescaped))
         return cls(message_type, None, complete(whole, now))
 
     @classmethod

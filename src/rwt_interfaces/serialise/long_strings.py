@@ -7,6 +7,7 @@ import re
 import secrets
 from typing import NamedTuple
 
+import msgspec
 import pybase64
 
 #: A JSON text, perhaps a view of the buffer that a whole frame was received in.
@@ -27,12 +28,12 @@ _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
 #: What stands for anything else.
 TOKEN = _TOKEN.decode()
-#: What follows a string in JSON.
-_AFTER_STRING = b":,]}"
-_BACKSLASH = 0x5C
 _PADDING = ord("=")
+_decode = msgspec.json.Decoder(str).decode
 #: Bytes of the longest escape, as of a half of a pair of surrogates.
 _ESCAPE = 6
+#: Up to the quote that begins the first string without an end.
+_HEAD = re.compile(rb'(?:[^"]*+"[^"\\]*+(?:\\.[^"\\]*+)*+")*+[^"]*+"', re.DOTALL)
 _HIGH_SURROGATE = re.compile(rb"\\u[dD][89abAB][0-9a-fA-F]{2}")
 
 
@@ -44,7 +45,8 @@ class LongString(NamedTuple):
         token: the token's letters.
         content: what the token stands for, as it is between its quotes: proven valid.
         is_base64: whether the content is padded base64, and the token too, with the same padding.
-        escaped: whether there are escapes in the content, so that it is not the string's UTF-8.
+        unescaped: what the content stands for, in pieces, if there are escapes in it; else it is the string's
+            UTF-8.
         begin: where the content begins in the whole text.
     """
 
@@ -52,7 +54,7 @@ class LongString(NamedTuple):
     token: bytes
     content: RawText
     is_base64: bool
-    escaped: bool
+    unescaped: tuple[str, ...]
     begin: int
 
     def moved(self, raw: bytes) -> LongString:
@@ -82,11 +84,10 @@ def token_for_base64(length: int, padding: int) -> bytes:
 def cut_long_string(raw: RawText, octets: bool, texts: bool) -> LongString | None:
     """The text apart from its one long string, or None if it has none from near its start to near its end.
 
-    Why the parts stand for the whole: what is cut is valid between two quotes and holds no quote itself. If
-    the text is JSON, the first quote begins a string or ends one; it does not end one, since what follows it
-    cannot follow a string. So the text is JSON if and only if it is with the token, and means the same but
-    for that string. A quote after a backslash is left alone. Only where a length is checked could the token
-    pass in place of the long string, so types with such fields do not come here.
+    Why the parts stand for the whole: if the text is JSON, the first quote begins a string, since all strings
+    before it have ended. What is cut is valid in a string, so the second quote ends it. Thus the text is JSON
+    if and only if it is with the token, and means the same but for that string. Only where a length is
+    checked could the token pass in place of the long string, so types with such fields do not come here.
 
     Args:
         raw: the JSON text.
@@ -94,24 +95,29 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> LongString | Non
         texts: look for any text.
     """
     margin = min(MARGIN, len(raw) // 4)
-    head = bytes(raw[:margin])
-    tail_start = len(raw) - margin
-    begin = head.rfind(b'"') + 1
-    end = tail_start + bytes(raw[tail_start:]).find(b'"')
-    if begin < 2 or end < tail_start or head[begin - 2] == _BACKSLASH:
-        return None
-    if head[begin:].lstrip(b" \t\r\n")[:1] in _AFTER_STRING:
+    head = _HEAD.match(raw, 0, margin)
+    begin = head.end() if head is not None else 0
+    end = _first_quote(bytes(raw[-margin:]), len(raw) - margin)
+    if not 0 < begin <= end:
         return None
     content = memoryview(raw)[begin:end]
     is_base64 = octets and _is_base64(content)
-    escaped = False if is_base64 else _has_escapes(content) if texts else None
-    if escaped is None:
+    unescaped = () if is_base64 else _unescaped(content) if texts else None
+    if unescaped is None:
         return None
     if is_base64:
         token = token_for_base64(end - begin, bytes(content[-2:]).count(b"="))
     else:
         token = token_for_text(end - begin)
-    return LongString(b"".join((head[:begin], token, raw[end:])), token, content, is_base64, escaped, begin)
+    return LongString(b"".join((raw[:begin], token, raw[end:])), token, content, is_base64, unescaped, begin)
+
+
+def _first_quote(tail: bytes, offset: int) -> int:
+    """Where the first quote of the text's tail is that no backslash escapes; -1 if there is none."""
+    place = tail.find(b'"')
+    while place >= 0 and (place - len(tail[:place].rstrip(b"\\"))) % 2:
+        place = tail.find(b'"', place + 1)
+    return place if place < 0 else offset + place
 
 
 def _is_base64(content: memoryview) -> bool:
@@ -127,23 +133,30 @@ def _is_base64(content: memoryview) -> bool:
     return True
 
 
-def _has_escapes(content: memoryview) -> bool | None:
-    """Whether there are escapes in what is valid between two quotes; None if it is not valid, or if pieces do
-    not show whether it is."""
+def _unescaped(content: memoryview) -> tuple[str, ...] | None:
+    """What stands between two quotes, in pieces if there are escapes in it; None if it is not valid, or if
+    pieces do not show whether it is."""
     # Imported here because only large texts need it.
     from pydantic_core import from_json
 
-    escaped = False
+    pieces: list[str] = []
     start = 0
     try:
         while start < len(content):
             piece = _whole_letters(bytes(content[start : start + TEXT_PIECE]))
-            from_json(b'"%b"' % piece)
-            escaped = escaped or b"\\" in piece
             start += len(piece)
+            has_escapes = b"\\" in piece
+            # The first is quicker where there is nothing to decode, the second where there is.
+            decode = _decode if has_escapes or not piece.isascii() else from_json
+            text = decode(b'"%b"' % piece)
+            if pieces:
+                pieces.append(text)
+            elif has_escapes:
+                # What goes before has none: there the content is the string's UTF-8.
+                pieces = [str(content[: start - len(piece)], "utf-8"), text]
     except ValueError:
         return None
-    return escaped
+    return tuple(pieces)
 
 
 def _whole_letters(piece: bytes) -> bytes:
@@ -177,10 +190,6 @@ def substituted(value: object, token: str, text: str) -> object:
             return value
 
 
-def string_of(content: RawText) -> str:
-    """What the content of a proven string stands for."""
-    # Imported here because only large texts need it.
-    from pydantic_core import from_json
-
-    text: str = from_json(b"".join((b'"', content, b'"')))
-    return text
+def string_of(content: RawText, unescaped: tuple[str, ...]) -> str:
+    """The string that a proven content stands for."""
+    return "".join(unescaped) if unescaped else str(content, "utf-8")

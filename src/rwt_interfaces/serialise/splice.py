@@ -15,7 +15,14 @@ import msgspec
 import pybase64
 
 from rwt_interfaces import field_types
-from rwt_interfaces.serialise.long_strings import LongString, Parts, RawText, string_of, token_for_base64
+from rwt_interfaces.serialise.long_strings import (
+    LongString,
+    Parts,
+    RawText,
+    string_of,
+    token_for_base64,
+    token_for_text,
+)
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -75,7 +82,7 @@ def _places(message: MessageType, prefix: tuple[str, ...]) -> Iterator[tuple[tup
 class SplicedMessage:
     """A message in two parts: what is short, with a token in one place, and the content of that place."""
 
-    __slots__ = ("_content", "_escaped", "_octets", "_place", "_short", "_token")
+    __slots__ = ("_content", "_octets", "_place", "_short", "_token", "_unescaped")
 
     def __init__(
         self,
@@ -84,14 +91,14 @@ class SplicedMessage:
         token: bytes,
         content: RawText | None,
         octets: bytes | None = None,
-        escaped: bool = False,
+        unescaped: tuple[str, ...] = (),
     ) -> None:
         self._short = short
         self._place = place
         self._token = token
         self._content = content
         self._octets = octets
-        self._escaped = escaped
+        self._unescaped = unescaped
 
     @classmethod
     def from_string(
@@ -102,7 +109,7 @@ class SplicedMessage:
         octets = pybase64.b64decode(string.token) if string.is_base64 else None
         for place in type.places:
             if place.fetch(short) == (text if place.is_text else octets):
-                return cls(short, place, string.token, string.content, None, string.escaped)
+                return cls(short, place, string.token, string.content, None, string.unescaped)
         return None
 
     @classmethod
@@ -123,8 +130,10 @@ class SplicedMessage:
 
     @property
     def octets(self) -> bytes:
-        """What base64 stands for; decoded once."""
-        if self._octets is None:
+        """What base64 or a text with escapes stands for; decoded once."""
+        if self._octets is None and self._unescaped:
+            self._octets = "".join(self._unescaped).encode()
+        elif self._octets is None:
             assert self._content is not None  # It has one of the two from the start.
             self._octets = pybase64.b64decode(self._content, validate=True)
         return self._octets
@@ -136,7 +145,9 @@ class SplicedMessage:
 
     def value(self) -> msgspec.Struct:
         """The whole message."""
-        return self._place.put(self._short, string_of(self.content) if self._place.is_text else self.octets)
+        is_text = self._place.is_text
+        content = string_of(self.content, self._unescaped) if is_text else self.octets
+        return self._place.put(self._short, content)
 
     def json(self, encode: Callable[[msgspec.Struct], bytes]) -> Parts:
         """The parts of the message in JSON."""
@@ -145,13 +156,17 @@ class SplicedMessage:
 
     def binary(self, encode: Callable[[msgspec.Struct], bytes], length_head: LengthHead) -> Parts:
         """The parts of the message in an encoding where a length stands before strings and octets."""
-        is_text = self._place.is_text
-        if is_text and self._escaped:
-            return (encode(self.value()),)
-        content, token = (
-            (self.content, self._token) if is_text else (self.octets, pybase64.b64decode(self._token))
-        )
-        before, _, after = encode(self._short).partition(token)
+        short, is_text = self._short, self._place.is_text
+        content: RawText
+        if not is_text:
+            content, token = self.octets, pybase64.b64decode(self._token)
+        elif not self._unescaped:
+            content, token = self.content, self._token
+        else:
+            content = self.octets
+            token = token_for_text(len(content))
+            short = self._place.put(short, token.decode())
+        before, _, after = encode(short).partition(token)
         short_head = length_head(len(token), is_text)
         return before.removesuffix(short_head) + length_head(len(content), is_text), content, after
 
@@ -164,5 +179,5 @@ class SplicedMessage:
             self._token,
             bytes(content) if content is not None else None,
             self._octets,
-            self._escaped,
+            self._unescaped,
         )
