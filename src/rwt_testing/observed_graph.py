@@ -5,28 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rwt_graph.api import (
-    ClientGoal,
-    GoalEvents,
-    OnReply,
-    Participant,
-    PendingCall,
-    Publisher,
-    Registration,
-    Sample,
-    ServerGoal,
-    ServiceCall,
-    Subscription,
-)
-from rwt_graph.memory.graph import MemoryGraph
-from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+from rwt_graph.api import Publisher
+from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_program.qos import DEFAULT_QOS, QoS
 from rwt_testing.journal import Journal, Kind, Received
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+    from rwt_interfaces.structs import MessageType
 
 
 class ObservedGraph(MemoryGraph):
@@ -46,61 +34,21 @@ class ObservedGraph(MemoryGraph):
         self.journal = Journal()
         self.unobserved: set[str] = set()
 
-    def participant(self, name: str) -> Participant:
-        """Join as a node of that absolute name."""
-        inner = super().participant(name)
-        if inner.name in self.unobserved:
-            return inner
-        return _ObservedParticipant(inner, self.journal, self.clock)
+    def make_participant(self, name: str) -> MemoryParticipant:
+        """What joins as a node, with its messages noted unless it is one of the unobserved."""
+        return super().make_participant(name) if name in self.unobserved else _ObservedParticipant(self, name)
 
 
-class _ObservedParticipant(Participant):
+class _ObservedParticipant(MemoryParticipant):
     """A participant whose publishers note their messages."""
 
-    def __init__(self, inner: Participant, journal: Journal, clock: Clock) -> None:
-        self.name = inner.name
-        self._inner = inner
-        self._journal = journal
-        self._clock = clock
+    def __init__(self, graph: ObservedGraph, name: str) -> None:
+        super().__init__(graph, name)
+        self._journal = graph.journal
+        self._now_ns = graph.clock.time_ns
 
     def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
-        inner = self._inner.advertise(topic, type, qos)
-        return _ObservedPublisher(inner, self.name, self._journal, self._clock.time_ns)
-
-    def subscribe(
-        self,
-        topic: str,
-        on_sample: Callable[[Sample], None],
-        type: MessageType | None = None,
-        qos: QoS = BEST_AVAILABLE,
-    ) -> Subscription:
-        return self._inner.subscribe(topic, on_sample, type, qos)
-
-    def advertise_service(
-        self, service: str, type: ServiceType, on_call: Callable[[ServiceCall], None]
-    ) -> Registration:
-        return self._inner.advertise_service(service, type, on_call)
-
-    def call_service(
-        self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
-    ) -> PendingCall:
-        return self._inner.call_service(service, request, on_reply, timeout)
-
-    def advertise_action(
-        self, action: str, type: ActionType, on_goal: Callable[[ServerGoal], None]
-    ) -> Registration:
-        return self._inner.advertise_action(action, type, on_goal)
-
-    def send_goal(
-        self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
-    ) -> ClientGoal:
-        return self._inner.send_goal(action, goal, events, goal_id)
-
-    def cancel_goal(self, action: str, goal_id: str) -> None:
-        self._inner.cancel_goal(action, goal_id)
-
-    def close(self) -> None:
-        self._inner.close()
+        return _ObservedPublisher(super().advertise(topic, type, qos), self.name, self._journal, self._now_ns)
 
 
 class _ObservedPublisher(Publisher):

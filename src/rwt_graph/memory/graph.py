@@ -185,12 +185,16 @@ class MemoryGraph(Graph):
         self._participants: dict[MemoryParticipant, None] = {}
         self._system = SystemTopics(self)
 
-    def participant(self, name: str) -> Participant:
+    def participant(self, name: str) -> MemoryParticipant:
         """Join as a node of that absolute name."""
-        participant = MemoryParticipant(self, validate(name))
+        participant = self.make_participant(validate(name))
         self._participants[participant] = None
         self.node_joined(name)
         return participant
+
+    def make_participant(self, name: str) -> MemoryParticipant:
+        """What joins as a node; for graphs whose nodes do more."""
+        return MemoryParticipant(self, name)
 
     def left(self, participant: MemoryParticipant) -> None:
         """Forget a participant that closed."""

@@ -23,7 +23,6 @@ from rwt_graph.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt_graph.zenoh.topics import ZenohTopics
 
 if TYPE_CHECKING:
-    from rwt_graph.api import Participant
     from rwt_graph.clock import Clock
     from rwt_graph.memory.actions import MemoryActionServer
     from rwt_graph.memory.node_resources import NodeResources
@@ -95,10 +94,9 @@ class ZenohGraph(MemoryGraph):
         """A :class:`~rwt_graph.program.node.Node` of this graph, in the graph's namespace by default."""
         return Node(self, name, self.namespace if namespace is None else namespace)
 
-    def participant(self, name: str) -> Participant:
+    def participant(self, name: str) -> MemoryParticipant:
         """Join as a node of that absolute name."""
         participant = super().participant(name)
-        assert isinstance(participant, MemoryParticipant)  # What a MemoryGraph makes.
         if self._link is not None:
             self._present[participant.owner] = self._link.declare_node(participant.owner)
         return participant
