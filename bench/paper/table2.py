@@ -107,7 +107,7 @@ class Line:
         coding = stream.coding
         self._encoder: Encoder
         if isinstance(coding, Video):
-            self._encoder = VideoEncoder(stream, coding)
+            self._encoder = VideoEncoder(stream, coding, lambda pixels: None)
         else:
             self._encoder = ImageEncoder(stream, coding)
         self._decoder: VideoCodecContext | None = None

@@ -40,7 +40,9 @@ def http_of(*nodes: object) -> list[HttpExtension]:
 def _video(graph: Graph, settings: Settings) -> WebVideoServer:
     from rwt_nodes.video import WebVideoServer
 
-    return WebVideoServer(graph, settings.limits.video_viewers, settings.limits.video_encoders)
+    return WebVideoServer(
+        graph, settings.limits.video_viewers, settings.limits.video_encoders, settings.limits.video_pixels
+    )
 
 
 NODES: Final[Mapping[NodeName, Callable[[Graph, Settings], ReadyNode]]] = MappingProxyType(

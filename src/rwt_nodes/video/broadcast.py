@@ -118,7 +118,9 @@ class Broadcast:
         now: seconds that never go back. Real time, as viewers have it, whatever clock the robot has.
 
     Attributes:
+        now: as given.
         viewers: everyone who watches.
+        pixels: of one picture of the video, once its encoder is there; 0 for pictures by themselves.
     """
 
     def __init__(
@@ -134,6 +136,7 @@ class Broadcast:
         self.request = request
         self.counts = counts
         self.viewers: list[Viewer] = []
+        self.pixels = 0
         self.now = now
         self._log = node.log
         self._make_encoder = make_encoder

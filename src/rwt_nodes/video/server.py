@@ -16,7 +16,7 @@ from rwt_nodes.video.broadcast import Broadcast, Viewer
 from rwt_nodes.video.encoders.encoded import Encoded, Encoder
 from rwt_nodes.video.encoders.mp4 import TYPE as MP4
 from rwt_nodes.video.encoders.webm import TYPE as WEBM
-from rwt_nodes.video.errors import RequestRefused
+from rwt_nodes.video.errors import PictureUnreadable, RequestRefused
 from rwt_nodes.video.responses import (
     MULTIPART,
     multipart,
@@ -62,15 +62,24 @@ class WebVideoServer:
         graph: whose topics are shown.
         most_viewers: viewers at a time; further ones are refused with status 503.
         most_encoders: different streams at a time, likewise.
+        most_pixels: of one picture of each different video together; an encoder keeps up to ninety bytes for
+            each.
 
     Attributes:
         http: its pages, its list of image topics and its metrics, for :func:`rwt.serve`.
     """
 
-    def __init__(self, graph: Graph, most_viewers: int = 100, most_encoders: int = 16) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        most_viewers: int = 100,
+        most_encoders: int = 16,
+        most_pixels: int = 2_500_000,
+    ) -> None:
         self._node = Node(graph, NAME)
         self._most_viewers = most_viewers
         self._most_encoders = most_encoders
+        self._most_pixels = most_pixels
         self._broadcasts: dict[StreamRequest, Broadcast] = {}
         self._stream_metrics = StreamMetrics()
         # A thread for each core: more would only take turns.
@@ -185,9 +194,38 @@ class WebVideoServer:
                 raise RequestRefused(
                     503, f"{len(viewers)} viewers are looking already (limits.video_viewers)"
                 )
+        if stream not in self._broadcasts and isinstance(stream.coding, Video):
+            try:
+                self._check_pixels((stream.width or 0) * (stream.height or 0))
+            except PictureUnreadable as error:
+                raise RequestRefused(503, str(error)) from None
         if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
             many = len(self._broadcasts)
             raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
+
+    def _check_pixels(self, pixels: int) -> None:
+        """Whether there is room for a video more.
+
+        Raises:
+            PictureUnreadable: there is not.
+        """
+        taken = sum(broadcast.pixels for broadcast in tuple(self._broadcasts.values()))
+        if taken + pixels > self._most_pixels:
+            raise PictureUnreadable(
+                f"a video of {pixels} pixels a picture beside others of {taken} would make more than"
+                f" {self._most_pixels} (limits.video_pixels); `width` and `height` make it smaller"
+            )
+
+    def _reserve(self, stream: StreamRequest, pixels: int) -> None:
+        """Count the pixels of a video that begins. Runs in the encoder's thread.
+
+        Raises:
+            PictureUnreadable: they are too many.
+        """
+        self._check_pixels(pixels)
+        broadcast = self._broadcasts.get(stream)
+        if broadcast is not None:
+            broadcast.pixels = pixels
 
     def _join(self, stream: StreamRequest) -> Viewer:
         """A viewer of what is asked for; the first one starts the encoder."""
@@ -195,7 +233,12 @@ class WebVideoServer:
         if broadcast is None:
             counts = self._stream_metrics.of(stream.topic, stream.type)
             broadcast = Broadcast(
-                self._node, stream, partial(_make_encoder, stream), self._limiter, counts, self._ended
+                self._node,
+                stream,
+                partial(_make_encoder, stream, partial(self._reserve, stream)),
+                self._limiter,
+                counts,
+                self._ended,
             )
             self._broadcasts[stream] = broadcast
         return broadcast.join()
@@ -213,12 +256,12 @@ def _check_codec(stream: StreamRequest) -> None:
         )
 
 
-def _make_encoder(stream: StreamRequest) -> Encoder:
+def _make_encoder(stream: StreamRequest, reserve: Callable[[int], None]) -> Encoder:
     """Make the encoder of a request. Runs in a worker thread, because it loads the libraries."""
     if isinstance(stream.coding, Video):
         from rwt_nodes.video.encoders.video import VideoEncoder
 
-        return VideoEncoder(stream, stream.coding)
+        return VideoEncoder(stream, stream.coding, reserve)
     from rwt_nodes.video.encoders.image import ImageEncoder
 
     return ImageEncoder(stream, stream.coding)

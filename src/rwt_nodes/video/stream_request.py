@@ -22,9 +22,10 @@ MOST_PIXELS: Final = 4096
 #: does it for nothing.
 MOST_AREA: Final = 4_096_000
 TYPES: Final = ("mjpeg", "png", "ros_compressed", "vp8", "vp9", "h264")
-PRESETS: Final = (
-    "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow", "placebo",
-)  # fmt: skip
+#: Those of x264 that end in time: slower ones take seconds for a picture, and most of the memory.
+PRESETS: Final = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium")
+#: Of VP8. `best` of the library takes ten seconds for a large picture.
+QUALITIES: Final = ("realtime", "good")
 QOS_PROFILES: Final[Mapping[str, QoS]] = {
     "default": DEFAULT_QOS,
     "system_default": DEFAULT_QOS,
@@ -66,7 +67,7 @@ class Video:
         qmin: the finest quantizer.
         qmax: the coarsest quantizer.
         gop: most pictures from one key frame to the next.
-        quality: of vp8: `realtime`, `good` or `best`; empty for others.
+        quality: of vp8, one of :data:`QUALITIES`; empty for others.
         preset: of h264, one of :data:`PRESETS`; empty for others.
     """
 
@@ -168,7 +169,7 @@ def _coding(type_: str, given: Mapping[str, str]) -> Coding:
         qmin=_number(given, "qmin", 0, 63, 10),
         qmax=_number(given, "qmax", 0, 63, 42),
         gop=_number(given, "gop", 1, 10_000, 25),
-        quality=_choice(given, "quality", ("realtime", "good", "best"), "realtime") if type_ == "vp8" else "",
+        quality=_choice(given, "quality", QUALITIES, "realtime") if type_ == "vp8" else "",
         preset=_choice(given, "preset", PRESETS, "ultrafast") if type_ == "h264" else "",
     )
     if video.qmin > video.qmax:

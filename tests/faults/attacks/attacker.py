@@ -272,8 +272,8 @@ def expensive_videos(attacker: Attacker) -> None:
     viewers = []
     for number in range(16):
         viewer = socket.create_connection(("127.0.0.1", attacker.port), 5)
-        kind = "type=h264&preset=placebo" if number % 2 else "type=vp8&quality=best"
-        query = f"topic=/picture&width=2560&height=1600&gop={number + 1}&{kind}"
+        kind = "type=h264&preset=medium" if number % 2 else "type=vp9"
+        query = f"topic=/picture&width=1920&height=1080&gop={number + 1}&{kind}"
         viewer.sendall(f"GET /stream?{query} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
         viewers.append(viewer)
     attacker.send(_ops("publish", **{name: value for name, value in sample.items() if name != "op"}))

@@ -131,7 +131,7 @@ class Theatre:
 
 @asynccontextmanager
 async def _theatre(
-    tables: Mapping[str, object] = MappingProxyType({}), limits: tuple[int, int] = (100, 16)
+    tables: Mapping[str, object] = MappingProxyType({}), limits: tuple[int, ...] = (100, 16)
 ) -> AsyncIterator[Theatre]:
     graph = MemoryGraph()
     async with graph:
@@ -327,6 +327,31 @@ async def test_there_is_an_end_to_viewers_and_to_encoders(anyio_backend: str) ->
             refused = await theatre.gets("/snapshot?topic=/cam/image")
             assert refused.status == 503
             assert refused.body == b"2 viewers are looking already (limits.video_viewers)\n"
+
+
+async def test_there_is_an_end_to_the_pixels_of_videos_together(anyio_backend: str) -> None:
+    async with _theatre(limits=(100, 16, 5_000)) as theatre:
+        refused = await theatre.gets("/stream?topic=/cam/image&type=vp8&width=100&height=51")
+        assert refused.status == 503
+        assert b"more than 5000 (limits.video_pixels)" in refused.body
+        async with theatre.asks("/stream?topic=/cam/image&type=vp8") as first:  # 64x48
+            await theatre.listeners(1)
+            theatre.publish()
+            await first.read_until(lambda body: bool(body))
+            refused = await theatre.gets("/stream?topic=/cam/image&type=h264&width=64&height=48")
+            assert (refused.status, b"beside others of 3072" in refused.body) == (503, True)
+            # Without a size asked for it is the encoder that finds out, and the stream ends.
+            async with theatre.asks("/stream?topic=/cam/image&type=vp8&gop=7") as ended:
+                await theatre.listeners(2)
+                theatre.publish()
+                assert (await ended.whole(), ended.status) == (b"", 200)
+            async with theatre.asks("/stream?topic=/cam/image&width=100&height=51") as picture:
+                await picture.read_until(lambda body: bool(body))
+        await theatre.listeners(0)
+        async with theatre.asks("/stream?topic=/cam/image&type=h264&width=64&height=48") as later:
+            await theatre.listeners(1)
+            theatre.publish()
+            await later.read_until(lambda body: bool(body))
 
 
 async def test_closing_the_node_ends_its_streams(theatre: Theatre) -> None:

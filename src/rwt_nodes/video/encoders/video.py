@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Final
 
@@ -40,11 +41,19 @@ _H264_QUALITY: Final = "20"
 
 class VideoEncoder:
     """Makes one video of a topic's pictures, in the size of the first; see
-    :class:`rwt_nodes.video.encoders.encoded.Encoder`."""
+    :class:`rwt_nodes.video.encoders.encoded.Encoder`.
 
-    def __init__(self, request: StreamRequest, video: Video) -> None:
+    Args:
+        request: what is wanted.
+        video: how it is sent.
+        reserve: called with the pixels of a picture before there is an encoder of that size; raises
+            `PictureUnreadable` where they are too many.
+    """
+
+    def __init__(self, request: StreamRequest, video: Video, reserve: Callable[[int], None]) -> None:
         self._request = request
         self._video = video
+        self._reserve = reserve
         self._codec: VideoCodecContext | None = None
         self._track: Track | None = None
         self._last_ms = -1
@@ -75,6 +84,7 @@ class VideoEncoder:
 
     def _open(self, pixels: Bytes) -> VideoCodecContext:
         video = self._video
+        self._reserve(pixels.shape[0] * pixels.shape[1])
         codec = av.CodecContext.create(_ENCODERS[video.codec], "w")
         assert isinstance(codec, VideoCodecContext)
         # Colours have half the resolution in these videos: an odd row or column is left out.
