@@ -12,7 +12,7 @@ from rwt_client import FieldInfo, NodeInfo, RosVersion, TopicInfo
 from rwt_client.endpoints.remote_types import _texts
 from rwt_interfaces import JAZZY, NOETIC, Registry
 from rwt_nodes.rosapi.typedefs import typedefs
-from rwt_program.errors import CallFailed, NotFound, ParameterRejected, UnknownType
+from rwt_program.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound, UnknownType
 from tests.client.worlds import World, scripted, world
 
 pytestmark = pytest.mark.anyio
@@ -241,3 +241,15 @@ def test_typedefs_tell_the_same_fields_as_the_definition(name: str) -> None:
     assert [(field.name, str(field.type)) for field in found.fields] == [
         (field.name, str(field.type)) for field in wanted.fields
     ]
+
+
+async def test_a_name_that_is_misspelled_is_told_with_the_nearest() -> None:
+    async with world() as it:
+        it.node.advertise("/odom", "nav_msgs/Odometry")
+        it.node.advertise_service("/reset", "std_srvs/Empty", lambda _: None)
+        with pytest.raises(NotFound, match=r"no topic /odm \(did you mean /odom\?\); name its type if"):
+            await it.robot.once("/odm")
+        with pytest.raises(ProviderNotFound, match=r"no service /rset \(did you mean /reset\?\)"):
+            await it.robot.call("/rset")
+        with pytest.raises(ProviderNotFound, match=r"no action /nothing; name its type if"):
+            await it.robot.send_goal("/nothing")

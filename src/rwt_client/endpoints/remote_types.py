@@ -15,6 +15,7 @@ from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry
 from rwt_interfaces.names import parse_type_name
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_program.errors import NotFound, ProviderNotFound, UnknownType
+from rwt_protocol.spelling import nearest
 
 logger = logging.getLogger("rwt_client")
 
@@ -28,6 +29,13 @@ _OWN_NAMES: Final = {
     "boolean": "bool", "float": "float32", "double": "float64", "octet": "byte",
 }  # fmt: skip
 """What rosapi of ROS 2 calls scalars, and what definitions call them (API-04)."""
+
+_LISTS: Final = {
+    "topic": ("topics", "topics"),
+    "service": ("services", "services"),
+    "action": ("action_servers", "action_servers"),
+}
+"""The question of rosapi that all names of a kind answer, and the field of the answer that has them."""
 
 _TIMES: Final = frozenset({"time", "duration"})
 
@@ -185,10 +193,22 @@ class RemoteTypes:
             raise UnknownType(f"the robot does not tell the type of {name}, so name it: {error}") from None
         found = answer.get("type") if isinstance(answer, dict) else None
         if not isinstance(found, str) or not found:
+            near = nearest(name, await self._names(what))
+            meant = f" (did you mean {near}?)" if near else ""
             raise (NotFound if what == "topic" else ProviderNotFound)(
-                f"the robot knows no {what} {name}; name its type if it will come"
+                f"the robot knows no {what} {name}{meant}; name its type if it will come"
             )
         return found
+
+    async def _names(self, what: str) -> list[str]:
+        """The names of the robot's topics, services or actions; none where it does not tell."""
+        question, key = _LISTS[what]
+        try:
+            answer = await self._ask(question, {})
+        except UNANSWERED:
+            return []
+        names = answer.get(key) if isinstance(answer, dict) else None
+        return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
 
     async def _fetch_message(self, name: str) -> None:
         answer = await self._ask("message_details", {"type": name})
