@@ -22,11 +22,11 @@ from rwt.nodes import ReadyNode, http_of, start_nodes, start_recording, start_sc
 from rwt.observability.metrics import ServerMetrics
 from rwt.pages import routes
 from rwt.settings.sources import with_changes
-from rwt.signals import STOP_SIGNALS, Stopped, on_signals, stopped_by_signals
+from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt_access.access import Access
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError
-from rwt_access.tls import client_tls, server_tls
+from rwt_access.tls import client_tls, renew_server_tls, server_tls
 from rwt_bridge.bridge import Bridge
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
@@ -39,6 +39,8 @@ from rwt_transports.relay.dial import check_dial_url, dial
 from rwt_transports.websocket.extensions import Deflate
 
 if TYPE_CHECKING:
+    from ssl import SSLContext
+
     from typing_extensions import TypeIs
 
     from rwt.blocking import Loop
@@ -69,6 +71,7 @@ class _Running:
     bridge: Bridge
     metrics: ServerMetrics
     listeners: tuple[Listener, ...]
+    tls: SSLContext | None
     stack: AsyncExitStack
 
 
@@ -109,6 +112,8 @@ class Server:
         name: of the node that a ``with`` block is given.
         loop: which event loop :meth:`run` and a ``with`` block start.
         worker: the process that this is, of several with the same ports; :meth:`run` makes those.
+        reload: reads the settings again, for :meth:`reload`; by default the same settings are used, and only
+            the files that they name are read again.
         changes: settings by name, instead of those in `settings`: ``Server(demo=True, distro="noetic")``.
 
     Attributes:
@@ -136,6 +141,7 @@ class Server:
         name: str = "robot",
         loop: Loop = "asyncio",
         worker: WorkerContext | None = None,
+        reload: Callable[[], Settings] | None = None,
         **changes: object,
     ) -> None:
         if urls and "listen" in changes:
@@ -156,6 +162,7 @@ class Server:
         self._name = name
         self._loop = loop
         self._worker = worker
+        self._read_settings = reload or (lambda: self.settings)
         self._running: _Running | None = None
         self._thread: ExitStack | None = None
         self._given_graph = graph
@@ -253,6 +260,32 @@ class Server:
             self._announced = True
             (say or print_announcement)((on_up or listening)(self))
 
+    def reload(self) -> None:
+        """Read certificate, tokens, roles, origins and the secret of rosauth again, as SIGHUP asks for.
+
+        Connections are kept, but for clients that are not let in any more. The other settings stay as they
+        are until the server is started again. To be called on the server's event loop.
+
+        Raises:
+            SettingsError: something cannot be used; then all stays as it was.
+            NotRunning: it does not run.
+        """
+        running = self._while_running
+        settings = self._read_settings()
+        server_tls(settings.tls)  # Raises before anything has changed.
+        running.bridge.reload(settings)
+        if running.tls is not None:
+            renew_server_tls(running.tls, settings.tls)
+        self._warn_of_strangers(running.bridge.access, running.listeners)
+
+    def _on_hangup(self) -> None:
+        try:
+            self.reload()
+        except SettingsError as error:
+            logger.error("the settings stay as they were: %s", error)
+        else:
+            logger.info("certificate, tokens, roles and origins were read again")
+
     async def ended(self) -> None:
         """Wait until there is nobody to serve: the program at the other end of ``stdio:`` has closed it, or
         the parent of this worker process has died. Without either this waits forever.
@@ -283,7 +316,7 @@ class Server:
 
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as stack:
-            self._running = _Running(*await self._start(stack), stack.pop_all())
+            self._running = await self._start(stack)
         return self
 
     async def __aexit__(self, *exc: Any) -> bool | None:
@@ -291,7 +324,7 @@ class Server:
         self._running = None
         return await stack.__aexit__(*exc)
 
-    async def _start(self, stack: AsyncExitStack) -> tuple[Bridge, ServerMetrics, tuple[Listener, ...]]:
+    async def _start(self, stack: AsyncExitStack) -> _Running:
         settings, graph = self.settings, self.graph
         tls = server_tls(settings.tls)
         nodes = stack.enter_context(ExitStack())
@@ -341,7 +374,7 @@ class Server:
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
         self._warn_of_strangers(bridge.access, listeners)
-        return bridge, metrics, tuple(listeners)
+        return _Running(bridge, metrics, tuple(listeners), tls, stack.pop_all())
 
     def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
         """Say that other machines reach a server which lets everybody do everything."""
@@ -368,7 +401,7 @@ class Server:
     def __enter__(self) -> BlockingNode:
         with ExitStack() as stack:
             thread = ServerThread(self, self._loop)
-            stack.enter_context(stopped_by_signals(lambda: None))
+            stack.enter_context(stopped_by_signals(partial(self.graph.run_on_graph, self._on_hangup)))
             stack.enter_context(thread)
             robot = BlockingNode(self.node(self._name), self, thread)
             self._thread = stack.pop_all()
@@ -451,6 +484,7 @@ class Server:
             middleware=self._middleware,
             loop=self._loop,
             worker=worker,
+            reload=self._read_settings,
         )
 
     async def _until_stopped(
@@ -460,7 +494,10 @@ class Server:
     ) -> None:
         stop = anyio.Event()
         failure: Exception | None = None
-        with on_signals(dict.fromkeys(STOP_SIGNALS, stop.set)):
+        handlers: dict[int, Callable[[], object]] = dict.fromkeys(STOP_SIGNALS, stop.set)
+        if HANGUP is not None:
+            handlers[HANGUP] = lambda: stop.set() if terminal_is_gone() else self._on_hangup()
+        with on_signals(handlers):
             async with self, anyio.create_task_group() as tasks:
                 say()
 

@@ -52,17 +52,49 @@ class Admission:
         monotonic: Callable[[], float],
         audit: Audit,
     ) -> None:
-        auth = settings.auth
         self._audit = audit
+        self._now = now
         self._monotonic = monotonic
         self._log_rate = LineRate(per_second=10, burst=100)
-        self.roles: Mapping[str, Role] = roles(settings)
-        self.rosauth: Rosauth | None = rosauth_of(auth, self.roles, bool(settings.roles), now)
-        self._tokens = Tokens(auth.tokens, self.roles)
-        is_open = not self._tokens and self.rosauth is None
+        self.rosauth: Rosauth | None = None
+        self.reload(settings)
+
+    def reload(self, settings: AccessSettings) -> None:
+        """Go by other tokens, roles, origins and another secret from now on; the limits stay.
+
+        Raises:
+            SettingsError: the secret of rosauth cannot be had; then all stays as it was.
+        """
+        auth = settings.auth
+        known: Mapping[str, Role] = roles(settings)
+        rosauth = rosauth_of(auth, known, bool(settings.roles), self._now)
+        if rosauth is not None and self.rosauth is not None:
+            rosauth.remember_those_of(self.rosauth)
+        self.roles = known
+        self.rosauth = rosauth
+        self._tokens = Tokens(auth.tokens, known)
+        is_open = not self._tokens and rosauth is None
         name = auth.default_role or ("admin" if is_open else None)
-        self.default_role: Role | None = self.roles[name] if name else None
+        self.default_role: Role | None = known[name] if name else None
         self._origins = Origins(settings.origins.allow)
+
+    def role_now(self, info: PeerInfo, by_auth: str | None) -> Role:
+        """The role that a connected client has after :meth:`reload`.
+
+        Args:
+            info: what the transport knows of it.
+            by_auth: the role that an `auth` op has given it, if one has.
+
+        Raises:
+            Refused: its token is not known any more, or it has to show what it has not shown.
+        """
+        if by_auth is None:
+            role = self._role(info)
+        else:
+            role = None if self.rosauth is None else self.roles.get(by_auth)
+        if role is None:
+            raise self._refused(info, 401, "the server's settings have changed: authenticate again")
+        return role
 
     def admit(self, info: PeerInfo, *, loopback: bool) -> Role | None:
         """Let a connection in.

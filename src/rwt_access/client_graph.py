@@ -148,6 +148,18 @@ class ClientGraph(GraphView):
         self.role = role
         self._named_at = -1
 
+    def withdraw_refused(self) -> None:
+        """End what the client publishes and offers and its role does not allow."""
+        for topic, marks in tuple(self._advertised.items()):
+            if not self.role.allows("publish", topic):
+                self._release(topic, tuple(marks))
+        for service in tuple(self._services):
+            if not self.role.allows("provide", service):
+                self.withdraw_service(service)
+        for action in tuple(self._actions):
+            if not self.role.allows("provide", action):
+                self.withdraw_action(action)
+
     @property
     def counters(self) -> Counters:
         """What the client's gateway counts."""

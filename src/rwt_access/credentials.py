@@ -112,6 +112,10 @@ class Rosauth:
         self._use(expected, min(op.end, op.t + self._allowed_delta + 1), now)
         return role
 
+    def remember_those_of(self, other: Rosauth) -> None:
+        """Take over from `other` the macs that must not be used again."""
+        self._seen, self._expiry = other._seen, other._expiry
+
     def _use(self, mac: str, until: float, now: float) -> None:
         """Let a mac be good once; it is remembered for as long as it would be good."""
         while self._expiry and self._expiry[0][0] < now:

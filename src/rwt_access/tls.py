@@ -35,6 +35,16 @@ def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
     return context
 
 
+def renew_server_tls(context: ssl.SSLContext, settings: TlsSettings) -> None:
+    """Show another certificate to those who connect from now on; open connections keep theirs.
+
+    Raises:
+        SettingsError: as :func:`server_tls`; then the old one is shown.
+    """
+    if server_tls(settings) is not None and settings.certfile is not None:
+        context.load_cert_chain(settings.certfile, settings.keyfile, password="")
+
+
 def client_tls(cafile: Path | None) -> ssl.SSLContext | None:
     """What checks the certificate of a hub against the authority in a PEM file (`dial.cafile`); None for the
     system's authorities.

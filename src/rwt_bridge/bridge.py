@@ -28,6 +28,7 @@ from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
     from rwt_access.roles import Role
+    from rwt_access.settings import AccessSettings
     from rwt_bridge.settings import BridgeSettings
     from rwt_graph.api import Graph, Participant, Publisher
     from rwt_graph.clock import Clock
@@ -108,14 +109,30 @@ class Bridge:
         join = partial(self._join, sink, info, session)
         if role is not None:
             return join(role)
+        join = partial(join, by_auth=True)
         clock = self.shared.graph.clock
         return PendingAuth(join, sink, info, session, admission, clock, self.settings.auth.seconds)
 
-    def _join(self, sink: Sink, info: PeerInfo, session: Session, role: Role) -> Peer:
-        """Make a client of a connection whose role is known."""
+    def reload(self, settings: AccessSettings) -> None:
+        """Go by other tokens, roles, origins and another secret, for connected clients too.
+
+        A client keeps its connection unless it is not let in any more; what its role does not allow any more
+        ends.
+
+        Raises:
+            SettingsError: a file that the settings name cannot be used; then all stays as it was.
+        """
+        self.access.admission.reload(settings)
+        for peer in self.peers:
+            peer.reload_role()
+
+    def _join(
+        self, sink: Sink, info: PeerInfo, session: Session, role: Role, *, by_auth: bool = False
+    ) -> Peer:
+        """Make a client of a connection whose role is known, perhaps from an `auth` op."""
         self._count += 1
         graph = self.access.client(self.shared, role, info.address)
-        peer = Peer(self, self._count, sink, info, session, graph)
+        peer = Peer(self, self._count, sink, info, session, graph, by_auth=by_auth)
         self._peers[peer.number] = peer
         where = info.address or "?"
         self.access.audit.write(

@@ -14,6 +14,7 @@ from rwt_bridge.reply import Replies
 from rwt_delivery.counters import UNKNOWN
 from rwt_protocol.ops import OPS, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal
+from rwt_transports.errors import Refused
 from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
@@ -72,11 +73,14 @@ class Peer:
         info: PeerInfo,
         session: Session,
         graph: ClientGraph,
+        *,
+        by_auth: bool = False,
     ) -> None:
         settings = bridge.settings
         limits = settings.limits
         self._bridge = bridge
         self.number = number
+        self._by_auth = by_auth
         self.info = info
         self.sink = sink
         self.messages = 0
@@ -223,5 +227,21 @@ class Peer:
 
     def take_role(self, role: Role) -> None:
         """Act as another role from now on; what is open stays open, and publishing is asked for again."""
+        self._by_auth = True
+        self._act_as(role)
+
+    def reload_role(self) -> None:
+        """Take the role that the settings give the client now, and end what it does not allow; disconnect a
+        client that they do not let in."""
+        role = self.graph.role.name if self._by_auth else None
+        try:
+            self._act_as(self._bridge.access.admission.role_now(self.info, role))
+        except Refused as refused:
+            self.sink.close(POLICY, refused.reason)
+            return
+        self.topics.end_refused()
+        self.graph.withdraw_refused()
+
+    def _act_as(self, role: Role) -> None:
         self.graph.take_role(role)
         self.topics.forget_publishers()

@@ -109,6 +109,7 @@ OWN = {
     "withdraw_service",
     "withdraw_action",
     "take_role",
+    "withdraw_refused",
     "close",
 }
 """What concerns nothing but what the client itself holds already."""

@@ -183,7 +183,7 @@ def test_a_loop_that_is_lost_is_reported_by_what_waits(loop: Loop) -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="there is no SIGHUP here")
-@pytest.mark.parametrize("name", ["function", "spins", "waits"])
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_a_hangup_ends_nothing_unless_the_terminal_is_gone(name: str, loop: Loop) -> None:
     terminal, end = pty.openpty()
     with running(PROGRAMS[name], loop, stderr=end) as (process, client):

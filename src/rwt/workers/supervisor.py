@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import signal
 import socket
 import sys
@@ -18,6 +19,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Final
 
+from rwt.signals import terminal_is_gone
 from rwt_transports.backoff import Backoff
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ Work = Callable[[int, Announce], int]
 """The work of each child, given its number from 1 and an :data:`Announce`; returns the exit code."""
 
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
+#: With the one that asks the children to read their files again; they hear it from their parent.
+_SIGNALS: Final = (*_STOP_SIGNALS, signal.SIGHUP)
 _RESTART: Final = Backoff(first=0.5, factor=2.0, longest=30.0, jitter=0.0)
 #: A child that has been up for so many seconds is started again without much waiting.
 _SETTLED_SECONDS: Final = 60.0
@@ -115,7 +119,7 @@ class Supervisor:
         """None when all that were started are up; else the exit code, after a signal or a failure."""
         while any(child.announced is None for child in self._children.values()):
             ready = self._wait(signals)
-            if signals in ready:
+            if signals in ready and any(number in _STOP_SIGNALS for number in signals.recv(64)):
                 return 0
             for child in self._ended(ready):
                 return child.process.exitcode or 1
@@ -126,7 +130,11 @@ class Supervisor:
         while True:
             ready = self._wait(signals)
             if signals in ready:
-                return
+                if any(number in _STOP_SIGNALS for number in signals.recv(64)) or terminal_is_gone():
+                    return
+                for child in self._children.values():
+                    if child.process.pid is not None:
+                        os.kill(child.process.pid, signal.SIGHUP)
             for child in self._ended(ready):
                 self._schedule_restart(child)
             now = time.monotonic()
@@ -231,11 +239,11 @@ def parent_lives() -> bool:
 
 @contextmanager
 def _signals() -> Iterator[socket.socket]:
-    """A socket that becomes readable when SIGINT or SIGTERM comes."""
+    """A socket from which the numbers of SIGINT, SIGTERM and SIGHUP are read, as they come."""
     reader, writer = socket.socketpair()
     with reader, writer:
         writer.setblocking(False)
-        before = {number: signal.signal(number, lambda *_: None) for number in _STOP_SIGNALS}
+        before = {number: signal.signal(number, lambda *_: None) for number in _SIGNALS}
         wakeup = signal.set_wakeup_fd(writer.fileno())
         try:
             yield reader

@@ -107,6 +107,13 @@ class Topics:
         """Ask again for the right to publish: the client's role is another one."""
         self._publishers.clear()
 
+    def end_refused(self) -> None:
+        """End the subscriptions that the client's role does not allow."""
+        for name, subscription in tuple(self._subscriptions.items()):
+            if not self._graph.may_subscribe(name):
+                subscription.close()
+                del self._subscriptions[name]
+
     def subscribe(self, op: Subscribe) -> None:
         """Let samples of a topic flow to the client (SUB-01 … SUB-14)."""
         encoding = self._encoding_of(op.compression)

@@ -138,10 +138,18 @@ def _run(arguments: argparse.Namespace) -> int:
     from rwt.server import Server  # `--help` and completion need none of it.
 
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
+
+    def read_again() -> Settings:
+        try:
+            return _settings(arguments)
+        except CommandError as error:
+            raise SettingsError(str(error)) from error
+
     with command_errors():
         settings = _settings(arguments)
         server = Server(
             settings=settings,
+            reload=read_again,
             script=arguments.script,
             record=arguments.record,
             introspection=arguments.introspection,

@@ -1,0 +1,194 @@
+"""Certificates, tokens, roles and origins are read again while the server runs."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import ipaddress
+import json
+import signal
+import ssl
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import NameOID
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect as connect_in_thread
+
+from rwt import Server, Settings, SettingsError
+from tests.processes import running
+
+pytestmark = pytest.mark.asyncio_only  # As the clients are.
+
+TOKEN = "0123456789abcdef"
+OTHER = "fedcba9876543210"
+FREE = {"publish": ["*"], "subscribe": ["*"], "call": ["*"], "provide": ["*"]}
+NARROW = {"publish": ["/free"], "subscribe": ["/free"]}
+
+
+def settings(role: dict[str, Any], token: str = TOKEN, **further: Any) -> Settings:
+    return Settings.model_validate(
+        {"auth": {"tokens": {"one": {"token": token, "role": "pilot"}}}, "roles": {"pilot": role}, **further}
+    )
+
+
+def asking(url: str, token: str = TOKEN, **further: Any) -> connect:
+    return connect(url, additional_headers={"Authorization": f"Bearer {token}"}, **further)
+
+
+async def ask(client: ClientConnection, op: str, **fields: Any) -> None:
+    await client.send(json.dumps({"op": op, **fields}))
+
+
+async def heard(client: ClientConnection) -> dict[str, Any]:
+    message: dict[str, Any] = json.loads(await asyncio.wait_for(client.recv(), 20))
+    return message
+
+
+@pytest.mark.anyio
+async def test_roles_of_connected_clients_change_and_what_they_refuse_ends() -> None:
+    now = settings(FREE)
+    server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
+    async with server, asking(server.urls[0]) as client:
+        await ask(client, "set_level", level="error")
+        for topic in ("/free", "/secret"):
+            await ask(client, "subscribe", topic=topic, type="std_msgs/String")
+            await ask(client, "advertise", topic=topic, type="std_msgs/String")
+        await ask(client, "advertise_service", service="/offered", type="std_srvs/Trigger")
+        await ask(client, "publish", topic="/secret", msg={"data": "1"})
+        assert (await heard(client))["msg"] == {"data": "1"}
+        assert server.graph.service("/offered") is not None
+
+        now = settings(NARROW)
+        server.reload()
+        assert server.graph.service("/offered") is None
+        robot = server.node("robot")
+        robot.publish("/secret", {"data": "2"}, "std_msgs/String")
+        await ask(client, "publish", topic="/secret", id="p", msg={"data": "3"})
+        assert "may not publish" in (await heard(client))["msg"]
+        await ask(client, "publish", topic="/free", msg={"data": "4"})
+        assert (await heard(client))["topic"] == "/free"
+
+        now = settings(FREE)
+        server.reload()
+        await ask(client, "subscribe", topic="/secret", type="std_msgs/String")
+        await ask(client, "publish", topic="/secret", msg={"data": "5"})
+        assert (await heard(client))["msg"] == {"data": "5"}
+
+
+@pytest.mark.anyio
+async def test_a_token_that_is_gone_lets_nobody_stay() -> None:
+    now = settings(FREE)
+    server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
+    async with server, asking(server.urls[0]) as client:
+        now = settings(FREE, OTHER)
+        server.reload()
+        with pytest.raises(ConnectionClosed) as closed:
+            await heard(client)
+        assert closed.value.rcvd is not None
+        assert (closed.value.rcvd.code, "auth.tokens" in closed.value.rcvd.reason) == (1008, True)
+        with pytest.raises(InvalidStatus):
+            await asking(server.urls[0])
+        async with asking(server.urls[0], OTHER):
+            pass
+
+
+@pytest.mark.anyio
+async def test_origins_are_those_of_the_last_reading() -> None:
+    now = settings(FREE)
+    server = Server("ws://127.0.0.1:0", settings=now, reload=lambda: now)
+    async with server:
+        with pytest.raises(InvalidStatus):
+            await asking(server.urls[0], origin="https://ui.example")
+        now = settings(FREE, origins={"allow": ["https://ui.example"]})
+        server.reload()
+        async with asking(server.urls[0], origin="https://ui.example"):
+            pass
+
+
+def certify(folder: Path, serial: int) -> ssl.SSLContext:
+    """Put a certificate and its key into a folder; returns what trusts it."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "robot")])
+    start = datetime.datetime(2020, 1, 1, tzinfo=datetime.UTC)
+    address = x509.SubjectAlternativeName([x509.IPAddress(ipaddress.ip_address("127.0.0.1"))])
+    builder = x509.CertificateBuilder(name, name, key.public_key(), serial, start, start.replace(year=2120))
+    certificate = builder.add_extension(address, critical=False).sign(key, hashes.SHA256())
+    (folder / "cert.pem").write_bytes(certificate.public_bytes(Encoding.PEM))
+    (folder / "key.pem").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    return ssl.create_default_context(cafile=folder / "cert.pem")
+
+
+async def shows(url: str, trust: ssl.SSLContext) -> bool:
+    """Whether a server shows the certificate that is trusted."""
+    try:
+        async with connect(url, ssl=trust):
+            return True
+    except ssl.SSLCertVerificationError:
+        return False
+
+
+@pytest.mark.anyio
+async def test_a_certificate_is_renewed_and_a_bad_file_keeps_the_old_one(tmp_path: Path) -> None:
+    first = certify(tmp_path, 1)
+    tls = {"certfile": tmp_path / "cert.pem", "keyfile": tmp_path / "key.pem"}
+    server = Server("wss://127.0.0.1:0", tls=tls)
+    async with server, connect(server.urls[0], ssl=first) as client:
+        (tmp_path / "cert.pem").write_text("nothing")
+        with pytest.raises(SettingsError, match="expected a certificate and the key"):
+            server.reload()
+        assert await shows(server.urls[0], first)
+        second = certify(tmp_path, 2)
+        server.reload()
+        assert await shows(server.urls[0], second)
+        assert not await shows(server.urls[0], first)
+        await ask(client, "call_service", id="kept", service="/rosapi/get_time")
+        assert (await heard(client))["id"] == "kept"
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        (),
+        pytest.param(
+            ("--workers", "2"),
+            marks=pytest.mark.skipif(sys.platform != "linux", reason="workers share ports as Linux does"),
+        ),
+    ],
+)
+def test_a_hangup_reads_the_file_again(tmp_path: Path, options: tuple[str, ...]) -> None:
+    file = tmp_path / "rwt.toml"
+
+    def write(token: str) -> None:
+        file.write_text(f'[auth.tokens.one]\ntoken = "{token}"\nrole = "admin"\n')
+
+    write(TOKEN)
+    command = ("serve", "ws://127.0.0.1:0", "--config", str(file), "--verbose", *options)
+    with running(*command) as (process, url):
+        assert process.stderr is not None
+        count = 2 if options else 1
+
+        def hang_up(text: str) -> None:
+            process.send_signal(signal.SIGHUP)
+            found = 0
+            for line in process.stderr or ():
+                found += text in line
+                if found == count:
+                    return
+            raise AssertionError(f"the server has ended before it said {text!r} {count} times")
+
+        file.write_text("auth = 5")
+        hang_up("the settings stay as they were")
+        with connect_in_thread(url, additional_headers={"Authorization": f"Bearer {TOKEN}"}):
+            write(OTHER)
+            hang_up("were read again")
+        for _ in range(4):
+            with connect_in_thread(url, additional_headers={"Authorization": f"Bearer {OTHER}"}):
+                pass
