@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt.observability.prometheus import Labels, PrometheusText
+from rwt.observability.prometheus import PrometheusText
 
 if TYPE_CHECKING:
-    from rwt.observability.prometheus import PrometheusText
+    from rwt.observability.prometheus import Kind
     from rwt_bridge.bridge import Bridge
     from rwt_bridge.peer import Peer
     from rwt_delivery.counters import Counters, EncodingCounts, TopicCounts
@@ -92,18 +92,10 @@ def _write_totals(page: PrometheusText, bridge: Bridge, clients: list[tuple[Peer
         [({"op": op}, count) for op, count in sorted(counters.refusals.items())],
     )  # fmt: skip
     page.single("rwt_clients", "gauge", "Clients connected now.", len(peers))
-    page.single(
-        "rwt_service_calls_pending",
-        "gauge",
-        "Calls under way.",
-        sum(peer.graph.calls_in_flight for peer in peers),
-    )
-    page.single(
-        "rwt_action_goals_running",
-        "gauge",
-        "Goals under way.",
-        sum(peer.actions.goals_running for peer in peers),
-    )
+    calls = sum(peer.graph.calls_in_flight for peer in peers)
+    page.single("rwt_service_calls_pending", "gauge", "Calls under way.", calls)
+    goals = sum(peer.actions.goals_running for peer in peers)
+    page.single("rwt_action_goals_running", "gauge", "Goals under way.", goals)
     page.family(
         "rwt_topic_client_subscriptions", "gauge", "Clients that listen to a topic.",
         [({"topic": name}, fanout.subscriptions) for name, fanout in sorted(bridge.shared.fanouts.items())],
@@ -112,101 +104,72 @@ def _write_totals(page: PrometheusText, bridge: Bridge, clients: list[tuple[Peer
 
 def _write_dials(page: PrometheusText, dials: Iterable[RelayStatus]) -> None:
     """How each dial-out goes; nothing where there are none."""
-    page.family(
-        "rwt_dial_waiting_connections", "gauge", "Connections that wait at a hub for a client.",
-        [({"hub": relay.url}, relay.idle) for relay in dials],
-    )  # fmt: skip
-    page.family(
-        "rwt_dial_clients", "gauge", "Clients that came through a hub.",
-        [({"hub": relay.url}, relay.clients) for relay in dials],
-    )  # fmt: skip
-    page.family(
-        "rwt_dial_failures", "gauge", "Attempts in a row that a hub did not answer.",
-        [({"hub": relay.url}, relay.failures) for relay in dials],
-    )  # fmt: skip
+    families: tuple[tuple[str, str, Callable[[RelayStatus], int]], ...] = (
+        ("rwt_dial_waiting_connections", "Connections that wait at a hub for a client.", lambda it: it.idle),
+        ("rwt_dial_clients", "Clients that came through a hub.", lambda it: it.clients),
+        ("rwt_dial_failures", "Attempts in a row that a hub did not answer.", lambda it: it.failures),
+    )
+    for name, help_, value in families:
+        page.family(name, "gauge", help_, [({"hub": relay.url}, value(relay)) for relay in dials])
+
+
+_OF_TOPIC: Final[tuple[tuple[str, str, Callable[[TopicCounts], int]], ...]] = (
+    ("rwt_topic_received_messages_total", "Messages that clients published.", lambda it: it.received),
+    ("rwt_topic_received_bytes_total", "Bytes of the messages that clients published.",
+     lambda it: it.received_bytes),
+)  # fmt: skip
+_OF_ENCODING: Final[tuple[tuple[str, str, Callable[[EncodingCounts], int]], ...]] = (
+    ("rwt_topic_encodes_total", "Messages encoded: once for all clients of one encoding.",
+     lambda it: it.encodes),
+    ("rwt_topic_sent_messages_total", "Messages handed to clients' connections.", lambda it: it.messages),
+    ("rwt_topic_sent_bytes_total", "Bytes handed to clients' connections.", lambda it: it.bytes),
+)  # fmt: skip
+_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[Peer, Traffic], int]], ...]] = (
+    ("rwt_client_received_messages_total", "Messages from a client.", lambda peer, _: peer.messages),
+    ("rwt_client_received_bytes_total", "Bytes read from a client.", lambda _, it: it.received_bytes),
+    ("rwt_client_sent_messages_total", "Messages to a client.", lambda _, it: it.messages),
+    ("rwt_client_sent_bytes_total", "Bytes written to a client.", lambda _, it: it.bytes),
+    ("rwt_client_queued_messages", "Messages that wait for a client to read.",
+     lambda _, it: it.queued_messages),
+    ("rwt_client_queued_bytes", "Bytes that wait for a client to read.", lambda _, it: it.queued_bytes),
+    ("rwt_client_kept_bytes", "Bytes of requests and latched samples kept for a client.",
+     lambda peer, _: peer.graph.kept_bytes),
+)  # fmt: skip
 
 
 def _write_topics(page: PrometheusText, counters: Counters) -> None:
     topics = sorted(counters.topics.items())
-
-    def of_topic(value: Callable[[TopicCounts], int]) -> Iterator[tuple[Labels, float]]:
-        return (({"topic": name}, value(counts)) for name, counts in topics if counts.received)
-
-    def of_encoding(value: Callable[[EncodingCounts], int]) -> Iterator[tuple[Labels, float]]:
-        for name, counts in topics:
-            for encoding, sent in sorted(counts.sent.items()):
-                yield {"topic": name, "encoding": encoding}, value(sent)
-
-    page.family(
-        "rwt_topic_received_messages_total", "counter", "Messages that clients published.",
-        of_topic(lambda counts: counts.received),
-    )  # fmt: skip
-    page.family(
-        "rwt_topic_received_bytes_total", "counter", "Bytes of the messages that clients published.",
-        of_topic(lambda counts: counts.received_bytes),
-    )  # fmt: skip
-    page.family(
-        "rwt_topic_encodes_total", "counter", "Messages encoded: once for all clients of one encoding.",
-        of_encoding(lambda sent: sent.encodes),
-    )  # fmt: skip
-    page.family(
-        "rwt_topic_sent_messages_total", "counter", "Messages handed to clients' connections.",
-        of_encoding(lambda sent: sent.messages),
-    )  # fmt: skip
-    page.family(
-        "rwt_topic_sent_bytes_total", "counter", "Bytes handed to clients' connections.",
-        of_encoding(lambda sent: sent.bytes),
-    )  # fmt: skip
-    page.family(
-        "rwt_topic_dropped_messages_total", "counter", "Messages that did not go to a client, by reason.",
-        [
-            ({"topic": name, "reason": reason.value}, count)
+    for metric, help_, value in _OF_TOPIC:
+        received = [({"topic": name}, value(counts)) for name, counts in topics if counts.received]
+        page.family(metric, "counter", help_, received)
+    for metric, help_, value_of in _OF_ENCODING:
+        sent = [
+            ({"topic": name, "encoding": encoding}, value_of(its))
             for name, counts in topics
-            for reason, count in sorted(counts.dropped.items())
-        ],
-    )  # fmt: skip
+            for encoding, its in sorted(counts.sent.items())
+        ]
+        page.family(metric, "counter", help_, sent)
+    dropped = [
+        ({"topic": name, "reason": reason.value}, count)
+        for name, counts in topics
+        for reason, count in sorted(counts.dropped.items())
+    ]
+    help_ = "Messages that did not go to a client, by reason."
+    page.family("rwt_topic_dropped_messages_total", "counter", help_, dropped)
 
 
 def _write_clients(page: PrometheusText, clients: list[tuple[Peer, Traffic]]) -> None:
-    def of_client(value: Callable[[Peer, Traffic], int]) -> Iterator[tuple[Labels, float]]:
-        return (({"client": str(peer.number)}, value(peer, traffic)) for peer, traffic in clients)
-
-    page.family(
-        "rwt_client_received_messages_total", "counter", "Messages from a client.",
-        of_client(lambda peer, _: peer.messages),
-    )  # fmt: skip
-    page.family(
-        "rwt_client_received_bytes_total", "counter", "Bytes read from a client.",
-        of_client(lambda _, traffic: traffic.received_bytes),
-    )  # fmt: skip
-    page.family(
-        "rwt_client_sent_messages_total", "counter", "Messages to a client.",
-        of_client(lambda _, traffic: traffic.messages),
-    )  # fmt: skip
-    page.family(
-        "rwt_client_sent_bytes_total", "counter", "Bytes written to a client.",
-        of_client(lambda _, traffic: traffic.bytes),
-    )  # fmt: skip
-    page.family(
-        "rwt_client_queued_messages", "gauge", "Messages that wait for a client to read.",
-        of_client(lambda _, traffic: traffic.queued_messages),
-    )  # fmt: skip
-    page.family(
-        "rwt_client_queued_bytes", "gauge", "Bytes that wait for a client to read.",
-        of_client(lambda _, traffic: traffic.queued_bytes),
-    )  # fmt: skip
-    page.family(
-        "rwt_client_kept_bytes", "gauge", "Bytes of requests and latched samples kept for a client.",
-        of_client(lambda peer, _: peer.graph.kept_bytes),
-    )  # fmt: skip
-    page.family(
-        "rwt_client_dropped_messages_total", "counter", "Messages dropped behind a client's connection.",
-        [
-            ({"client": str(peer.number), "reason": reason.value}, count)
-            for peer, traffic in clients
-            for reason, count in sorted(traffic.dropped.items())
-        ],
-    )  # fmt: skip
+    for name, help_, value in _OF_CLIENT:
+        kind: Kind = "counter" if name.endswith("_total") else "gauge"
+        samples = [({"client": str(peer.number)}, value(peer, traffic)) for peer, traffic in clients]
+        page.family(name, kind, help_, samples)
+    dropped = [
+        ({"client": str(peer.number), "reason": reason.value}, count)
+        for peer, traffic in clients
+        for reason, count in sorted(traffic.dropped.items())
+    ]
+    help_ = "Messages dropped behind a client's connection."
+    page.family("rwt_client_dropped_messages_total", "counter", help_, dropped)
 
 
 _PROC: Final = Path("/proc/self")
