@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
+from websockets.sync.server import ServerConnection, serve
 
 
 def candidates(url: str, *words: str) -> list[str]:
@@ -46,6 +49,33 @@ def candidates(url: str, *words: str) -> list[str]:
 )
 def test_candidates(demo: str, words: tuple[str, ...], expected: list[str]) -> None:
     assert candidates(demo, *words) == expected
+
+
+HOSTILE = (
+    "/$(touch pwned)",
+    "/`touch pwned`",
+    "/;touch pwned",
+    "/a b",
+    "/\x1b]0;pwned\x07",
+    "/a\v/b",
+    "/a\nb",
+)
+
+
+def _answer(wire: ServerConnection) -> None:
+    for text in wire:
+        asked = json.loads(text)
+        if asked["op"] == "call_service":
+            values = {"topics": ["/fine", *HOSTILE], "types": ["std_msgs/msg/String"] * (len(HOSTILE) + 1)}
+            reply = {"op": "service_response", "service": asked["service"], "values": values, "result": True}
+            wire.send(json.dumps({**reply, "id": asked.get("id")}))
+
+
+def test_names_that_a_shell_would_run_are_not_offered() -> None:
+    with serve(_answer, "127.0.0.1", 0) as server:
+        threading.Thread(target=server.serve_forever).start()
+        url = f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
+        assert candidates(url, "topic", "echo", "/") == ["/fine"]
 
 
 def test_the_robot_that_is_typed_is_asked(demo: str) -> None:

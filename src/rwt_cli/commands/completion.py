@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 from collections.abc import Awaitable, Callable, Iterable
 from typing import TYPE_CHECKING, Final, NoReturn, cast
 
@@ -28,6 +29,9 @@ examples:
   source <(rwt completion bash)                                  in ~/.bashrc
   source <(rwt completion zsh)                                   in ~/.zshrc, after compinit
   rwt completion fish > ~/.config/fish/completions/rwt.fish"""
+
+_NAME: Final = re.compile(r"[A-Za-z0-9_/~{}.-]+")
+"""Names that are offered. A server may send others, which a shell or a terminal would take for commands."""
 
 Names = Callable[["Robot"], Awaitable[Iterable[str]]]
 
@@ -115,7 +119,7 @@ def _live(names: Names, given: argparse.Namespace) -> list[str]:
     async def ask() -> None:
         with anyio.move_on_after(LIVE_SECONDS):
             async with connecting(arguments) as robot:
-                found.extend(await names(robot))
+                found.extend(filter(_NAME.fullmatch, await names(robot)))
 
     try:
         anyio.run(ask)
