@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph import Graph, Node
 from rwt_nodes.depth_cloud.latest_only import Closable, LatestOnly
-from rwt_nodes.depth_cloud.parameters import Number
+from rwt_nodes.number_parameters import Number
 from rwt_program.qos import SENSOR_DATA
 
 if TYPE_CHECKING:

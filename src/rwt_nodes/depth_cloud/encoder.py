@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from rwt_graph import Graph, Node, Sample
 from rwt_interfaces.times import NANOSECONDS
 from rwt_nodes.depth_cloud.latest_only import Closable, LatestOnly
-from rwt_nodes.depth_cloud.parameters import Number
+from rwt_nodes.number_parameters import Number
 from rwt_program.qos import SENSOR_DATA
 from rwt_tf2 import stamp_ns
 

@@ -55,11 +55,11 @@ async def test_a_bad_max_speed_is_refused_with_the_reason(lab: Any, value: objec
 
 
 async def test_every_tunable_is_there_with_its_default(lab: Any) -> None:
-    for tunable in TUNABLES:
-        assert await lab.user.params.get(lab.parameter(tunable.name)) == tunable.default
+    for tunable, default in TUNABLES.items():
+        assert await lab.user.params.get(lab.parameter(tunable.name)) == default
 
 
 async def test_noise_may_be_zero_but_not_negative(lab: Any) -> None:
     await lab.user.params.set(lab.parameter("scan_noise"), 0)
-    with pytest.raises(ParameterRejected, match=r"scan_noise must be a number at least 0"):
+    with pytest.raises(ParameterRejected, match=r"scan_noise must be a number from 0 to 1 m"):
         await lab.user.params.set(lab.parameter("scan_noise"), -0.1)

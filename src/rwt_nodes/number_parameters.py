@@ -16,7 +16,7 @@ class Number:
 
     Attributes:
         name: of the parameter.
-        least: the lowest value that it takes.
+        least: the lowest value that it takes; None takes any above 0.
         most: the highest.
         unit: of the value; empty for a count.
         description: what it changes.
@@ -24,7 +24,7 @@ class Number:
     """
 
     name: str
-    least: float
+    least: float | None
     most: float
     unit: str
     description: str
@@ -37,11 +37,12 @@ class Number:
             ParameterRejected: it is no number, out of range, or has a fraction where there may be none.
         """
         if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
-            fits = self.least <= value <= self.most
-            if fits and not (self.whole and value != int(value)):
-                return value
+            enough = value > 0 if self.least is None else value >= self.least
+            if enough and value <= self.most and not (self.whole and value != int(value)):
+                return value if self.whole else float(value)
         kind = "a whole number" if self.whole else "a number"
-        limits = f"from {self.least:g} to {self.most:g} {self.unit}".rstrip()
+        least = "above 0 and at most" if self.least is None else f"from {self.least:g} to"
+        limits = f"{least} {self.most:g} {self.unit}".rstrip()
         raise ParameterRejected(f"{self.name} must be {kind} {limits}, got {value!r:.100}")
 
     def declare(self, node: Node, default: float, apply: Callable[[float], None]) -> None:
