@@ -12,7 +12,7 @@ from pathlib import Path
 from conformance import SUITE_VERSION
 from conformance.client_runner import run_client_cases
 from conformance.program import ProgramError
-from conformance.reports import badge, html, json_file, junit, summary, terminal
+from conformance.reports import badge, expected, html, json_file, junit, summary, terminal
 from conformance.reports.compare import compare_files
 from conformance.reports.json_file import ReportError
 from conformance.runner import Conditions, Run, run_cases, select
@@ -159,6 +159,12 @@ def _add_options(parser: argparse.ArgumentParser, targets: Sequence[str], cases:
     add("--html", type=Path, metavar="FILE", help="one page: matrix and transcripts")
     add("--badge", type=Path, metavar="FILE", help="an SVG badge")
     add("--summary", type=Path, metavar="FILE", help="append Markdown, as $GITHUB_STEP_SUMMARY")
+    add(
+        "--write-expected",
+        type=Path,
+        metavar="FILE",
+        help="a target file in which what failed now is expected to fail",
+    )
     add("--version", action="version", version=f"conformance suite {SUITE_VERSION}")
 
 
@@ -261,7 +267,8 @@ def _check_files(arguments: argparse.Namespace) -> None:
     Raises:
         ReportError: a file cannot be written.
     """
-    for path in (arguments.json, arguments.junit, arguments.html, arguments.badge, arguments.summary):
+    reports = (arguments.json, arguments.junit, arguments.html, arguments.badge, arguments.summary)
+    for path in (*reports, arguments.write_expected):
         if path is None:
             continue
         try:
@@ -278,6 +285,7 @@ def _report(run: Run, arguments: argparse.Namespace) -> None:
         (arguments.junit, junit.render),
         (arguments.html, html.render),
         (arguments.badge, badge.render),
+        (arguments.write_expected, expected.render),
     )
     for path, render in files:
         if path is not None:

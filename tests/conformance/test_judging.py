@@ -10,12 +10,13 @@ import pytest
 
 from conformance.command import main
 from conformance.player import Fault
+from conformance.reports import expected
 from conformance.reports.counts import grade
 from conformance.reports.json_file import ReportError, read_results, render
 from conformance.runner import Result, Run, Verdict, select
 from conformance.suite.loading import read_case
 from conformance.suite.matching import Difference
-from conformance.suite.target import Target
+from conformance.suite.target import Target, find_target
 
 _CASE = read_case(
     "topics/thing",
@@ -74,6 +75,19 @@ def test_a_target_says_what_is_asked_and_what_is_missing() -> None:
     wish = replace(_CASE, needs=("messages", "call-timeout"))
     assert Target().missing(wish, frozenset({"messages"})) == ("call-timeout",)
     assert Target(profiles=("PNG",)).missing(_CASE, frozenset()) == ("profile CORE",)
+
+
+def test_what_failed_is_written_as_a_target_that_expects_it(tmp_path: Path) -> None:
+    target = Target(name='a "quoted" server', ros=1, profiles=("CORE", "PNG"), settle=0.5)
+    known = _result("fail", "t/known", why="issue 12")
+    run = replace(_run(_result("fail", "t/new"), known, _result("pass", "t/well")), target=target)
+    file = tmp_path / "mine.toml"
+    file.write_text(expected.render(run, {}), encoding="utf-8")
+    written = find_target(str(file))
+    assert set(written.expected) == {"t/new", "t/known"}
+    assert written.expected["t/known"] == "issue 12"
+    assert written.expected["t/new"].startswith(f"{' '.join(_CASE.rules)}: ")
+    assert replace(written, expected={}) == target
 
 
 def test_two_runs_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -96,13 +96,14 @@ def test_every_service_of_rosapi_is_listed() -> None:
     assert [name for name in own if f"`{name}`" not in page] == []
 
 
-def test_the_page_of_the_verbs_is_what_the_parsers_say() -> None:
-    path = ROOT / "tools" / "generate_commands.py"
-    spec = importlib.util.spec_from_file_location("generate_commands", path)
+@pytest.mark.parametrize(("tool", "name"), [("commands", "commands.md"), ("rules", "rules.md")])
+def test_a_page_that_is_made_is_up_to_date(tool: str, name: str) -> None:
+    path = ROOT / "tools" / f"generate_{tool}.py"
+    spec = importlib.util.spec_from_file_location(f"generate_{tool}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    assert _page("commands.md") == module.page(), "run python tools/generate_commands.py"
+    assert _page(name) == module.page(), f"run python tools/generate_{tool}.py"
 
 
 def test_every_encoding_is_listed_and_the_strongest_is_named_first() -> None:

@@ -1,0 +1,63 @@
+"""Writes docs/reference/rules.md from the rules of the conformance suite and its cases.
+
+Run it after a rule or a case has come, gone or changed: ``python tools/generate_rules.py``. A test compares.
+"""
+
+# ruff: noqa: E501 - lines of Markdown
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from conformance.suite.case import Case
+from conformance.suite.loading import CASES, CLIENT_CASES, load_cases
+from conformance.suite.rules import load_rules
+
+TARGET = Path(__file__).parents[1] / "docs" / "reference" / "rules.md"
+
+_HEAD = """\
+# Rules
+
+Every rule of the protocol that the [conformance suite](../how-to/conformance.md) knows, with the cases that check
+it, made from the suite by `tools/generate_rules.py`. A report names a rule by its id; `rwt conformance URL --run ID`
+asks its cases alone. MUST and SHOULD are those of RFC 2119; COMPAT is what the field does beside them, HARDEN a defect
+known in the field that nobody should share.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    return "\n".join(_lines())
+
+
+def _lines() -> Iterator[str]:
+    yield _HEAD
+    servers, clients = (_by_rule(load_cases(folder)) for folder in (CASES, CLIENT_CASES))
+    for rule in load_rules().values():
+        yield f"## {rule.id}\n"
+        yield f"{rule.levels}: {_markdown(rule.text)}\n"
+        for what, cases in (("servers", servers.get(rule.id)), ("client libraries", clients.get(rule.id))):
+            if cases:
+                yield f"Cases for {what}: {', '.join(f'`{case}`' for case in cases)}.\n"
+        if rule.no_case:
+            yield f"No case for servers: {_markdown(rule.no_case)}\n"
+
+
+def _by_rule(cases: tuple[Case, ...]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for case in cases:
+        for rule in case.rules:
+            found.setdefault(rule, []).append(case.id)
+    return found
+
+
+def _markdown(text: str) -> str:
+    """A text with what Markdown would take for its own escaped, but for code."""
+    parts = re.split(r"(`[^`]*`)", text)
+    return "".join(part if part.startswith("`") else re.sub(r"([*<>\[\]])", r"\\\1", part) for part in parts)
+
+
+if __name__ == "__main__":
+    TARGET.write_text(page(), encoding="utf-8")
