@@ -18,10 +18,12 @@ from rwt_transports.errors import Refused
 from rwt_transports.http import HttpRequest, HttpResponse, Routes
 from rwt_transports.http_connection import HttpConnection
 from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.relay.hub import Hub
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp
 from tests.contract.transports import test_listen
 from tests.memory_pipe import MemoryPipe
+from tests.transports.rfc6455.handshake import REQUEST
 
 certificate = test_listen.certificate
 GET = b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n"
@@ -128,6 +130,25 @@ def test_every_answer_keeps_its_type_and_its_address() -> None:
     answer = _comes(_http(AddressCount()).attach, NEAR, GET).receive().lower()
     assert b"x-content-type-options: nosniff\r\n" in answer
     assert b"referrer-policy: no-referrer\r\n" in answer
+
+
+def test_a_hub_counts_clients_and_not_the_connections_that_serve_them() -> None:
+    addresses = AddressCount(1)
+    hub = Hub(addresses=addresses)
+    state = ListenerState(
+        hub.accept, websocket_server, Limits(), partial(HttpConnection, Routes()), "ws", addresses=addresses
+    )
+    robots = [_comes(state.attach, NEAR, _upgrade(b"/robots/rosie")) for _ in range(4)]
+    assert all(b" 101 " in robot.receive() for robot in robots)
+    assert b" 101 " in _comes(state.attach, NEAR, _upgrade(b"/rosie")).receive()
+    assert b" 429 " in _comes(state.attach, NEAR, _upgrade(b"/rosie")).receive()
+    for robot in robots:
+        robot.cut()
+    addresses.check(NEAR)
+
+
+def _upgrade(path: bytes) -> bytes:
+    return REQUEST.replace(b"/robot ", path + b" ")
 
 
 # -- handshakes in TLS -------------------------------------------------------------------------------------
