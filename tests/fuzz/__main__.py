@@ -1,4 +1,5 @@
 """Fuzz, guided by coverage: `python -m tests.fuzz [--seconds N] [TARGET …]`; needs the group `fuzz`.
+`python -m tests.fuzz costs` looks for messages that cost much for their size, and needs nothing.
 
 Each target runs in a process of its own for its share of the time, starts from its kept inputs and is stopped
 by the first exception, by more than 10 s for one input, or by more memory than its bound. What it finds worth
@@ -16,6 +17,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.fuzz.costs import MOST_MEMORY, worst
 from tests.fuzz.keeping import keep, write
 from tests.fuzz.seeds import seeds
 from tests.fuzz.targets import CORPUS, TARGETS
@@ -70,17 +72,31 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=120, help="time for all targets together")
     parser.add_argument("--keep", action="store_true", help="add what was found to the kept inputs")
     parser.add_argument("--seed", action="store_true", help="write the first inputs of each target, no more")
+    parser.add_argument("--random", type=int, default=1, metavar="N", help="seed of the values of `costs`")
     arguments = parser.parse_args()
     if arguments.seed:
         for name in TARGETS:
             for seed in seeds(name):
                 write(name, seed)
         return 0
+    if arguments.targets == ["costs"]:
+        return _costs(arguments.random, arguments.seconds)
     chosen = arguments.targets or list(TARGETS)
     unknown = set(chosen) - TARGETS.keys()
     if unknown:
         parser.error(f"no target {', '.join(sorted(unknown))}; there are {', '.join(TARGETS)}")
     return _run_all(chosen, max(1, arguments.seconds // len(chosen)), keeping=arguments.keep)
+
+
+def _costs(seed: int, seconds: int) -> int:
+    """Look for the messages that cost the most for each of their bytes; 1 if one takes too much memory."""
+    found = worst(seed, seconds)
+    _say(f"{'encoding':8} {'ns for a byte':>14} {'bytes for a byte':>17}  where, and what is repeated there")
+    for encoding in sorted(found):
+        for each in found[encoding]:
+            where = f"{each.case.place}: {each.case.value!r}"
+            _say(f"{encoding:8} {each.nanoseconds:14,.0f} {each.memory:17,.0f}  {where}")
+    return int(any(largest.memory > MOST_MEMORY for _, largest in found.values()))
 
 
 def _run_all(chosen: list[str], share: int, *, keeping: bool) -> int:
