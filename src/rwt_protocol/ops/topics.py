@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 from rwt_protocol.error_text import Expected
 from rwt_protocol.ops.base import (
@@ -40,6 +40,13 @@ class Duration(BaseModel):
 
 
 _Seconds = Annotated[float, Field(ge=0, le=MOST_SECONDS, allow_inf_nan=False)]
+
+
+_DURATION = Duration.model_json_schema()
+# Written out, since pydantic before 2.12 loses a model that only the schema of an input refers to.
+_Object = Annotated[
+    dict[str, int], WithJsonSchema({key: _DURATION[key] for key in ("type", "properties", "required")})
+]
 
 
 def _seconds(value: object) -> object:
@@ -84,13 +91,13 @@ class Qos(BaseModel):
         _Seconds | Literal["infinite", "best_available"] | None,
         BeforeValidator(
             _seconds,
-            json_schema_input_type=_Seconds | Duration | Literal["infinite", "best_available"] | None,
+            json_schema_input_type=_Seconds | _Object | Literal["infinite", "best_available"] | None,
         ),
         Expected('seconds, {"secs", "nsecs"}, "infinite" or "best_available"'),
     ] = None
     lifespan: Annotated[
         _Seconds | Literal["infinite"] | None,
-        BeforeValidator(_seconds, json_schema_input_type=_Seconds | Duration | Literal["infinite"] | None),
+        BeforeValidator(_seconds, json_schema_input_type=_Seconds | _Object | Literal["infinite"] | None),
         Expected('seconds, {"secs", "nsecs"} or "infinite"'),
     ] = None
 
