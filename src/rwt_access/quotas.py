@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 class Quota:
     """How much of one kind a client holds, and may hold.
 
-    What outlives the client, as a publisher that lingers, stays charged to its address: the next client from
-    there has that much less.
+    What outlives the client, as a publisher that lingers, stays charged to its address: clients from there
+    may leave behind a few times as much as one may hold.
 
     Attributes:
         held: how much it holds now.
@@ -23,16 +23,20 @@ class Quota:
         setting: the key below `limits` that says how much it may hold.
         most: how much it may hold.
         outlived: what earlier clients of the same address have left behind.
+        times: how much that may be, with this client's, as a multiple of `most`.
         noun: what is counted; the setting's own name by default.
     """
 
-    __slots__ = ("_has_left", "_most", "_noun", "_outlived", "_setting", "held")
+    __slots__ = ("_has_left", "_most", "_most_of_address", "_noun", "_outlived", "_setting", "held")
 
-    def __init__(self, setting: str, most: int, outlived: Quota | None = None, noun: str = "") -> None:
+    def __init__(
+        self, setting: str, most: int, outlived: Quota | None = None, times: int = 1, noun: str = ""
+    ) -> None:
         self._setting = setting
         self._most = most
         self._noun = noun or setting
         self._outlived = outlived
+        self._most_of_address = times * most
         self._has_left = False
         self.held = 0
 
@@ -63,10 +67,16 @@ class Quota:
         Raises:
             QuotaExceeded: the client holds as much as it may.
         """
-        held = self.held if self._outlived is None else self.held + self._outlived.held
-        if held + amount > self._most:
+        if self.held + amount > self._most:
             raise QuotaExceeded(
-                f"this client has {held} {self._noun}, and {self._most} is the limit (limits.{self._setting})"
+                f"this client has {self.held} {self._noun}, "
+                f"and {self._most} is the limit (limits.{self._setting})"
+            )
+        outlived = self._outlived
+        if outlived is not None and self.held + outlived.held + amount > self._most_of_address:
+            raise QuotaExceeded(
+                f"clients of this address have left {outlived.held} {self._noun} behind, which count for "
+                f"some seconds more; {self._most} is the limit of each (limits.{self._setting})"
             )
         self.held += amount
 
@@ -131,9 +141,9 @@ class ClientQuotas:
 
     def __init__(self, limits: ClientLimits, address: AddressQuotas) -> None:
         self.subscriptions = Quota("subscriptions", limits.subscriptions)
-        self.advertisements = Quota("advertisements", limits.advertisements, address.advertisements)
+        self.advertisements = Quota("advertisements", limits.advertisements, address.advertisements, 10)
         self.calls = Quota("calls", limits.calls)
-        self.kept = Quota("kept_bytes", limits.kept_bytes, address.kept, "bytes kept for it")
+        self.kept = Quota("kept_bytes", limits.kept_bytes, address.kept, 2, "bytes kept for it")
 
     def leave(self) -> None:
         """Charge to the client's address from now on what goes on without it."""

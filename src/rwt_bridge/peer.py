@@ -86,6 +86,7 @@ class Peer:
         self.messages = 0
         self.graph = graph
         self._flow_control: FlowControl | None = None
+        self._is_held = False
         self._over = False
         self._received = 0
         self._began = 0.0
@@ -165,7 +166,8 @@ class Peer:
     def _wait(self, what: Op | Refusal | tuple[bytes, bool]) -> None:
         """Let a frame or a message wait for a later turn; meanwhile nothing is read from this client."""
         self._waiting.append(what)
-        if len(self._waiting) == 1:
+        if not self._is_held:
+            self._is_held = True
             if self._flow_control is not None:
                 self._flow_control.pause()
             self.graph.clock.call_later(0.0, self._go_on)
@@ -176,21 +178,23 @@ class Peer:
         self._began = self._monotonic()
         try:
             while waiting and not (self._waiting or self._over):
-                if self._monotonic() - self._began > SHARE:
-                    break
                 what = waiting.popleft()
                 if isinstance(what, tuple):
                     data, binary = what
                     self._read(data, binary, self._began)
                 elif self._may_send(self._began):
                     self._do(what)
+                if self._monotonic() - self._began > SHARE:
+                    break
         finally:
             if not self._over:
                 self._waiting += waiting
             if self._waiting:
                 self.graph.clock.call_later(0.0, self._go_on)
-            elif self._flow_control is not None:
-                self._flow_control.resume()
+            else:
+                self._is_held = False
+                if self._flow_control is not None:
+                    self._flow_control.resume()
 
     def oversized(self, size: int, limit: int) -> None:
         """A message was too large to be taken from the wire; its bytes were skipped."""
