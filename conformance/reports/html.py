@@ -1,4 +1,4 @@
-"""The run as one page that needs nothing else: a matrix, and the frames of every case."""
+"""The run as one page that needs nothing else: a matrix, and the frames of every case that did not pass."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _outcome(result: Result) -> str:
 
 
 def _frames(result: Result) -> str:
-    if not result.transcript:
+    if not result.transcript or result.verdict == "pass":
         return ""
     kinds = {">": "way-out", "<": "way-in", "!": ""}
     lines = "\n".join(

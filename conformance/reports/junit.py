@@ -1,4 +1,4 @@
-"""The run as JUnit XML, which CI systems show."""
+"""The run as JUnit XML, which CI systems show; with the frames of every case that did not pass."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _add(suite: ElementTree.Element, result: Result, rules: Mapping[str, Rule]) 
     elif _skipped(result):
         why = result.expected or f"not declared: {', '.join(result.missing)}"
         ElementTree.SubElement(case, "skipped", message=_clean(why))
-    if result.transcript:
+    if result.transcript and result.verdict != "pass":
         lines = (f"{line.at:.3f} {line.client} {line.way} {line.text}" for line in result.transcript)
         ElementTree.SubElement(case, "system-out").text = _clean("\n".join(lines))
 

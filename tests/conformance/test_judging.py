@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 
 from conformance.command import main
-from conformance.player import Fault
-from conformance.reports import expected
+from conformance.player import Fault, Line
+from conformance.reports import expected, html, junit
 from conformance.reports.counts import grade
 from conformance.reports.json_file import ReportError, read_results, render
 from conformance.runner import Result, Run, Verdict, select
 from conformance.suite.loading import read_case
 from conformance.suite.matching import Difference
+from conformance.suite.rules import load_rules
 from conformance.suite.target import Target, find_target
 
 _CASE = read_case(
@@ -88,6 +89,19 @@ def test_what_failed_is_written_as_a_target_that_expects_it(tmp_path: Path) -> N
     assert written.expected["t/known"] == "issue 12"
     assert written.expected["t/new"].startswith(f"{' '.join(_CASE.rules)}: ")
     assert replace(written, expected={}) == target
+
+
+def test_reports_for_people_keep_the_frames_of_what_did_not_pass() -> None:
+    failed, passed = (
+        replace(_result(verdict, f"t/{verdict}"), transcript=(Line(0.1, "a", "<", f"came in {verdict}"),))
+        for verdict in ("fail", "pass")
+    )
+    run = _run(failed, passed)
+    for report in (html, junit):
+        text = report.render(run, load_rules())
+        assert "came in fail" in text
+        assert "came in pass" not in text
+    assert "came in pass" in render(run, {})
 
 
 def test_two_runs_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
