@@ -3,50 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph.disclosure import NOTHING
 from rwt_interfaces.errors import InterfaceError
-from rwt_interfaces.names import KINDS
+from rwt_interfaces.names import KINDS, Kind
+from rwt_interfaces.structs import MessageType
 from rwt_nodes.rosapi.service import Answer, Service
 from rwt_nodes.rosapi.typedefs import typedefs
 from rwt_program.errors import ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_graph.program.node import Node
-    from rwt_interfaces.structs import MessageType
-
-T = TypeVar("T")
-
-
-def message_details(node: Node, request: Any) -> Answer:
-    """A message, and the messages in it."""
-    return _details(node, _known(node.graph.registry.message, request.type))
-
-
-def service_request_details(node: Node, request: Any) -> Answer:
-    """The request of a service."""
-    return _details(node, _known(node.graph.registry.service, request.type).request)
-
-
-def service_response_details(node: Node, request: Any) -> Answer:
-    """The response of a service."""
-    return _details(node, _known(node.graph.registry.service, request.type).response)
-
-
-def action_goal_details(node: Node, request: Any) -> Answer:
-    """The goal of an action."""
-    return _details(node, _known(node.graph.registry.action, request.type).goal)
-
-
-def action_result_details(node: Node, request: Any) -> Answer:
-    """The result of an action."""
-    return _details(node, _known(node.graph.registry.action, request.type).result)
-
-
-def action_feedback_details(node: Node, request: Any) -> Answer:
-    """The feedback of an action."""
-    return _details(node, _known(node.graph.registry.action, request.type).feedback)
 
 
 def interfaces(node: Node, _: Any) -> Answer:
@@ -57,23 +25,28 @@ def interfaces(node: Node, _: Any) -> Answer:
     }
 
 
-def _details(node: Node, message: MessageType) -> Answer:
-    return {"typedefs": typedefs(message, node.graph.registry)}
+def _details(kind: Kind, part: str) -> Callable[[Node, Any], Answer]:
+    """The service that tells the fields of one part of a type, and of the messages in it."""
 
+    def answer(node: Node, request: Any) -> Answer:
+        registry = node.graph.registry
+        find = {"msg": registry.message, "srv": registry.service, "action": registry.action}[kind]
+        try:
+            known = find(request.type)
+        except InterfaceError as error:
+            raise ServiceFailed(str(error)) from error
+        message = known if isinstance(known, MessageType) else getattr(known, part)
+        return {"typedefs": typedefs(message, registry)}
 
-def _known(find: Callable[[str], T], name: str) -> T:
-    try:
-        return find(name)
-    except InterfaceError as error:
-        raise ServiceFailed(str(error)) from error
+    return answer
 
 
 SERVICES: Final = (
-    Service("message_details", "MessageDetails", message_details, NOTHING),
-    Service("service_request_details", "ServiceRequestDetails", service_request_details, NOTHING),
-    Service("service_response_details", "ServiceResponseDetails", service_response_details, NOTHING),
-    Service("action_goal_details", "ActionGoalDetails", action_goal_details, NOTHING),
-    Service("action_result_details", "ActionResultDetails", action_result_details, NOTHING),
-    Service("action_feedback_details", "ActionFeedbackDetails", action_feedback_details, NOTHING),
+    Service("message_details", "MessageDetails", _details("msg", ""), NOTHING),
+    Service("service_request_details", "ServiceRequestDetails", _details("srv", "request"), NOTHING),
+    Service("service_response_details", "ServiceResponseDetails", _details("srv", "response"), NOTHING),
+    Service("action_goal_details", "ActionGoalDetails", _details("action", "goal"), NOTHING),
+    Service("action_result_details", "ActionResultDetails", _details("action", "result"), NOTHING),
+    Service("action_feedback_details", "ActionFeedbackDetails", _details("action", "feedback"), NOTHING),
     Service("interfaces", "Interfaces", interfaces, NOTHING),
 )
