@@ -138,7 +138,9 @@ def _index(
     bridge: Bridge, extensions: Iterable[HttpExtension], request: HttpRequest, reader: GraphView
 ) -> HttpResponse:
     """What is running, and what to connect."""
-    address = request.headers.get("host", "localhost:9090")
+    headers = request.headers
+    address = headers.get("host", "localhost:9090")
+    scheme = "wss" if headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
     host, port = _host_and_port(address)
     registry = reader.registry
     clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
@@ -147,7 +149,7 @@ def _index(
         ros=reader.distro.ros_version,
         distro=reader.distro.name,
         clients=clients,
-        url=html.escape(f"ws://{address}"),
+        url=html.escape(f"{scheme}://{address}{request.prefix}"),
         host=html.escape(host),
         port=html.escape(port),
         topics=_rows(
@@ -157,8 +159,8 @@ def _index(
         actions=_rows((action.name, registry.type_name(action.type)) for action in reader.actions()),
         sections="\n".join(its.section(request, reader) for its in extensions if its.section is not None),
     )
-    headers = {"Content-Security-Policy": _POLICY}
-    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=headers)
+    policy = {"Content-Security-Policy": _POLICY}
+    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=policy)
 
 
 def _host_and_port(address: str) -> tuple[str, str]:

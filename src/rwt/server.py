@@ -33,6 +33,7 @@ from rwt_graph.errors import NotRunning
 from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import DISCLOSURES
 from rwt_transports.drivers.sockets import raise_descriptor_limit
+from rwt_transports.http import Proxies
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import check_dial_url, dial
@@ -348,7 +349,8 @@ class Server:
             return accept
 
         limits = _transport_limits(settings)
-        addresses = AddressCount(limits.connections_per_address)
+        proxies = Proxies(settings.proxies)
+        addresses = AddressCount(limits.connections_per_address, proxies)
         gather = None if self._worker is None else self._worker.metrics.gather
         listeners = [
             await stack.enter_async_context(
@@ -357,6 +359,8 @@ class Server:
                     accept_at(url),
                     routes=routes(bridge, metrics, http, loopback=is_loopback_listener(url), gather=gather),
                     hosts=settings.origins.hosts,
+                    proxies=proxies,
+                    access_log=settings.access_log,
                     addresses=addresses,
                     limits=limits,
                     tls=tls,

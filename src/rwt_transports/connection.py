@@ -14,7 +14,7 @@ from rwt_protocol.transport import Accept, Buffer, Endpoint, PeerInfo
 from rwt_transports.api import DriverCallbacks, FlowControlled, Framing, Link, OversizeAware, Wire, WireEvents
 from rwt_transports.background import TaskStarter
 from rwt_transports.errors import Refused, log_exception
-from rwt_transports.http import EVERY_NAME, Hosts
+from rwt_transports.http import EVERY_NAME, NO_PROXIES, Hosts, Proxies
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
@@ -68,6 +68,8 @@ class ListenerState:
         max_message_size: bytes of the largest message that can be sent; 0 for any.
         addresses: how many connections each address has.
         hosts: the names by which HTTP requests may address the listener.
+        proxies: whose word about their clients counts.
+        access_log: whether each HTTP request is logged.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
         connections: those that are open.
@@ -83,6 +85,8 @@ class ListenerState:
     max_message_size: int = 0
     addresses: AddressCount = field(default_factory=AddressCount)
     hosts: Hosts = EVERY_NAME
+    proxies: Proxies = NO_PROXIES
+    access_log: bool = False
     tasks: TaskStarter | None = None
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)

@@ -22,9 +22,11 @@ class HttpRequest:
         method: upper case.
         path: without the query, percent-encoding as it came.
         query: what follows the question mark, undecoded.
-        headers: names in lower case; repeated ones joined with a comma.
+        headers: names in lower case; repeated ones joined with a comma. Behind a proxy that is named,
+            ``host`` is the one that the client asked for, and ``x-forwarded-proto`` how.
         body: the whole body.
-        address: the peer's address.
+        address: the client's address.
+        prefix: the path below which a proxy shows this server, without a slash at its end.
     """
 
     method: str
@@ -33,6 +35,7 @@ class HttpRequest:
     headers: Mapping[str, str] = field(default_factory=dict)
     body: bytes = b""
     address: str = ""
+    prefix: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +201,61 @@ class Hosts:
         return self._every_address and _address(name) is not None
 
 
+class Proxies:
+    """Reverse proxies that are believed what they say of their clients, by ``Forwarded`` (RFC 7239) or the
+    usual ``X-Forwarded-For``, ``-Proto``, ``-Host`` and ``-Prefix``. Of all others these headers are dropped.
+
+    Args:
+        networks: their addresses, or networks such as ``10.0.0.0/8``.
+
+    Raises:
+        ValueError: one is neither.
+    """
+
+    def __init__(self, networks: Iterable[str] = ()) -> None:
+        self._networks = tuple(ipaddress.ip_network(each) for each in networks)
+
+    def __contains__(self, address: str) -> bool:
+        found = _address(address)
+        return found is not None and any(found in network for network in self._networks)
+
+    def resolve(self, address: str, headers: dict[str, str]) -> tuple[str, str]:
+        """The address and the prefix of the client behind a request; `headers` become those it sent itself.
+
+        Args:
+            address: of the peer.
+            headers: names in lower case; changed in place.
+        """
+        given = {name: headers.pop(name, "") for name in ("forwarded", *_X_FORWARDED)}
+        if address not in self:
+            return address, ""
+        hops = [_parameters(hop) for hop in given["forwarded"].split(",")]
+        clients = [hop["for"] for hop in hops if "for" in hop] or given["x-forwarded-for"].split(",")
+        # Each proxy adds whom it has heard at the end: the first from there that is no proxy is the client.
+        for client in reversed(clients):
+            named = host_name(client.strip().strip('"')) or client.strip()
+            if _address(named) is None:
+                break
+            address = named
+            if address not in self:
+                break
+        last = {f"x-forwarded-{name}": value for name, value in hops[-1].items() if name in ("proto", "host")}
+        for name in ("x-forwarded-host", "x-forwarded-proto"):
+            value = last.get(name) or given[name].rpartition(",")[2].strip()
+            if value:
+                headers["host" if name.endswith("host") else name] = value
+        return address, given["x-forwarded-prefix"].rpartition(",")[2].strip().rstrip("/")
+
+
+_X_FORWARDED = ("x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-forwarded-prefix")
+
+
+def _parameters(hop: str) -> dict[str, str]:
+    """One element of a ``Forwarded`` header (RFC 7239 section 4)."""
+    pairs = (part.partition("=") for part in hop.split(";"))
+    return {name.strip().lower(): value.strip().strip('"') for name, equals, value in pairs if equals}
+
+
 def any_of(globs: Iterable[str]) -> re.Pattern[str]:
     """What matches whatever one of the globs fits, in lower case."""
     return re.compile("|".join(fnmatch.translate(glob.lower()) for glob in globs) or r"(?!)")
@@ -227,3 +285,4 @@ def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 
 EVERY_NAME = Hosts((), loopback=False)
+NO_PROXIES = Proxies()

@@ -20,6 +20,7 @@ from rwt_transports.websocket.handshake import HandshakeAnswer, answer_handshake
 from rwt_transports.websocket.wire import SERVER_FRAMING
 
 logger = logging.getLogger("rwt_transports.http")
+access = logging.getLogger("rwt_transports.access")
 
 
 class HttpConnection:
@@ -40,7 +41,7 @@ class HttpConnection:
         self._state = state
         self._limits = limits = state.limits
         self._link = link
-        self.address = address
+        self._peer = self.address = address
         self._port = port
         self.outbox = Outbox(SERVER_FRAMING, limits, link.wake, self._overflow)
         self.take: Callable[[], Buffer | None] = self.outbox.take
@@ -104,6 +105,10 @@ class HttpConnection:
 
     def begin(self) -> None:
         """Wait for a request; a connection too many is given its reason, and closed."""
+        self._check_address()
+
+    def _check_address(self) -> None:
+        self._refused = None
         try:
             self._state.addresses.check(self.address)
         except Refused as refused:
@@ -191,7 +196,13 @@ class HttpConnection:
             headers[name] = f"{headers[name]}, {value}" if name in headers else value
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
-        request = HttpRequest(method, path, query, headers, bytes(self._body), self.address)
+        address, prefix = self._state.proxies.resolve(self._peer, headers)
+        if address != self.address:
+            self._state.addresses.leave(self.address)
+            self.address = address
+            self._state.addresses.enter(address)
+            self._check_address()
+        request = HttpRequest(method, path, query, headers, bytes(self._body), address, prefix)
         if not self._state.hosts.include(headers.get("host", "")):
             shown = ascii(headers["host"])[1:-1][:200]
             text = f"this server does not answer to the name {shown} (origins.hosts)\n"
@@ -246,6 +257,7 @@ class HttpConnection:
             refusal = _INTERNAL_ERROR
         else:
             self._over = True
+            self._log_access(101, None)
             state.replace(self, connection, self._link)
             rest = self._h11.trailing_data[0]
             connection.outbox.received = self.outbox.received - len(rest)
@@ -334,7 +346,21 @@ class HttpConnection:
             self._send(h11.Data(data=body))
         self._send(h11.EndOfMessage())
 
+    def _log_access(self, status: int, size: int | None) -> None:
+        if self._state.access_log and self._request is not None:
+            method, target = self._request.method.decode("ascii"), self._request.target.decode("latin-1")
+            # Without the query, which may hold a token.
+            access.info(
+                "%s %s %s %d %s",
+                self.address,
+                method,
+                ascii(target.partition("?")[0])[1:-1],
+                status,
+                "-" if size is None else size,
+            )
+
     def _send_head(self, response: HttpResponse, size: int | None) -> None:
+        self._log_access(response.status, size)
         headers = [("Date", formatdate(usegmt=True)), ("Content-Type", response.content_type)]
         if size is not None:
             headers.append(("Content-Length", str(size)))

@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from rwt_transports.errors import Refused
-from rwt_transports.http import is_local
+from rwt_transports.http import NO_PROXIES, Proxies, is_local
 from rwt_transports.websocket.extensions import Deflate
 
 KIB = 1024
@@ -78,10 +78,12 @@ class AddressCount:
 
     Args:
         most: connections of one address; 0 for any number.
+        proxies: whose own connections are not counted; those of their clients are.
     """
 
-    def __init__(self, most: int = 0) -> None:
+    def __init__(self, most: int = 0, proxies: Proxies = NO_PROXIES) -> None:
         self._most = most
+        self._proxies = proxies
         self._open: Counter[str] = Counter()
 
     def enter(self, address: str) -> None:
@@ -111,7 +113,7 @@ class AddressCount:
         return self._open[self._key(address)] > 2 * self._most
 
     def _key(self, address: str) -> str:
-        if not self._most or not address or is_local(address):
+        if not self._most or not address or is_local(address) or address in self._proxies:
             return ""
         if ":" not in address:
             return address

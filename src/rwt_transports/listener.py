@@ -15,7 +15,7 @@ from rwt_transports.api import Driver
 from rwt_transports.background import TaskStarter
 from rwt_transports.connection import ListenerState
 from rwt_transports.errors import BadUrl
-from rwt_transports.http import Hosts, Routes, is_local
+from rwt_transports.http import NO_PROXIES, Hosts, Proxies, Routes, is_local
 from rwt_transports.http_connection import HttpConnection
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.schemes import parse_listen_url
@@ -49,6 +49,8 @@ async def listen(
     *,
     routes: Routes | None = None,
     hosts: Iterable[str] = (),
+    proxies: Proxies = NO_PROXIES,
+    access_log: bool = False,
     addresses: AddressCount | None = None,
     limits: Limits | None = None,
     driver: Driver | None = None,
@@ -65,6 +67,8 @@ async def listen(
         accept: makes the endpoint of each new peer; may raise :exc:`~rwt_transports.errors.Refused`.
         routes: plain HTTP requests that the same port answers.
         hosts: names by which it may be addressed; see :class:`~rwt_transports.http.Hosts`.
+        proxies: whose word about their clients counts.
+        access_log: whether each HTTP request is logged, to ``rwt_transports.access``.
         addresses: counts the connections of each address; one of its own by default.
         limits: bounds per listener and per connection.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
@@ -94,6 +98,8 @@ async def listen(
         idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,
         max_message_size=scheme.max_message_size,
         addresses=addresses,
+        proxies=proxies,
+        access_log=access_log,
         hosts=Hosts(hosts, loopback=is_local(target.address.host)),
     )
     mover = driver or scheme.driver()

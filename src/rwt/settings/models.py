@@ -5,10 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from rwt_access.settings import MIB, Bytes, Count, PlainToken, Seconds, SecondsOrNone, Table, TlsSettings
 from rwt_bridge.settings import BridgeLimits, BridgeSettings
+from rwt_transports.http import Proxies
+
+
+def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
+    Proxies(networks)
+    return networks
+
 
 NodeName = Literal["rosapi", "tf2_web_republisher", "web_video_server"]
 
@@ -125,6 +132,12 @@ class Settings(BridgeSettings):
         Literal["off", "shared", "context"],
         Field(description="permessage-deflate for WebSocket clients that ask: `shared` or in `context`"),
     ] = "off"
+    proxies: Annotated[
+        tuple[str, ...],
+        AfterValidator(_check_proxies),
+        Field(description="addresses or networks of reverse proxies that are believed who their clients are"),
+    ] = ()
+    access_log: Annotated[bool, Field(description="whether each HTTP request is logged")] = False
     limits: LimitSettings = LimitSettings()
     tls: TlsSettings = TlsSettings()
     dial: DialSettings = DialSettings()

@@ -101,7 +101,7 @@ video.onprogress = video.ontimeupdate = () => {{
 
 def viewer_page(topic: str, query: str, *, video: bool) -> bytes:
     """The page of `/stream_viewer`: it shows `/stream` with the same query."""
-    source = escape(f"/stream?{query}")
+    source = escape(f"stream?{query}")
     element = _VIDEO.format(source=source) if video else f'<img src="{source}" alt="{escape(topic)}">'
     return _VIEWER.format(topic=escape(topic), element=element).encode()
 
@@ -133,6 +133,6 @@ def _links(topic: str, shown: str, query: str) -> str:
     token = [pair for pair in parse_qsl(query) if pair[0] == "token"]
     asked = escape(urlencode([("topic", topic), *token], safe="/"))
     return (
-        f'<li><a href="/stream_viewer?{asked}">{escape(shown)}</a>'
-        f' (<a href="/stream?{asked}">Stream</a>) (<a href="/snapshot?{asked}">Snapshot</a>)'
+        f'<li><a href="stream_viewer?{asked}">{escape(shown)}</a>'
+        f' (<a href="stream?{asked}">Stream</a>) (<a href="snapshot?{asked}">Snapshot</a>)'
     )
