@@ -27,7 +27,8 @@ def candidates(url: str, *words: str) -> list[str]:
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("top",), ["topic"]),
+        (("topi",), ["topic"]),
+        (("top",), ["top", "topic"]),
         (("topic", "ec"), ["echo"]),
         (("topic", "echo", "/od"), ["/odom"]),
         (("topic", "hz", "/odom", "/sc"), ["/scan"]),
