@@ -36,6 +36,10 @@ class IncompatiblePolicies(GraphError):
     """Other clients publish on the topic with other policies than those that are asked for."""
 
 
+#: After it `header.seq` starts at zero.
+_LAST_SEQUENCE = (1 << 32) - 1
+
+
 class SharedPublisher:
     """The publisher of one topic, with the clients that use it and the timer that ends it.
 
@@ -49,7 +53,8 @@ class SharedPublisher:
     """
 
     __slots__ = (
-        "_clock", "_counters", "_kept", "_log", "_logged", "_node", "_publish", "_startup", "_startup_timer",
+        "_clock", "_counters", "_kept", "_log", "_logged", "_node", "_publish", "_publish_next",
+        "_sequence", "_startup", "_startup_timer",
         "counts", "deadline", "linger", "lingers_for", "publish", "publisher", "topic", "type", "users",
     )  # fmt: skip
 
@@ -70,15 +75,17 @@ class SharedPublisher:
         seconds = publisher.qos.deadline
         self.deadline = DeadlineWatch(clock, seconds, self._missed) if seconds else None
         self._publish = publisher.publish if self.deadline is None else self._publish_in_time
-        self.publish: Callable[[Payload], None] = self._publish
+        self._sequence = 0
+        self._publish_next: Callable[[Payload], None] = self._publish
         self._kept: deque[Ends] = deque()
         self._node = node
         self._startup: StartupBuffer | None = None
         self._startup_timer: Timer | None = None
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
             self._startup = StartupBuffer()
-            self.publish = self._publish_at_startup
+            self._publish_next = self._publish_at_startup
             self._startup_timer = clock.call_later(STARTUP_SECONDS, self.end_startup)
+        self.publish = self._publish_numbered if self.type.has_sequence else self._publish_next
 
     @property
     def keeps_samples(self) -> bool:
@@ -118,7 +125,14 @@ class SharedPublisher:
     def end_startup(self) -> None:
         """Keep nothing for late readers: the first second is over, or all users have left."""
         self._startup = None
-        self.publish = self._publish
+        self._publish_next = self._publish
+        if not self.type.has_sequence:
+            self.publish = self._publish
+
+    def _publish_numbered(self, payload: Payload) -> None:
+        """Count in `header.seq` as ROS 1's publishers do, from 1 on, whatever the client wrote."""
+        self._sequence = (self._sequence + 1) & _LAST_SEQUENCE
+        self._publish_next(payload.numbered(self._sequence))
 
     def _publish_in_time(self, payload: Payload) -> None:
         if self.deadline is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,11 +14,14 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.json import REJECTIONS, parse
 from rwt_interfaces.serialise.long_arrays import LongArrays, parts_around
 from rwt_interfaces.serialise.long_strings import LARGE, LongString, Parts, RawText, string_of, substituted
-from rwt_interfaces.serialise.splice import SplicedMessage
+from rwt_interfaces.serialise.splice import SplicedMessage, put
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
 
+#: A message in JSON up to its `header.seq`, where it is as most write it.
+_SEQUENCE = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
+_SEQUENCE_PATH = ("header", "seq")
 #: ROS time in nanoseconds.
 Now = Callable[[], int]
 
@@ -296,6 +300,25 @@ class Payload:
             return Payload(self.type, self._json, self._message, None, self._spliced.detached())
         return self
 
+    def numbered(self, number: int) -> Payload:
+        """The same message with that `header.seq`, of a type that has it."""
+        parts = (self._json,) if self._json is not None else self._json_parts
+        found = None if parts is None or self._string is not None else _SEQUENCE.match(parts[0])
+        if parts is None or found is None:
+            spliced = self._apart()
+            if spliced is not None:
+                return Payload(self.type, None, None, None, spliced.numbered(number))
+            return Payload(self.type, None, put(self.value(), _SEQUENCE_PATH, number))
+        start, end = found.span(1)
+        first = memoryview(parts[0])
+        before = b"".join((first[:start], b"%d" % number))
+        if len(first) < LARGE and len(parts) == 1:
+            return Payload(self.type, before + first[end:], None)
+        known = None if self._message is None else put(self.value(), _SEQUENCE_PATH, number)
+        payload = Payload(self.type, None, known)
+        payload._json_parts = (before, first[end:], *parts[1:])
+        return payload
+
     def _own_struct(self, message: msgspec.Struct) -> msgspec.Struct:
         try:
             return msgspec.convert(message, self.type.struct, from_attributes=True)
@@ -311,8 +334,8 @@ class Payload:
         spliced = self._spliced or (self._apart() if self._string is not None else None)
         if spliced is not None:
             return spliced.value()
-        if self._json is not None:
-            return self.type.json.decode(self._json)
+        if self._json is not None or self._json_parts is not None:
+            return self.type.json.decode(self.json())
         assert self._forms is not None  # A payload has its text, its message or its CDR from the start.
         return self.type.from_cdr(_joined(self._forms["cdr"]))
 

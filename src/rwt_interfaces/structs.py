@@ -103,6 +103,17 @@ class MessageType:
         return JsonCodec(self)
 
     @cached_property
+    def has_sequence(self) -> bool:
+        """Whether publishers count in messages of this type: `header.seq` of ROS 1."""
+        return any(
+            slot.name == "header"
+            and isinstance(slot.type, field_types.Message)
+            and slot.type.type.name == "std_msgs/Header"
+            and any(each.name == "seq" for each in slot.type.type.slots)
+            for slot in self.slots
+        )
+
+    @cached_property
     def places(self) -> tuple[Place, ...]:
         """Where a message of this type may hold most of its bytes."""
         from rwt_interfaces.serialise import splice

@@ -316,3 +316,25 @@ def test_at_level_info_success_is_told(client: Client) -> None:
     client.say("set_level", level="warning")
     client.say("unadvertise", id="a1", topic="/t")
     assert client.heard() == []
+
+
+POINT = {"x": 1.0, "y": 2.0, "z": 3.0}
+
+
+@pytest.mark.parametrize("graph", ["noetic"], indirect=True)
+@pytest.mark.parametrize("frame_id", ["map", "long" * 2000])
+def test_the_publisher_counts_in_ros_1(client: Client, other: Client, frame_id: str) -> None:
+    """Whatever the clients wrote, and however many of them share it."""
+    stamp = {"secs": 1, "nsecs": 2}
+    other.say("subscribe", topic="/point", type="geometry_msgs/PointStamped")
+    headers: list[Mapping[str, object]] = [
+        {"seq": 70, "stamp": stamp, "frame_id": frame_id},
+        {"frame_id": frame_id, "stamp": stamp},
+        {"stamp": stamp, "frame_id": frame_id, "seq": 0},
+        {"seq": 70, "frame_id": frame_id, "stamp": stamp},
+    ]
+    for publisher, header in zip((client, other) * 2, headers, strict=True):
+        message = {"header": header, "point": POINT}
+        publisher.say("publish", topic="/point", type="geometry_msgs/PointStamped", msg=message)
+    heard = [each["msg"]["header"] for each in other.heard()]
+    assert heard == [{"seq": n, "stamp": stamp, "frame_id": frame_id} for n in (1, 2, 3, 4)]

@@ -309,3 +309,30 @@ def test_an_incomplete_scan_is_completed_around_its_ranges() -> None:
     assert payload.detach().json() == payload.json()
     value: Any = payload.value()
     assert value.ranges[0] == 1.5 and math.isnan(value.ranges[1])
+
+
+@given(
+    st.sampled_from(("sensor_msgs/Image", "t_msgs/Mixed", "sensor_msgs/LaserScan", "sensor_msgs/JointState")),
+    CONTENTS,
+    CHANCES,
+    st.booleans(),
+)
+def test_to_number_a_message_is_to_change_its_sequence(
+    name: str, content: str, chance: Random, is_large: bool
+) -> None:
+    kind = REGISTRIES[1].message(name)
+    raw = json.dumps(scrambled(with_content(kind, content, chance), chance)).encode()
+    try:
+        whole: Any = kind.decode_leniently(json.loads(raw), now)
+    except InvalidMessage:
+        return
+    whole.header.seq = 77
+    with pytest.MonkeyPatch().context() as small:
+        if is_large:
+            small.setattr(payload_form, "LARGE", 1)
+            small.setattr(long_arrays, "LARGE", 1)
+        numbered = Payload.from_json(kind, memoryview(raw), now).numbered(77)
+        again = Payload.from_value(kind, Payload.from_json(kind, raw, now).value()).numbered(77)
+        expected = outcome(lambda: Payload(kind, None, whole))
+        for each in (numbered, again, numbered.detach()):
+            assert outcome(lambda each=each: each) == expected  # type: ignore[misc]

@@ -51,13 +51,14 @@ class Place:
 
     def put(self, message: msgspec.Struct, content: str | bytes) -> msgspec.Struct:
         """A copy of a message with something else in this place; all else is shared."""
-        return _put(message, self._attributes, content)
+        return put(message, self._attributes, content)
 
 
-def _put(message: msgspec.Struct, attributes: tuple[str, ...], content: str | bytes) -> msgspec.Struct:
+def put(message: msgspec.Struct, attributes: tuple[str, ...], content: str | bytes | int) -> msgspec.Struct:
+    """A copy of a message with something else in the field that a path of attributes leads to."""
     copied = copy.copy(message)
     first, *rest = attributes
-    setattr(copied, first, _put(getattr(message, first), tuple(rest), content) if rest else content)
+    setattr(copied, first, put(getattr(message, first), tuple(rest), content) if rest else content)
     return copied
 
 
@@ -142,6 +143,11 @@ class SplicedMessage:
     def kept_size(self) -> int:
         """About how many bytes the content takes, in the forms that it has now."""
         return len(self._content or b"") + len(self._octets or b"")
+
+    def numbered(self, number: int) -> SplicedMessage:
+        """The same message with that `header.seq`."""
+        short = put(self._short, ("header", "seq"), number)
+        return SplicedMessage(short, self._place, self._token, self._content, self._octets, self._unescaped)
 
     def value(self) -> msgspec.Struct:
         """The whole message."""
