@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -191,17 +191,35 @@ def test_wire(block: Block, examples: Examples) -> None:
                 assert not line.strip(), f"a line is `> sent` or `< received`, not {line!r}"
 
 
-def _receive(wire: ClientConnection, wanted: object) -> None:
+def _receive(
+    wire: ClientConnection, wanted: object, on_other: Callable[[object], None] | None = None
+) -> None:
     """Read on until a message with at least what is wanted."""
     other: list[object] = []
     while True:
         try:
             got = json.loads(wire.recv(timeout=LIMIT))
         except TimeoutError:
-            raise AssertionError(f"{wanted} did not come, but {other}") from None
+            raise AssertionError(f"{wanted} did not come, but {other[-20:]}") from None
         if _contains(got, wanted):
             return
         other.append(got)
+        if on_other is not None:
+            on_other(got)
+
+
+def _ask(wire: ClientConnection, asked: dict[str, object], wanted: object) -> None:
+    """Ask until a message comes with at least what is wanted.
+
+    A program listens before it offers what it offers; until then it is asked again.
+    """
+    wire.send(json.dumps(asked))
+
+    def again(got: object) -> None:
+        if any(text in str(got) for text in ("does not exist", "cannot infer the type")):
+            wire.send(json.dumps(asked))
+
+    _receive(wire, wanted, again)
 
 
 def _contains(got: object, wanted: object) -> bool:
@@ -214,15 +232,14 @@ def _call(wire: ClientConnection, call: str) -> None:
     request, _, values = call.partition(" -> ")
     service, _, args = request.partition(" ")
     message = {"op": "call_service", "id": call, "service": service, "args": json.loads(args or "{}")}
-    wire.send(json.dumps(message))
     answer = {"op": "service_response", "id": call, "result": True, "values": json.loads(values or "{}")}
-    _receive(wire, answer)
+    _ask(wire, message, answer)
 
 
 def _hear(wire: ClientConnection, heard: str) -> None:
     topic, _, message = heard.partition(" ")
-    wire.send(json.dumps({"op": "subscribe", "topic": topic}))
-    _receive(wire, {"op": "publish", "topic": topic, "msg": json.loads(message or "{}")})
+    wanted = {"op": "publish", "topic": topic, "msg": json.loads(message or "{}")}
+    _ask(wire, {"op": "subscribe", "topic": topic}, wanted)
 
 
 def test_subset_comparison_can_fail() -> None:
