@@ -29,7 +29,15 @@ from rwt_program.api import RobotApi
 from rwt_program.errors import CallTimeout, InvalidMessage, ServiceFailed
 from rwt_program.future import USUAL, Future, Timeout
 from rwt_program.goals import Execute, Goal
-from rwt_program.messages import Message, MessageCallback, MessageLike, ServiceHandler, to_payload, type_of
+from rwt_program.messages import (
+    Message,
+    MessageCallback,
+    MessageLike,
+    ServiceHandler,
+    check_handler,
+    to_payload,
+    type_of,
+)
 from rwt_program.qos import QoS
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
@@ -287,6 +295,7 @@ class Robot(RobotApi):
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
     def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:  # noqa: D102 - inherited
+        check_handler(service, handler)
         server = ServiceServer(
             self._session, service, self._interface_name, self._services.offered, handler, self._tasks
         )

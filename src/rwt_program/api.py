@@ -184,6 +184,7 @@ class RobotApi(Protocol):
 
         Raises:
             UnknownType: no such service is known; of a client, when awaited.
+            TypeError: `handler` is no function.
         """
 
     async def send_goal(

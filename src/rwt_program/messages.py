@@ -68,6 +68,16 @@ def type_of(message: object, registry: Registry) -> str | None:
     return name if known.struct is type(message) else None
 
 
+def check_handler(service: str, handler: object) -> None:
+    """Refuse what cannot answer the calls of a service.
+
+    Raises:
+        TypeError: it is no function.
+    """
+    if not callable(handler):
+        raise TypeError(f"{service}: expected a function that takes the request, got {handler!r}")
+
+
 def is_coroutine_function(function: Callable[..., object]) -> bool:
     """Whether calling it makes a coroutine; looks into partials and objects with `__call__`."""
     while isinstance(function, partial):

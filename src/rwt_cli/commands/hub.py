@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import signal
 from pathlib import Path
 
 import anyio
 
+from rwt.signals import STOP_SIGNALS, on_signals
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError, TlsSettings
 from rwt_access.tls import server_tls
@@ -122,8 +122,8 @@ def _tls(arguments: argparse.Namespace) -> TlsSettings:
 
 
 async def _serve(url: str, tokens: tuple[str, ...], tls: TlsSettings, hosts: list[str]) -> None:
-    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+    stop = anyio.Event()
+    with on_signals(dict.fromkeys(STOP_SIGNALS, stop.set)):
         async with open_hub(url, tokens=tokens, tls=server_tls(tls), hosts=hosts) as hub:
             print(f"listening on {hub.url}", flush=True)
-            async for _ in signals:
-                break
+            await stop.wait()

@@ -11,7 +11,7 @@ from rwt_graph.api import Graph, Participant, ServiceCall
 from rwt_interfaces.payload import Payload
 from rwt_program.errors import ServiceFailed
 from rwt_program.future import Future
-from rwt_program.messages import MessageLike, ServiceHandler, is_coroutine_function, to_payload
+from rwt_program.messages import MessageLike, ServiceHandler, check_handler, is_coroutine_function, to_payload
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -35,6 +35,7 @@ class ServiceFunction:
     """
 
     def __init__(self, graph: Graph, service: str, response: MessageType, handler: ServiceHandler) -> None:
+        check_handler(service, handler)
         self._graph = graph
         self._service = service
         self._response = response

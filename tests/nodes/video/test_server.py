@@ -493,7 +493,7 @@ async def test_the_index_lists_cameras_with_their_topics(theatre: Theatre) -> No
     lists = re.findall(r"<li>(/cam/(?:depth/)?)<ul>", index)
     assert lists == ["/cam/", "/cam/depth/"]
     assert '<a href="stream_viewer?topic=/cam/image">image</a>' in index
-    assert '<a href="/snapshot?topic=/cam/depth/image">Snapshot</a>' in index
+    assert '<a href="snapshot?topic=/cam/depth/image">Snapshot</a>' in index
 
 
 async def test_a_viewer_page_shows_video_in_a_video_and_escapes_what_it_is_given(theatre: Theatre) -> None:

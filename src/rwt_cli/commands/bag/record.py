@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import logging
 import re
-import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING
 import anyio
 import anyio.to_thread
 
+from rwt.signals import STOP_SIGNALS, on_signals
 from rwt_cli.errors import CALLED_WRONGLY, CommandError
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import (
@@ -244,16 +244,15 @@ def _refuse_file(url: str | None) -> None:
 async def _record(order: _RecordArguments) -> None:
     from rwt_client import Backoff, connect
 
-    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+    over = anyio.Event()
+    with on_signals(dict.fromkeys(STOP_SIGNALS, over.set)):
         reconnect = Backoff() if order.reconnect else None
         async with connect(order.url, reconnect=reconnect, headers=order.headers, tls=order.tls) as robot:
-            await _record_robot(robot, order, signals)
+            await _record_robot(robot, order, over)
 
 
-async def _record_robot(
-    robot: Robot, order: _RecordArguments, signals: AsyncIterator[signal.Signals]
-) -> None:
-    """Record until there is a signal, the connection is over, or the time is."""
+async def _record_robot(robot: Robot, order: _RecordArguments, over: anyio.Event) -> None:
+    """Record until `over` is set, the connection is over, or the time is."""
     from rwt_cli.commands.bag.remote_recorder import RemoteRecorder
 
     if robot.types.distro is None:
@@ -273,20 +272,11 @@ async def _record_robot(
     try:
         await recorder.poll()
         print(f"recording {order.url} to {writer.paths[0]}", file=sys.stderr, flush=True)
-        over = anyio.Event()
         robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
         if not robot.connected and not order.reconnect:
             over.set()
-        async with anyio.create_task_group() as tasks:
-
-            async def until_signal() -> None:
-                async for _ in signals:
-                    over.set()
-
-            tasks.start_soon(until_signal)
-            with anyio.move_on_after(order.seconds):
-                await _keep_looking(recorder, over)
-            tasks.cancel_scope.cancel()
+        with anyio.move_on_after(order.seconds):
+            await _keep_looking(recorder, over)
     finally:
         recorder.close()
         with anyio.CancelScope(shield=True):
