@@ -52,8 +52,9 @@ class LimitSettings(BridgeLimits):
         Count, Field(description="different streams of pictures at a time; equal ones share an encoder")
     ] = 16
     video_pixels: Annotated[
-        Count, Field(description="pixels of one picture of each different video (VP8, VP9, H.264) together")
-    ] = 2_500_000
+        Count,
+        Field(description="pixels of a picture of each different video together; those of VP9 count twice"),
+    ] = 1_500_000
     data_frames: Annotated[Count, Field(description="the same bound as a number of messages")] = 10_000
     control_bytes: Annotated[
         Bytes, Field(description="replies queued for one client; beyond it the client is disconnected")

@@ -62,8 +62,8 @@ class WebVideoServer:
         graph: whose topics are shown.
         most_viewers: viewers at a time; further ones are refused with status 503.
         most_encoders: different streams at a time, likewise.
-        most_pixels: of one picture of each different video together; an encoder keeps up to ninety bytes for
-            each.
+        most_pixels: of one picture of each different video together, those of VP9 twice; an encoder keeps
+            up to fifty bytes for each.
 
     Attributes:
         http: its pages, its list of image topics and its metrics, for :func:`rwt.serve`.
@@ -74,7 +74,7 @@ class WebVideoServer:
         graph: Graph,
         most_viewers: int = 100,
         most_encoders: int = 16,
-        most_pixels: int = 2_500_000,
+        most_pixels: int = 1_500_000,
     ) -> None:
         self._node = Node(graph, NAME)
         self._most_viewers = most_viewers
@@ -196,20 +196,21 @@ class WebVideoServer:
                 )
         if stream not in self._broadcasts and isinstance(stream.coding, Video):
             try:
-                self._check_pixels((stream.width or 0) * (stream.height or 0))
+                self._check_pixels(stream, _counted(stream, (stream.width or 0) * (stream.height or 0)))
             except PictureUnreadable as error:
                 raise RequestRefused(503, str(error)) from None
         if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
             many = len(self._broadcasts)
             raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
-    def _check_pixels(self, pixels: int) -> None:
-        """Whether there is room for a video more.
+    def _check_pixels(self, stream: StreamRequest, pixels: int) -> None:
+        """Whether there is room for a video beside the others.
 
         Raises:
             PictureUnreadable: there is not.
         """
-        taken = sum(broadcast.pixels for broadcast in tuple(self._broadcasts.values()))
+        others = (each for each in tuple(self._broadcasts.values()) if each.request != stream)
+        taken = sum(broadcast.pixels for broadcast in others)
         if taken + pixels > self._most_pixels:
             raise PictureUnreadable(
                 f"a video of {pixels} pixels a picture beside others of {taken} would make more than"
@@ -222,10 +223,16 @@ class WebVideoServer:
         Raises:
             PictureUnreadable: they are too many.
         """
-        self._check_pixels(pixels)
         broadcast = self._broadcasts.get(stream)
-        if broadcast is not None:
-            broadcast.pixels = pixels
+        if broadcast is None:
+            return
+        # Counted before it is checked: of two threads at the same time one at least sees the other's.
+        broadcast.pixels = _counted(stream, pixels)
+        try:
+            self._check_pixels(stream, broadcast.pixels)
+        except PictureUnreadable:
+            broadcast.pixels = 0
+            raise
 
     def _join(self, stream: StreamRequest) -> Viewer:
         """A viewer of what is asked for; the first one starts the encoder."""
@@ -246,6 +253,11 @@ class WebVideoServer:
     def _ended(self, broadcast: Broadcast) -> None:
         if self._broadcasts.get(broadcast.request) is broadcast:
             del self._broadcasts[broadcast.request]
+
+
+def _counted(stream: StreamRequest, pixels: int) -> int:
+    """The pixels as which those of a video count: an encoder of VP9 keeps twice as much for each."""
+    return 2 * pixels if stream.type == "vp9" else pixels
 
 
 def _check_codec(stream: StreamRequest) -> None:

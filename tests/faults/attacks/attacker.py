@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 from typing import Final
 
 from tests.faults.blocking_client import BlockingClient
@@ -114,11 +115,10 @@ def lingering_publishers(attacker: Attacker) -> None:
 
 def endless_goals(attacker: Attacker) -> None:
     """Large goals to an action that never ends one."""
-    action = {"action": "/never", "type": "example_interfaces/Fibonacci"}
-    Attacker(attacker.port).send(iter([{"op": "advertise_action", **action}]))
-    goal = {"action": "/never", "action_type": "example_interfaces/Fibonacci"}
-    args = {"order": 1, "#": _LETTERS}
-    attacker.send(_ops("send_action_goal", **goal, id="#", args=args, feedback=True))
+    kind = "control_msgs/FollowJointTrajectory"
+    Attacker(attacker.port).send(iter([{"op": "advertise_action", "action": "/never", "type": kind}]))
+    args = {"trajectory": {"joint_names": [f"#{_LETTERS}"]}}
+    attacker.send(_ops("send_action_goal", action="/never", action_type=kind, id="#", args=args))
 
 
 def unanswered_calls(attacker: Attacker) -> None:
@@ -261,23 +261,25 @@ def services_again(attacker: Attacker) -> None:
 
 def expensive_videos(attacker: Attacker) -> None:
     """As many different videos as there may be, as large and as slow to make as can be asked for."""
+    _watch(attacker, 16, "width=1280&height=720")
+
+
+def small_video(attacker: Attacker) -> None:
+    """One small video, with which the server loads its libraries."""
+    _watch(attacker, 1, "width=64&height=48")
+
+
+def _watch(attacker: Attacker, viewers: int, size: str) -> None:
     picture = {"width": 320, "height": 240, "step": 960, "encoding": "rgb8", "data": "AAAA" * 76_800}
-    sample: dict[str, object] = {
-        "op": "publish",
-        "topic": "/picture",
-        "type": "sensor_msgs/Image",
-        "msg": picture,
-    }
-    attacker.send(iter([sample]))
-    viewers = []
-    for number in range(16):
+    publish = _ops("publish", topic="/picture", type="sensor_msgs/Image", msg=picture)
+    attacker.send(islice(publish, 1))
+    for number in range(viewers):
         viewer = socket.create_connection(("127.0.0.1", attacker.port), 5)
-        kind = "type=h264&preset=medium" if number % 2 else "type=vp9"
-        query = f"topic=/picture&width=1920&height=1080&gop={number + 1}&{kind}"
+        kind = "type=h264&preset=medium" if number % 2 else "type=vp8&quality=good"
+        query = f"topic=/picture&gop={number + 1}&{size}&{kind}"
         viewer.sendall(f"GET /stream?{query} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
-        viewers.append(viewer)
-    attacker.send(_ops("publish", **{name: value for name, value in sample.items() if name != "op"}))
-    _held.extend(viewers)
+        _held.append(viewer)
+    attacker.send(publish)
 
 
 _held: Final[list[socket.socket]] = []
@@ -289,7 +291,7 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
         fragments_left_open, spellings, rosapi_flood, many_in_a_frame, smallest_pieces, colliding_keys,
         empty_maps, nested_arrays, deep_json, deep_payload, many_in_a_member, constants, long_numbers,
-        defaults, parameters, refusals, services_again, expensive_videos,
+        defaults, parameters, refusals, services_again, small_video, expensive_videos,
     )
 }  # fmt: skip
 """Each attack by its name."""

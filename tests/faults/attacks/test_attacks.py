@@ -33,7 +33,7 @@ ADDRESS_SPACE: Final = 4096 * MIB
 VIEWER, ADMIN = 150, 400
 """MiB by which a client may make the server grow: one that only looks, and one with every right."""
 
-GIVEN_BACK: Final = 100
+GIVEN_BACK: Final = 150
 """MiB of which the allocator may still hold some for later when the attacker has left."""
 
 LOG_BYTES: Final = 300_000
@@ -58,9 +58,6 @@ KEEPING: Final = frozenset(
 
 OF_NOETIC: Final = frozenset({"parameters"})
 """Attacks on ROS 1; the others are on ROS 2."""
-
-OPEN: Final = {"services_again": "a line of the log for each time that a service is offered again"}
-"""Attacks that still succeed, and what is missing."""
 
 
 @dataclass(slots=True)
@@ -150,8 +147,6 @@ def server() -> Iterator[Attacked]:
 
 @pytest.mark.parametrize("attack", ATTACKS)
 def test_a_server_under_attack(attack: str, request: pytest.FixtureRequest) -> None:
-    if attack in OPEN:
-        request.applymarker(pytest.mark.xfail(strict=True, reason=OPEN[attack]))
     if attack in KEEPING:
         with _attacked("noetic" if attack in OF_NOETIC else "jazzy") as server:
             _check(attack, server)
@@ -160,30 +155,39 @@ def test_a_server_under_attack(attack: str, request: pytest.FixtureRequest) -> N
 
 
 def _check(attack: str, server: Attacked) -> None:
+    if attack == "expensive_videos":
+        _run("small_video", server)  # loads the libraries, which are not what is measured
+    server.worst_wait()
     before, files, logged = server.memory(), server.files(), server.log.stat().st_size
     server.forget_peak()
-    server.worst_wait()
     with _piped("attacker", str(server.port), attack) as attacker:
-        assert attacker.stdout is not None
-        assert attacker.stdout.readline() == "done\n"
+        _await_end(attacker)
         wait = server.worst_wait()
         grown = server.memory("VmHWM") - before
     allowed = VIEWER if attack in OF_VIEWERS else ADMIN
     soon = max(20 * server.undisturbed, SOON)
     written = server.log.stat().st_size - logged
-    _given_back(server, files)
-    kept = server.memory() - before
-    found = f"waited {wait * 1000:.0f} ms, grown by {grown:.0f} MiB, kept {kept:.0f}, logged {written} bytes"
+    _given_back(server, files, before + GIVEN_BACK)
+    found = f"waited {wait * 1000:.0f} ms, grown by {grown:.0f} MiB, logged {written} bytes"
     assert wait < soon, found
     assert grown < allowed, found
     assert written < LOG_BYTES, found
-    assert kept < GIVEN_BACK, found
 
 
-def _given_back(server: Attacked, files: int) -> None:
-    """Wait until the attacker's connections are closed."""
+def _run(attack: str, server: Attacked) -> None:
+    with _piped("attacker", str(server.port), attack) as attacker:
+        _await_end(attacker)
+
+
+def _await_end(attacker: subprocess.Popen[str]) -> None:
+    assert attacker.stdout is not None
+    assert attacker.stdout.readline() == "done\n"
+
+
+def _given_back(server: Attacked, files: int, memory: float) -> None:
+    """Wait until the attacker's connections are closed, and its memory is free."""
     deadline = time.monotonic() + 10.0
-    while server.files() > files:
-        assert time.monotonic() < deadline, f"{server.files()} open files, {files} before"
+    while (still := server.files()) > files or server.memory() > memory:
+        assert time.monotonic() < deadline, f"{still} open files, {server.memory():.0f} MiB"
         time.sleep(0.02)
     server.worst_wait()
