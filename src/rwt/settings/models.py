@@ -9,11 +9,13 @@ from pydantic import AfterValidator, Field, model_validator
 
 from rwt_access.settings import MIB, Bytes, Count, PlainToken, Seconds, SecondsOrNone, Table, TlsSettings
 from rwt_bridge.settings import BridgeLimits, BridgeSettings
-from rwt_transports.http import Proxies
 
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
-    Proxies(networks)
+    if networks:
+        from rwt_transports.http import Proxies  # Settings without proxies load no transport.
+
+        Proxies(networks)
     return networks
 
 
