@@ -18,4 +18,4 @@ if __name__ == "__main__":
     server.node("calculator").advertise_service(
         "/add_two_ints", "example_interfaces/AddTwoInts", add_two_ints
     )
-    server.run(partial(print, flush=True))
+    server.run(announce=partial(print, flush=True))
