@@ -22,7 +22,7 @@ MARGIN = 8192
 #: How much base64 is checked at a time: large allocations cost more than the check.
 BASE64_PIECE = 1 << 16
 #: How much text is checked at a time. Each piece is copied twice.
-TEXT_PIECE = 1 << 14
+TEXT_PIECE = 1 << 16
 #: What stands for a long string, or the beginning of it. No client can know it, nor write it by accident.
 _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
@@ -143,12 +143,15 @@ def _unescaped(content: memoryview) -> tuple[str, ...] | None:
     start = 0
     try:
         while start < len(content):
-            piece = _whole_letters(bytes(content[start : start + TEXT_PIECE]))
-            start += len(piece)
+            piece = bytes(content[start : start + TEXT_PIECE])
             has_escapes = b"\\" in piece
-            # The first is quicker where there is nothing to decode, the second where there is.
-            decode = _decode if has_escapes or not piece.isascii() else from_json
-            text = decode(b'"%b"' % piece)
+            if has_escapes or piece[-1] >= 0x80:
+                piece = _whole_letters(piece)
+                # The quicker one where there is something to decode.
+                text = _decode(b'"%b"' % piece)
+            else:
+                text = from_json(b'"%b"' % piece)
+            start += len(piece)
             if pieces:
                 pieces.append(text)
             elif has_escapes:
