@@ -22,7 +22,7 @@ MARGIN = 8192
 #: How much base64 is checked at a time: large allocations cost more than the check.
 BASE64_PIECE = 1 << 16
 #: How much text is checked at a time. Each piece is copied twice.
-TEXT_PIECE = 1 << 16
+TEXT_PIECE = 1 << 14
 #: What stands for a long string, or the beginning of it. No client can know it, nor write it by accident.
 _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
