@@ -24,7 +24,7 @@ _PROGRAM = """
 import logging, sys
 from rwt import Server
 logging.basicConfig(level=logging.INFO)
-Server("ws://127.0.0.1:0", loop=sys.argv[1]).run(lambda text: print(text, flush=True))
+Server("ws://127.0.0.1:0", loop=sys.argv[1]).run(announce=lambda text: print(text, flush=True))
 """
 
 
