@@ -201,8 +201,6 @@ def _run(arguments: argparse.Namespace) -> int:
     from rwt_program.errors import RobotError  # the client is loaded where it is used
 
     logging.basicConfig(format="%(levelname)s %(message)s", level=logging.WARNING, stream=sys.stderr)
-    # An error that ends the command is printed once, by the command.
-    logging.getLogger("rwt_nodes.recording.writer").setLevel(logging.CRITICAL)
     if arguments.verbose:
         logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
     _refuse_file(arguments.url)
@@ -224,12 +222,18 @@ def _run(arguments: argparse.Namespace) -> int:
         not arguments.no_reconnect,
         arguments.verbose,
     )
+    writer = logging.getLogger("rwt_nodes.recording.writer")
+    level = writer.level
+    # An error that ends the command is printed once, by the command.
+    writer.setLevel(logging.CRITICAL)
     try:
         anyio.run(_record, order)
     except RobotError as error:
         raise command_error(error) from error
     except RecordingError as error:
         raise CommandError(str(error)) from error
+    finally:
+        writer.setLevel(level)
     return 0
 
 
