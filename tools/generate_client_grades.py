@@ -20,8 +20,8 @@ _HEAD = """\
 This page is made by `make client-grades` with the
 [conformance suite](../how-to/conformance.md#grade-a-client-library). The suite plays the server and looks
 at what a library sends, and at what it gives to its user. The programs around the libraries are in
-`conformance/adapters`; roslib runs on Node there, roslibpy with Twisted. `rwt_client` is the client of this
-repository.
+`conformance/rosbridge_conformance/adapters`; roslib runs on Node there, roslibpy with Twisted. `rwt_client`
+is the client of this repository.
 
 Cells say how many cases passed out of those asked; what a library does not offer is not asked. Robustness
 counts the HARDEN cases: malformed frames, servers that misbehave, connections that are lost.

@@ -18,14 +18,14 @@ from rwt_transports.schemes import url_forms
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"
 
-_ELSEWHERE = ("serve", "hub", "record", "play", "recording", "bag", "conformance", "config")
+_ELSEWHERE = ("serve", "hub", "bag", "conformance", "config")
 _ROBOT_OPTIONS = ("--url", "--token", "--cafile", "--insecure", "--timeout", "--json", "--help")
 
 _HEAD = """\
 # Verbs of the command line
 
 This page is made from the program by `tools/generate_commands.py`. [The tour](../how-to/command-line.md) shows the verbs
-at work; `rwt serve`, `rwt hub`, `rwt record`, `rwt play`, `rwt recording`, `rwt bag`, `rwt conformance` and `rwt config` have
+at work; `rwt serve`, `rwt hub`, `rwt bag`, `rwt conformance` and `rwt config` have
 [a page of their own](command-line.md).
 
 Names, options and output are those of the `ros2` tool where it has them. A name may lack its first slash, a type may be

@@ -20,9 +20,8 @@ _BEGIN = "| room | modules | question that it answers |\n|---|---|---|\n"
 def packages() -> Mapping[str, Path]:
     """Every folder of modules by its dotted name, with its `__init__`."""
     found = {}
-    for top in (ROOT / "src", ROOT):
-        names = top.glob("rwt*") if top.name == "src" else top.glob("conformance")
-        for folder in names:
+    for top in (ROOT / "src", ROOT / "conformance"):
+        for folder in top.iterdir():
             for init in folder.rglob("__init__.py"):
                 found[".".join(init.parent.relative_to(top).parts)] = init
     return dict(sorted(found.items()))

@@ -11,9 +11,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from conformance.suite.case import Case
-from conformance.suite.loading import CASES, CLIENT_CASES, load_cases
-from conformance.suite.rules import load_rules
+from rosbridge_conformance.suite.case import Case
+from rosbridge_conformance.suite.loading import CASES, CLIENT_CASES, load_cases
+from rosbridge_conformance.suite.rules import load_rules
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "rules.md"
 

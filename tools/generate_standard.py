@@ -36,8 +36,8 @@ DEFAULTS = {
     ("jazzy", "type_description_interfaces/msg/FieldType", "type_id"): "0",
 }
 
-#: Internals of ROS 2 itself, which no program outside it exchanges, and what ROS 1 has as primitives.
-LEFT_OUT = {"jazzy": {"rmw_dds_common", "rosbag2_interfaces"}, "noetic": {"builtin_interfaces"}}
+#: Services of a tool, which are written by hand for both, and what ROS 1 has as primitives.
+LEFT_OUT = {"jazzy": {"rosbag2_interfaces"}, "noetic": {"builtin_interfaces"}}
 
 #: Messages that the registry derives from an action's definition.
 DERIVED = ("Action", "ActionGoal", "ActionResult", "ActionFeedback", "Goal", "Result", "Feedback")

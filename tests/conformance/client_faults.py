@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from conformance.client_player import play_as_server
-from conformance.player import Played
-from conformance.runner import Conditions, Run, judge_cases, select
-from conformance.suite.case import Case
-from conformance.suite.target import Target, find_client_target
-from conformance.suite.values import Json
-from conformance.wire.listening import Listener, listen
-from conformance.wire.pace import RealPace
-from conformance.wire.wires import Wire
+from rosbridge_conformance.client_player import play_as_server
+from rosbridge_conformance.player import Played
+from rosbridge_conformance.runner import Conditions, Run, judge_cases, select
+from rosbridge_conformance.suite.case import Case
+from rosbridge_conformance.suite.target import Target, find_client_target
+from rosbridge_conformance.suite.values import Json
+from rosbridge_conformance.wire.listening import Listener, listen
+from rosbridge_conformance.wire.pace import RealPace
+from rosbridge_conformance.wire.wires import Wire
 from tests.conformance.rwt_client_adapter import Adapter, answer, plain
 
 Message: TypeAlias = dict[str, Json]

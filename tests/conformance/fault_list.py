@@ -6,7 +6,7 @@ import base64
 import binascii
 from collections.abc import Callable
 
-from conformance.suite.values import Json
+from rosbridge_conformance.suite.values import Json
 from tests.conformance.faults import Alter, Fault, Memory, Message
 
 

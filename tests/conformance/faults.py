@@ -11,10 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import time_ns
 
-from conformance.suite.values import Json
+from rosbridge_conformance.suite.values import Json
 from rwt_protocol.transport import (
     AS_MANY_AS_FIT,
     Accept,
+    Burst,
     DropReason,
     Endpoint,
     Flow,
@@ -156,6 +157,9 @@ class _SpoiltFlow(Flow):
     def send(self, frame: Frame) -> None:
         for altered in self._sink.altered(frame):
             self._flow.send(altered)
+
+    def join(self, burst: Burst) -> bool:
+        return False
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         for piece in pieces:

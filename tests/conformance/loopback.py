@@ -12,8 +12,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Literal
 
-from conformance.wire.dialing import dialer
-from conformance.wire.wires import Dial, StreamWire, Wire
+from rosbridge_conformance.wire.dialing import dialer
+from rosbridge_conformance.wire.wires import Dial, StreamWire, Wire
 from rwt_protocol.transport import Accept
 from rwt_transports.drivers.standard_streams import StandardStreamsDriver
 from rwt_transports.limits import Limits

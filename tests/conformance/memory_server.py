@@ -10,10 +10,10 @@ from contextlib import asynccontextmanager, closing
 from dataclasses import dataclass
 from functools import partial
 
-from conformance.runner import Conditions, Run, run_cases
-from conformance.suite.case import Case
-from conformance.suite.target import Target
-from conformance.wire.wires import Dial, Wire, WireClosed, framing_of
+from rosbridge_conformance.runner import Conditions, Run, run_cases
+from rosbridge_conformance.suite.case import Case
+from rosbridge_conformance.suite.target import Target
+from rosbridge_conformance.wire.wires import Dial, Wire, WireClosed, framing_of
 from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
@@ -25,6 +25,7 @@ from rwt_nodes.tf import Tf2WebRepublisher
 from rwt_protocol.transport import (
     AS_MANY_AS_FIT,
     Accept,
+    Burst,
     DropReason,
     Endpoint,
     Flow,
@@ -91,6 +92,9 @@ class _ClientFlow:
 
     def __init__(self, client: _ClientEnd) -> None:
         self.send = client.send
+
+    def join(self, burst: Burst) -> bool:
+        return False
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         for frame in pieces:

@@ -7,10 +7,10 @@ import logging
 import sys
 from dataclasses import dataclass, replace
 
-from conformance.runner import Run, select
-from conformance.suite.case import Case
-from conformance.suite.loading import load_cases
-from conformance.suite.target import Target, find_target
+from rosbridge_conformance.runner import Run, select
+from rosbridge_conformance.suite.case import Case
+from rosbridge_conformance.suite.loading import load_cases
+from rosbridge_conformance.suite.target import Target, find_target
 from tests.conformance.fault_list import FAULTS
 from tests.conformance.faults import Fault
 from tests.conformance.memory_server import memory_server

@@ -7,13 +7,24 @@ from typing import cast
 
 import pytest
 
-from conformance.suite.case import LEVELS, PROFILES, SIDES, TEXTS, VIA, Case, Expect, ExpectAll, Send, Tell
-from conformance.suite.loading import CASES, CLIENT_CASES, OPTIONAL, REQUIRED, VERBS, load_cases
-from conformance.suite.matching import Context, Match, match_frame
-from conformance.suite.rules import load_rules
-from conformance.suite.target import CLIENT_FEATURES, FEATURES, WIRE_FEATURES
-from conformance.suite.values import Json, as_value
-from conformance.wire.line_protocol import COMMANDS
+from rosbridge_conformance.suite.case import (
+    LEVELS,
+    PROFILES,
+    SIDES,
+    TEXTS,
+    VIA,
+    Case,
+    Expect,
+    ExpectAll,
+    Send,
+    Tell,
+)
+from rosbridge_conformance.suite.loading import CASES, CLIENT_CASES, OPTIONAL, REQUIRED, VERBS, load_cases
+from rosbridge_conformance.suite.matching import Context, Match, match_frame
+from rosbridge_conformance.suite.rules import load_rules
+from rosbridge_conformance.suite.target import CLIENT_FEATURES, FEATURES, WIRE_FEATURES
+from rosbridge_conformance.suite.values import Json, as_value
+from rosbridge_conformance.wire.line_protocol import COMMANDS
 
 _FOLDER = CASES.parent
 

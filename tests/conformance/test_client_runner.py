@@ -11,17 +11,23 @@ from pathlib import Path
 
 import pytest
 
-from conformance import client_player
-from conformance import program as programs
-from conformance.client_runner import run_client_cases
-from conformance.command import main
-from conformance.program import Program, ProgramEnded, ProgramError
-from conformance.runner import Conditions, Run, select
-from conformance.suite.loading import CLIENT_CASES, CaseError, load_cases, read_case
-from conformance.suite.target import Target, TargetError, find_client_target, find_target, shipped_clients
-from conformance.wire.unwrap import decode_text, join_fragments, open_png
-from conformance.wire.wires import WireError
-from conformance.wire.wrap import cbor, fragments, png, wrap
+from rosbridge_conformance import client_player
+from rosbridge_conformance import program as programs
+from rosbridge_conformance.client_runner import run_client_cases
+from rosbridge_conformance.command import main
+from rosbridge_conformance.program import Program, ProgramEnded, ProgramError
+from rosbridge_conformance.runner import Conditions, Run, select
+from rosbridge_conformance.suite.loading import CLIENT_CASES, CaseError, load_cases, read_case
+from rosbridge_conformance.suite.target import (
+    Target,
+    TargetError,
+    find_client_target,
+    find_target,
+    shipped_clients,
+)
+from rosbridge_conformance.wire.unwrap import decode_text, join_fragments, open_png
+from rosbridge_conformance.wire.wires import WireError
+from rosbridge_conformance.wire.wrap import cbor, fragments, png, wrap
 
 HERE = Path(__file__).parent
 

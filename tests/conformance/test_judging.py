@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from conformance.command import main
-from conformance.player import Fault, Line
-from conformance.reports import expected, html, junit
-from conformance.reports.counts import grade
-from conformance.reports.json_file import ReportError, read_results, render
-from conformance.runner import Result, Run, Verdict, select
-from conformance.suite.loading import read_case
-from conformance.suite.matching import Difference
-from conformance.suite.rules import load_rules
-from conformance.suite.target import Target, find_target
+from rosbridge_conformance.command import main
+from rosbridge_conformance.player import Fault, Line
+from rosbridge_conformance.reports import expected, html, junit
+from rosbridge_conformance.reports.counts import grade
+from rosbridge_conformance.reports.json_file import ReportError, read_results, render
+from rosbridge_conformance.runner import Result, Run, Verdict, select
+from rosbridge_conformance.suite.case import Expect, ExpectNothing, Send, Wait
+from rosbridge_conformance.suite.loading import read_case
+from rosbridge_conformance.suite.matching import Difference
+from rosbridge_conformance.suite.rules import load_rules
+from rosbridge_conformance.suite.stretch import AT_ONCE, MOST, factor, stretched
+from rosbridge_conformance.suite.target import Target, TargetError, find_target, read_expected
+from rosbridge_conformance.suite.values import Json
 
 _CASE = read_case(
     "topics/thing",
@@ -123,3 +127,85 @@ def test_files_that_are_no_results_are_refused(tmp_path: Path, text: str) -> Non
     path.write_text(text)
     with pytest.raises(ReportError, match="x: "):
         read_results(path)
+
+
+# -- cases that measure time ---------------------------------------------------------------------------------
+
+
+def test_all_times_of_a_case_are_stretched_alike() -> None:
+    steps: list[Json] = [
+        {"send": {"op": "subscribe", "topic": "/@/t", "throttle_rate": 200}},
+        {"send": {"op": "publish", "topic": "/@/t", "msg": {"throttle_rate": "x"}}, "times": 3, "every": 0.1},
+        {"wait": 0.25},
+        {"expect_nothing": 0.5},
+        {"expect": {"op": "publish"}, "within": 0.125},
+        {"expect": {"op": "publish"}},
+    ]
+    case = read_case(
+        "throttle/x",
+        {
+            "title": "T",
+            "rules": ["THR-01"],
+            "level": "MUST",
+            "profile": "CORE",
+            "alone": True,
+            "steps": steps,
+        },
+    )
+    subscribe, publish, wait, nothing, within, whenever = stretched(case, 2.0).steps
+    assert isinstance(subscribe, Send) and subscribe.body == {
+        "op": "subscribe",
+        "topic": "/@/t",
+        "throttle_rate": 400,
+    }
+    assert isinstance(publish, Send) and publish.every == 0.2
+    assert publish.body == {"op": "publish", "topic": "/@/t", "msg": {"throttle_rate": "x"}}
+    assert isinstance(wait, Wait) and wait.seconds == 0.5
+    assert isinstance(nothing, ExpectNothing) and nothing.seconds == 1.0
+    assert isinstance(within, Expect) and within.within == 0.25
+    assert isinstance(whenever, Expect) and whenever.within is None
+    assert stretched(case, 1.0) is case
+
+
+@pytest.mark.parametrize(("slowest", "times"), [(0.0, 1.0), (AT_ONCE, 1.0), (3 * AT_ONCE, 3.0), (60.0, MOST)])
+def test_times_grow_with_the_slowest_answer(slowest: float, times: float) -> None:
+    assert factor(slowest) == pytest.approx(times)
+
+
+# -- known failures in a file of their own -------------------------------------------------------------------
+
+
+def test_known_failures_come_beside_those_of_the_target(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = tmp_path / "known.toml"
+    known.write_text('suite = "1.0.0"\n[expected_failures]\n"publish/*" = "known"\n')
+    assert read_expected(known, "1.7.0") == {"publish/*": "known"}
+    assert main(["ws://127.0.0.1:9", "--expect", str(known), "--list", "--run", "publish/*"]) == 0
+    assert "publish/" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('suite = "2.0.0"\n', "made with '2.0.0', and this is 1.0.0"),
+        ("suite = 1\n", "made with 1, and this is 1.0.0"),
+        ("ros = 1\n", "`ros`: unknown; known are suite and expected_failures"),
+        ('[expected_failures]\n"a/b" = ""\n', "expected the reason as text"),
+        ("suite = ", "not TOML"),
+    ],
+)
+def test_known_failures_that_cannot_be_used(
+    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = tmp_path / "known.toml"
+    known.write_text(text)
+    with pytest.raises(TargetError, match=re.escape(said)):
+        read_expected(known, "1.0.0")
+    assert main(["ws://127.0.0.1:9", "--expect", str(known)]) == 2
+    assert said.split(", and this")[0] in capsys.readouterr().err
+
+
+def test_a_file_of_known_failures_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(TargetError, match="cannot be read: No such file"):
+        read_expected(tmp_path / "none.toml", "1.0.0")

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conformance.runner import select
-from conformance.suite.loading import CaseError, load_case, load_cases, read_case
-from conformance.suite.target import TargetError, find_target, shipped
-from conformance.suite.values import Json
+from rosbridge_conformance.runner import select
+from rosbridge_conformance.suite.loading import CaseError, load_case, load_cases, read_case
+from rosbridge_conformance.suite.target import TargetError, find_target, shipped
+from rosbridge_conformance.suite.values import Json
 
 _WIRE = frozenset({"messages", "several-clients"})
 _GOOD: dict[str, Json] = {

@@ -10,11 +10,11 @@ from dataclasses import replace
 import anyio
 import pytest
 
-from conformance.reports.terminal import failure
-from conformance.runner import select
-from conformance.suite.loading import CLIENT_CASES, load_cases
-from conformance.suite.rules import load_rules
-from conformance.suite.target import find_client_target
+from rosbridge_conformance.reports.terminal import failure
+from rosbridge_conformance.runner import select
+from rosbridge_conformance.suite.loading import CLIENT_CASES, load_cases
+from rosbridge_conformance.suite.rules import load_rules
+from rosbridge_conformance.suite.target import find_client_target
 from tests.conformance.client_faults import CLIENT_FAULTS, TARGET, ClientFault, asked, play_client
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import logging
 import xml.etree.ElementTree as ElementTree
@@ -10,17 +11,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from anyio.lowlevel import checkpoint
 
-from conformance.command import main
-from conformance.reports.terminal import failure
-from conformance.runner import Run, select
-from conformance.suite.loading import load_cases
-from conformance.suite.rules import load_rules
-from conformance.suite.target import find_target
+from rosbridge_conformance.command import main
+from rosbridge_conformance.reports.terminal import failure
+from rosbridge_conformance.runner import Conditions, Run, run_cases, select
+from rosbridge_conformance.suite.loading import load_cases
+from rosbridge_conformance.suite.rules import load_rules
+from rosbridge_conformance.suite.target import find_target
+from rosbridge_conformance.wire.wires import Wire
 from rwt_graph.zenoh import ZenohGraph
 from tests.conformance.fault_list import FAULTS
 from tests.conformance.loopback import Transport, served
-from tests.conformance.memory_server import memory_server
+from tests.conformance.memory_server import MemoryServer, MemoryWire, VirtualPace, memory_server
 from tests.conformance.mutants import hunt_all, table
 from tests.conformance.transports import PIPES, server
 from tests.conformance.two_servers import two_servers
@@ -45,6 +48,44 @@ def test_every_case_in_memory(distro: str) -> None:
     assert len(run.results) > 500
     assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
     assert not run.stale
+
+
+class _BusyWire(MemoryWire):
+    """A connection to a machine that does too much: messages take a while, and some answers come late."""
+
+    def __init__(self, server: MemoryServer, pace: VirtualPace) -> None:
+        super().__init__(server.accept)
+        self._pace = pace
+        self._late = itertools.cycle((0.0, 0.05, 0.1))
+
+    async def send(self, data: str | bytes) -> None:
+        await self._pace.sleep(0.001)
+        await super().send(data)
+
+    async def receive(self) -> str | bytes:
+        received = await super().receive()
+        due = self._pace.now() + next(self._late)
+        while self._pace.now() < due:
+            await checkpoint()  # The player lets the time pass.
+        return received
+
+
+async def _timed_cases_on_a_busy_machine() -> Run:
+    target = find_target("rwt-jazzy")
+    cases = [case for case in select(load_cases(), target) if case.section == "throttle"]
+    async with memory_server("jazzy") as server:
+        pace = VirtualPace(server.clock)
+
+        async def dial(tag: str) -> Wire:
+            return _BusyWire(server, pace)
+
+        return await run_cases(cases, target, dial, "memory", Conditions(jobs=1), pace)
+
+
+def test_cases_that_measure_time_go_by_the_time_of_the_server() -> None:
+    run = asyncio.run(_timed_cases_on_a_busy_machine())
+    assert len(run.results) > 20
+    assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
 
 
 async def _over_zenoh() -> Run:
@@ -163,7 +204,7 @@ def test_with_globs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_server_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ws://127.0.0.1:9", "--run", "publish/*"]) == 3
     assert capsys.readouterr().err == (
-        "rwt conformance: ws://127.0.0.1:9: cannot connect: nobody listens there\n"
+        "rosbridge-conformance: ws://127.0.0.1:9: cannot connect: nobody listens there\n"
     )
 
 

@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from conformance.suite.matching import Context, Difference, Match, match_frame
-from conformance.suite.values import Json, NarrowFloat, NotJson, Tagged, Value, read_json
-from conformance.wire.cbor import NotCbor, read_cbor, typed_array
-from conformance.wire.png import NotPng, read_data, read_png
-from conformance.wire.unwrap import first_fault_of_fragment, join_fragments, open_png
-from conformance.wire.wires import JsonCutter
+from rosbridge_conformance.suite.matching import Context, Difference, Match, match_frame
+from rosbridge_conformance.suite.values import Json, NarrowFloat, NotJson, Tagged, Value, read_json
+from rosbridge_conformance.wire.cbor import NotCbor, read_cbor, typed_array
+from rosbridge_conformance.wire.png import NotPng, read_data, read_png
+from rosbridge_conformance.wire.unwrap import first_fault_of_fragment, join_fragments, open_png
+from rosbridge_conformance.wire.wires import JsonCutter
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from conformance.command import main
-from conformance.wire.pipes import SOCKET
+from rosbridge_conformance.command import main
+from rosbridge_conformance.wire.pipes import SOCKET
 
 SERVE = (sys.executable, "-m", "rwt_cli", "serve")
 PIPES = f"stdio:{sys.executable} -m rwt_cli serve stdio: unix://{SOCKET}"

@@ -7,11 +7,11 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 
-from conformance.runner import Conditions, Run, run_cases
-from conformance.suite.case import Case
-from conformance.suite.target import Target
-from conformance.wire.pace import RealPace
-from conformance.wire.wires import Wire
+from rosbridge_conformance.runner import Conditions, Run, run_cases
+from rosbridge_conformance.suite.case import Case
+from rosbridge_conformance.suite.target import Target
+from rosbridge_conformance.wire.pace import RealPace
+from rosbridge_conformance.wire.wires import Wire
 from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
 from rwt_graph.zenoh import ZenohGraph

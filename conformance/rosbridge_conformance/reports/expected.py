@@ -1,0 +1,32 @@
+"""The run as a target file: what was declared, with each failure as one that is expected from now on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+
+from rosbridge_conformance.runner import Result, Run
+from rosbridge_conformance.suite.rules import Rule
+
+
+def render(run: Run, rules: Mapping[str, Rule]) -> str:
+    """TOML that `--target` reads. Reasons that the run's own target gives are kept; the others name the rules
+    and what came instead."""
+    declared = {each.name: getattr(run.target, each.name) for each in fields(run.target)}
+    declared.pop("expected")
+    lines = [f"{key} = {_value(value)}" for key, value in declared.items() if value is not None]
+    lines += ["", "[expected_failures]"]
+    failed = sorted((each for each in run.results if each.verdict == "fail"), key=lambda each: each.case.id)
+    lines += [f"{_value(each.case.id)} = {_value(each.expected or _reason(each))}" for each in failed]
+    return "\n".join(lines) + "\n"
+
+
+def _reason(failed: Result) -> str:
+    what = str(failed.fault.difference) if failed.fault else "; ".join(failed.remarks)
+    return f"{' '.join(failed.case.rules)}: {' '.join(what.split())}"
+
+
+def _value(value: object) -> str:
+    # JSON of texts, numbers and lists of texts is TOML, but for the one character that TOML wants escaped.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

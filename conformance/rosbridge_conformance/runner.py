@@ -1,0 +1,317 @@
+"""Playing many cases against one server or client library, and judging them."""
+
+from __future__ import annotations
+
+import asyncio
+import fnmatch
+import itertools
+import os
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+from rosbridge_conformance.player import Fault, Line, Played, play
+from rosbridge_conformance.suite.case import Case, Close, Send, Settle, Step
+from rosbridge_conformance.suite.matching import Difference
+from rosbridge_conformance.suite.stretch import MOST, factor, stretched
+from rosbridge_conformance.suite.target import Target
+from rosbridge_conformance.suite.values import Json
+from rosbridge_conformance.wire.pace import Pace, RealPace
+from rosbridge_conformance.wire.wires import Dial, Framing
+
+Verdict: TypeAlias = Literal["pass", "non-strict", "informational", "unimplemented", "fail"]
+
+VERDICTS: tuple[Verdict, ...] = ("pass", "non-strict", "informational", "unimplemented", "fail")
+
+PlayOne: TypeAlias = Callable[[Case, str], Awaitable[Played]]
+"""Plays one case, with a part of names that no other case uses at this time."""
+
+_LONGEST_CASE = 60.0
+
+_ANSWERS = 20
+"""How many answers a measurement of a server's pace takes."""
+
+_ASKED_AGAIN = 20
+"""Of so many failed cases each is asked once more; where more fail, it is not for want of time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """How one case went.
+
+    Attributes:
+        expected: why the target file says that it fails, or None.
+        missing: what the target does not declare, or a client library cannot do, for `unimplemented`.
+        again: whether it failed first, and not when it was asked once more, alone and with more time.
+    """
+
+    case: Case
+    verdict: Verdict
+    fault: Fault | None = None
+    remarks: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    expected: str | None = None
+    transcript: tuple[Line, ...] = ()
+    seconds: float = 0.0
+    again: bool = False
+
+    @property
+    def robustness(self) -> bool:
+        """Whether it is reported apart from conformance."""
+        return self.case.level == "HARDEN"
+
+    @property
+    def unexpected(self) -> bool:
+        """Whether it failed and nothing said that it would."""
+        return self.verdict == "fail" and self.expected is None
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """All results of a run.
+
+    Attributes:
+        stale: entries of the target's expected failures that no failing case answers to.
+    """
+
+    target: Target
+    url: str
+    results: tuple[Result, ...]
+    stale: tuple[str, ...]
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing failed unexpectedly and no expectation is stale."""
+        return not self.stale and not any(result.unexpected for result in self.results)
+
+
+def select(
+    cases: Sequence[Case], target: Target, run: Sequence[str] = (), skip: Sequence[str] = ()
+) -> tuple[Case, ...]:
+    """Cases that suit the target and fit a glob of `run` and none of `skip`, by id, section or rule."""
+
+    def fits(case: Case, globs: Sequence[str]) -> bool:
+        names = (case.id, case.section, *case.rules)
+        return any(fnmatch.fnmatchcase(name, glob) for glob in globs for name in names)
+
+    return tuple(
+        case for case in cases if target.asked(case) and (not run or fits(case, run)) and not fits(case, skip)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """Under which conditions cases are played.
+
+    Attributes:
+        jobs: how many cases at once.
+        strict: whether non-strict is a failure.
+        framing: what the wire keeps of messages.
+        several_clients: whether more than one connection reaches the same server.
+        outlives: whether the server goes on when the first connection has ended.
+    """
+
+    jobs: int = 8
+    strict: bool = False
+    framing: Framing = "messages"
+    several_clients: bool = True
+    outlives: bool = True
+
+    def missing(self, case: Case) -> tuple[str, ...]:
+        """What the case needs of the wire and this one has not, in words."""
+        several = len(case.clients) > 1
+        first_leaves = any(isinstance(step, Close) and step.client == case.clients[0] for step in case.steps)
+        lacks = (
+            ("several-clients", several and not self.several_clients),
+            ("a server that outlives its first client", several and first_leaves and not self.outlives),
+        )
+        return tuple(name for name, missing in lacks if missing)
+
+    @property
+    def features(self) -> frozenset[str]:
+        """What the wire can do, as cases name it."""
+        return frozenset({self.framing, *(("several-clients",) if self.several_clients else ())})
+
+
+async def run_cases(
+    cases: Sequence[Case],
+    target: Target,
+    dial: Dial,
+    url: str,
+    conditions: Conditions,
+    pace: Pace | None = None,
+    told: Callable[[Result], None] = lambda result: None,
+) -> Run:
+    """Play cases, several at once, those that want to be alone afterwards.
+
+    A case that failed is asked once more at the end, alone and with twice the time, before it counts: the
+    machine may have been busy with something else.
+
+    Args:
+        cases: what to ask, already selected.
+        target: what is known about the server.
+        dial: connects to it.
+        url: for the reports.
+        conditions: under which to play.
+        pace: the clock to go by; the machine's when not given.
+        told: called with each result as it comes.
+    """
+    pace = pace or RealPace()
+    timed = _Timed(target, dial, pace)
+
+    async def play_one(case: Case, tag: str) -> Played:
+        return await (timed.play(case, tag) if case.alone else play(case, target, dial, pace, tag))
+
+    return await judge_cases(cases, target, play_one, url, conditions, pace, told, timed.again)
+
+
+async def judge_cases(
+    cases: Sequence[Case],
+    target: Target,
+    play_one: PlayOne,
+    url: str,
+    conditions: Conditions,
+    pace: Pace,
+    told: Callable[[Result], None] = lambda result: None,
+    again: PlayOne | None = None,
+) -> Run:
+    """Judge cases, whatever plays them; as `run_cases`.
+
+    Args:
+        again: plays a case that has failed once more; it counts as failed at once when not given.
+    """
+    began = pace.now()
+    judge = _Judge(target, play_one, conditions)
+    gate = asyncio.Semaphore(conditions.jobs)
+    failed: list[Result] = []
+
+    async def one(case: Case) -> Result:
+        async with gate:
+            result = await judge.result(case)
+        if result.unexpected and again is not None:
+            failed.append(result)
+            if len(failed) == _ASKED_AGAIN + 1:
+                for known in failed:
+                    told(known)
+            if len(failed) <= _ASKED_AGAIN:
+                return result
+        told(result)
+        return result
+
+    together = [case for case in cases if not case.alone]
+    results = list(await asyncio.gather(*(one(case) for case in together)))
+    results += [await one(case) for case in cases if case.alone]
+    if again is not None and len(failed) <= _ASKED_AGAIN:
+        patient = _Judge(target, again, conditions)
+        for result in failed:
+            second = await patient.result(result.case)
+            results.remove(result)
+            results.append(result if second.verdict == "fail" else replace(second, again=True))
+            told(results[-1])
+    results.sort(key=lambda result: result.case.id)
+    return Run(target, url, tuple(results), _stale(target, results), pace.now() - began)
+
+
+class _Timed:
+    """Plays cases that measure time, in the time of the server: one that is busy is no faulty one."""
+
+    _numbers = itertools.count(1)
+
+    def __init__(self, target: Target, dial: Dial, pace: Pace) -> None:
+        self._target = target
+        self._dial = dial
+        self._pace = pace
+        self._times: float | None = None
+
+    async def play(self, case: Case, tag: str) -> Played:
+        """Play a case, with the time that the server needs."""
+        if self._times is None:
+            self._times = await self._measured()
+        return await self._play(case, self._times, tag)
+
+    async def again(self, case: Case, tag: str) -> Played:
+        """Play a case that has failed, with at least twice the time."""
+        self._times = await self._measured()
+        return await self._play(case, min(MOST, 2 * self._times), tag)
+
+    async def _play(self, case: Case, times: float, tag: str) -> Played:
+        target = replace(
+            self._target, timeout=self._target.timeout * times, settle=self._target.settle * times
+        )
+        return await play(stretched(case, times), target, self._dial, self._pace, tag)
+
+    async def _measured(self) -> float:
+        """How much longer than in their files the times of cases are for this server, as it is now."""
+        topic: dict[str, Json] = {"topic": "/@/beat", "type": "std_msgs/Int32"}
+        steps: tuple[Step, ...] = (
+            Send("a", "json", {"op": "advertise", **topic}),
+            Send("a", "json", {"op": "publish", "topic": "/@/beat", "msg": {"data": 0}}, times=100),
+            *(Settle(("a",)),) * _ANSWERS,
+        )
+        case = Case(
+            "pace", "It answers", (), {}, "INFO", "CORE", steps, ("",) * len(steps), ("a",), probe=False
+        )
+        target = replace(self._target, settle=0.0)
+        tag = f"p{os.getpid():x}_{next(self._numbers)}"
+        played = await play(case, target, self._dial, self._pace, tag)
+        moments = [(line.at, line.way) for line in played.transcript if line.way != "!"]
+        waits = [
+            at - before
+            for (before, asked), (at, way) in itertools.pairwise(moments)
+            if asked == ">" and way == "<"
+        ]
+        burst = next((at for at, way in moments if way == "<"), 0.0) - played.transcript[0].at
+        return factor(max([burst, *waits]))
+
+
+def _stale(target: Target, results: Sequence[Result]) -> tuple[str, ...]:
+    """Expected failures that were asked and did not fail."""
+
+    def answered(key: str) -> bool:
+        asked = [result for result in results if fnmatch.fnmatchcase(result.case.id, key)]
+        return not asked or any(result.verdict == "fail" for result in asked)
+
+    return tuple(key for key in target.expected if not answered(key))
+
+
+class _Judge:
+    _numbers = itertools.count(1)
+
+    def __init__(self, target: Target, play_one: PlayOne, conditions: Conditions) -> None:
+        self._target = target
+        self._play_one = play_one
+        self._conditions = conditions
+
+    async def result(self, case: Case) -> Result:
+        missing = self._target.missing(case, self._conditions.features)
+        missing = (*missing, *self._conditions.missing(case))
+        if missing:
+            return Result(case, "unimplemented", missing=missing)
+        tag = f"c{os.getpid():x}_{next(self._numbers)}"
+        try:
+            async with asyncio.timeout(_LONGEST_CASE):
+                played = await self._play_one(case, tag)
+        except TimeoutError:
+            late = Difference("", f"an end within {_LONGEST_CASE:g} s", "none")
+            played = Played(Fault(0, "the whole case", late), (), (), _LONGEST_CASE)
+        if played.unsupported:
+            return Result(case, "unimplemented", missing=(played.unsupported,), transcript=played.transcript)
+        return Result(
+            case,
+            self._verdict(case, played),
+            played.fault,
+            played.remarks,
+            expected=self._target.reason(case.id),
+            transcript=played.transcript,
+            seconds=played.seconds,
+        )
+
+    def _verdict(self, case: Case, played: Played) -> Verdict:
+        if case.level == "INFO":
+            return "informational"
+        if played.fault is not None:
+            return "fail"
+        if played.remarks:
+            return "fail" if self._conditions.strict else "non-strict"
+        return "pass"

@@ -1,0 +1,225 @@
+"""What is known about the server or client library under test: a small TOML file."""
+
+from __future__ import annotations
+
+import fnmatch
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from rosbridge_conformance.suite.case import PROFILES, Case
+
+SHIPPED = Path(__file__).parents[1] / "targets"
+"""Servers that come with the suite; `--target NAME` finds them by name."""
+
+SHIPPED_CLIENTS = Path(__file__).parents[1] / "targets-client"
+"""Client libraries that come with the suite."""
+
+Probe = Literal["loopback", "get_time"]
+
+FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth", "unasked-status")
+"""Optional things inside profiles that a target declares by name; cases ask for them in `needs`."""
+
+CLIENT_FEATURES = ("tf-topics", "tf-service")
+"""The same for client libraries: how they ask tf2_web_republisher."""
+
+WIRE_FEATURES = ("messages", "lines", "stream", "several-clients")
+"""Features that follow from the URL and that no target declares."""
+
+
+class TargetError(ValueError):
+    """A target file that cannot be used; the text says which, where and what is expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A server or client library under test.
+
+    Attributes:
+        name: for the reports.
+        ros: 1 or 2; decides how times look and which cases are asked.
+        type_names: whether introspection reports `pkg/Name` or `pkg/msg/Name`.
+        profiles: the parts of the protocol it claims.
+        features: optional things it claims.
+        settle: seconds until what one client did can be seen by another (discovery); after a case for
+            clients, seconds in which nothing may come.
+        timeout: seconds to wait for a frame.
+        probe: how to ask whether a connection is alive; not used for clients.
+        auth_secret: what the AUTH cases compute the mac with, and other cases log in with.
+        expected: case id or glob → why it fails; a stale entry is an error.
+    """
+
+    name: str = "unnamed server"
+    ros: int = 2
+    type_names: Literal["two", "three"] = "three"
+    profiles: tuple[str, ...] = ("CORE",)
+    features: tuple[str, ...] = ()
+    settle: float = 0.05
+    timeout: float = 2.0
+    probe: Probe = "loopback"
+    auth_secret: str | None = None
+    expected: Mapping[str, str] = field(default_factory=dict)
+
+    def asked(self, case: Case) -> bool:
+        """Whether the case makes sense for this ROS generation."""
+        return self.ros in case.ros
+
+    def missing(self, case: Case, wire_features: frozenset[str]) -> tuple[str, ...]:
+        """What the case needs and the target does not declare."""
+        has = {*self.features, *self.profiles, *wire_features}
+        needed = [] if case.profile in self.profiles else [f"profile {case.profile}"]
+        return (*needed, *(name for name in case.needs if name not in has))
+
+    def reason(self, case_id: str) -> str | None:
+        """Why the case is expected to fail, or None."""
+        return next((why for key, why in self.expected.items() if fnmatch.fnmatchcase(case_id, key)), None)
+
+
+def shipped() -> tuple[str, ...]:
+    """Names of the servers that come with the suite."""
+    return _names_in(SHIPPED)
+
+
+def shipped_clients() -> tuple[str, ...]:
+    """Names of the client libraries that come with the suite."""
+    return _names_in(SHIPPED_CLIENTS)
+
+
+def find_target(name: str) -> Target:
+    """A server by file name, or by the name of a shipped one.
+
+    Raises:
+        TargetError: there is none, or it cannot be used.
+    """
+    return _find(name, SHIPPED, FEATURES)
+
+
+def find_client_target(name: str) -> Target:
+    """A client library, as `find_target`."""
+    return _find(name, SHIPPED_CLIENTS, CLIENT_FEATURES)
+
+
+def read_expected(path: Path, suite: str) -> Mapping[str, str]:
+    """The failures that a file expects, in `[expected_failures]`; its `suite` is the version that it is for.
+
+    Args:
+        suite: the version of the cases that are asked.
+
+    Raises:
+        TargetError: the file cannot be read, or was made for a suite in which other cases may fail.
+    """
+    fields = _read(path)
+    if unknown := sorted(set(fields) - {"suite", "expected_failures"}):
+        raise TargetError(f"{path}: `{unknown[0]}`: unknown; known are suite and expected_failures")
+    wanted = fields.pop("suite", suite)
+    if not isinstance(wanted, str) or wanted.split(".")[0] != suite.split(".")[0]:
+        raise TargetError(
+            f"{path}: `suite`: it was made with {wanted!r}, and this is {suite}; look at its failures again"
+        )
+    return _Fields(str(path), fields, ()).target().expected
+
+
+def _read(path: Path) -> dict[str, object]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise TargetError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise TargetError(f"{path}: not TOML: {error}") from error
+
+
+def _names_in(folder: Path) -> tuple[str, ...]:
+    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
+
+
+def _find(name: str, folder: Path, features: tuple[str, ...]) -> Target:
+    path = Path(name)
+    if not path.suffix and name in _names_in(folder):
+        path = folder / f"{name}.toml"
+    if not path.is_file():
+        raise TargetError(
+            f"{name}: there is no such file; shipped targets are {', '.join(_names_in(folder))}"
+        )
+    return _Fields(str(path), _read(path), features).target()
+
+
+class _Fields:
+    """The fields of one target file, read one by one."""
+
+    _KNOWN = (
+        "name", "ros", "type_names", "profiles", "features", "settle", "timeout", "probe", "auth_secret",
+        "expected_failures",
+    )  # fmt: skip
+
+    def __init__(self, path: str, fields: dict[str, object], features: tuple[str, ...]) -> None:
+        self._path = path
+        self._fields = fields
+        self._features = features
+
+    def target(self) -> Target:
+        for key in self._fields:
+            if key not in self._KNOWN:
+                raise self._error(key, f"unknown; known are {', '.join(self._KNOWN)}")
+        default = Target()
+        secret = self._fields.get("auth_secret")
+        return Target(
+            name=self._text("name", Path(self._path).stem),
+            ros=self._ros(),
+            type_names="two" if self._choice("type_names", ("two", "three"), "three") == "two" else "three",
+            profiles=self._names("profiles", PROFILES, default.profiles),
+            features=self._names("features", self._features, default.features),
+            settle=self._seconds("settle", default.settle),
+            timeout=self._seconds("timeout", default.timeout),
+            probe="get_time"
+            if self._choice("probe", get_args(Probe), "loopback") == "get_time"
+            else "loopback",
+            auth_secret=None if secret is None else self._text("auth_secret", ""),
+            expected=self._expected(),
+        )
+
+    def _error(self, key: str, text: str) -> TargetError:
+        return TargetError(f"{self._path}: `{key}`: {text}")
+
+    def _text(self, key: str, default: str) -> str:
+        value = self._fields.get(key, default)
+        if not isinstance(value, str):
+            raise self._error(key, f"expected text, got {value!r}")
+        return value
+
+    def _ros(self) -> int:
+        value = self._fields.get("ros", 2)
+        if value not in (1, 2) or not isinstance(value, int):
+            raise self._error("ros", f"expected 1 or 2, got {value!r}")
+        return value
+
+    def _choice(self, key: str, among: tuple[str, ...], default: str) -> str:
+        value = self._text(key, default)
+        if value not in among:
+            raise self._error(key, f"expected one of {', '.join(among)}, got {value!r}")
+        return value
+
+    def _names(self, key: str, among: tuple[str, ...], default: tuple[str, ...]) -> tuple[str, ...]:
+        value = self._fields.get(key, list(default))
+        if not isinstance(value, list):
+            raise self._error(key, f"expected a list, got {value!r}")
+        for name in value:
+            if name not in among:
+                raise self._error(key, f"expected names out of {', '.join(among)}, got {name!r}")
+        return tuple(value)
+
+    def _seconds(self, key: str, default: float) -> float:
+        value = self._fields.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 60:
+            raise self._error(key, f"expected seconds from 0 to 60, got {value!r}")
+        return float(value)
+
+    def _expected(self) -> dict[str, str]:
+        value = self._fields.get("expected_failures", {})
+        if not isinstance(value, dict):
+            raise self._error("expected_failures", "expected a table of case ids and reasons")
+        for key, why in value.items():
+            if not isinstance(why, str) or not why:
+                raise self._error(f"expected_failures.{key}", "expected the reason as text")
+        return dict(value)

@@ -1,0 +1,50 @@
+"""The patches for other projects add whole files, which are what the forge and the suite take."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rosbridge_conformance import SUITE_VERSION
+from rosbridge_conformance.suite.target import find_client_target, find_target, read_expected
+
+ROOT = Path(__file__).parents[2]
+PATCHES = sorted((ROOT / "docs" / "adopting").glob("*.patch"))
+
+
+@pytest.fixture(params=PATCHES, ids=lambda patch: patch.stem)
+def applied(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A project to which a patch has been applied."""
+    subprocess.run(["git", "init", "--quiet"], cwd=tmp_path, check=True)
+    subprocess.run(["git", "apply", str(request.param)], cwd=tmp_path, check=True)
+    return tmp_path
+
+
+def test_patches_only_add_files() -> None:
+    assert PATCHES
+    for patch in PATCHES:
+        lines = patch.read_text(encoding="utf-8").splitlines()
+        assert sum(line.startswith("diff ") for line in lines) == lines.count("--- /dev/null")
+
+
+def test_the_workflow_is_one(applied: Path) -> None:
+    workflow = applied / ".github" / "workflows" / "conformance.yml"
+    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows"]
+    done = subprocess.run([*command, str(workflow)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+
+
+def test_what_the_workflow_names_is_there(applied: Path) -> None:
+    text = (applied / ".github" / "workflows" / "conformance.yml").read_text(encoding="utf-8")
+    (target,) = re.findall(r"--target (\S+)", text)
+    assert (find_client_target if "conformance client --target" in text else find_target)(target)
+    (known,) = applied.rglob("known.toml")
+    (named,) = re.findall(r"--expect (\S+)", text)
+    assert named.endswith(str(known.relative_to(applied)))
+    assert read_expected(known, SUITE_VERSION) == {}
+    (pinned,) = set(re.findall(r"rosbridge-conformance~=(\d+)\.", text))
+    assert pinned == SUITE_VERSION.split(".")[0]

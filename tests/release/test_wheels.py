@@ -1,0 +1,96 @@
+"""What is built can be built again bit for bit, and works where nothing else is installed."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools.build_release import build_release
+
+pytestmark = pytest.mark.timeout(600)
+
+SERVER = """\
+import sys
+from rwt import Server
+
+server = Server("ws://127.0.0.1:0")
+with server as robot:
+    robot.advertise_service("/beep", "std_srvs/Trigger", lambda _: {"success": True})
+    print(server.urls[0], flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a whole release; building it compares two builds and checks them."""
+    out = tmp_path_factory.mktemp("release") / "dist"
+    build_release(out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def bare(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The programs of a new environment in which both wheels are installed, and what they need."""
+    folder = tmp_path_factory.mktemp("bare") / "env"
+    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+    wheels = [str(wheel) for wheel in built.glob("*.whl")]
+    subprocess.run([str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet", *wheels], check=True)
+    return folder / "bin"
+
+
+def run(program: Path, *arguments: str, folder: Path) -> str:
+    """What a program of the bare environment prints; the repository is nowhere on its path."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    command = [str(program), *arguments]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_release_is_complete(built: Path) -> None:
+    names = {re.sub(r"-[\d.]+\d", "", file.name) for file in built.iterdir()}
+    assert names == {
+        "robot_web_tools-py3-none-any.whl",
+        "robot_web_tools.tar.gz",
+        "rosbridge_conformance-py3-none-any.whl",
+        "rosbridge_conformance.tar.gz",
+        "SHA256SUMS",
+    }
+
+
+def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:
+    program = (
+        "from importlib.metadata import metadata\n"
+        "for name in ('robot-web-tools', 'rosbridge-conformance'):\n"
+        "    found = metadata(name)\n"
+        "    print(name, found['License-Expression'], *sorted(found.get_all('License-File')))\n"
+    )
+    lines = run(bare / "python", "-c", program, folder=tmp_path).splitlines()
+    assert lines == [
+        "robot-web-tools BSD-3-Clause LICENSE NOTICE",
+        "rosbridge-conformance BSD-3-Clause LICENSE",
+    ]
+
+
+def test_server_command_line_and_suite_work_from_the_wheels(bare: Path, tmp_path: Path) -> None:
+    (tmp_path / "robot.py").write_text(SERVER)
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    command = [str(bare / "python"), "robot.py"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdin=pipe, stdout=pipe, text=True
+    ) as server:
+        assert server.stdin is not None and server.stdout is not None
+        url = server.stdout.readline().strip()
+        answer = run(bare / "rwt", "service", "call", "--url", url, "/beep", "{}", folder=tmp_path)
+        grade = run(bare / "rosbridge-conformance", url, "--run", "services/*", folder=tmp_path)
+        server.stdin.close()
+        assert server.wait() == 0
+    assert "success" in answer
+    assert re.search(r"\d+ pass", grade)

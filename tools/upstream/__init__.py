@@ -1,0 +1,1 @@
+"""Runs the test suites and programs that others publish for rosbridge against `rwt serve`."""

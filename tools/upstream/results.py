@@ -1,0 +1,98 @@
+"""What the tests of a suite came to, and how that compares with what is expected."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Literal
+
+Outcome = Literal["passed", "failed", "skipped"]
+
+_GO_LINE = re.compile(r"\s*--- (PASS|FAIL|SKIP): (\S+)")
+_GO_OUTCOMES: dict[str, Outcome] = {"PASS": "passed", "FAIL": "failed", "SKIP": "skipped"}
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One test.
+
+    Attributes:
+        id: its name, with that of the file or class it is in.
+        outcome: what it came to.
+        text: the first line of what it says of a failure.
+    """
+
+    id: str
+    outcome: Outcome
+    text: str = ""
+
+
+def of_junit(files: Iterable[Path]) -> Iterator[Result]:
+    """The tests of reports in the form of JUnit, which pytest, vitest, googletest and surefire write."""
+    for file in files:
+        for case in ElementTree.parse(file).iter("testcase"):
+            problem = next((each for each in case if each.tag in ("failure", "error")), None)
+            is_skipped = case.find("skipped") is not None or case.get("status") == "notrun"
+            outcome: Outcome = "failed" if problem is not None else "skipped" if is_skipped else "passed"
+            text = "" if problem is None else (problem.get("message") or problem.text or "").strip()
+            yield Result(
+                f"{case.get('classname', '')}::{case.get('name', '')}", outcome, text.partition("\n")[0]
+            )
+
+
+def of_go(output: str) -> Iterator[Result]:
+    """The tests in the output of `go test -v`."""
+    for line in output.splitlines():
+        found = _GO_LINE.match(line)
+        if found is not None:
+            yield Result(found[2], _GO_OUTCOMES[found[1]])
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A run, held against the list of failures that are expected.
+
+    Attributes:
+        passed, skipped: how many tests did.
+        expected: failures that are expected, each with its reason.
+        unexpected: failures that are not.
+        stale: entries of the list whose tests, if there are any, did not fail.
+    """
+
+    passed: int
+    skipped: int
+    expected: tuple[tuple[Result, str], ...]
+    unexpected: tuple[Result, ...]
+    stale: tuple[str, ...]
+
+    @property
+    def is_as_expected(self) -> bool:
+        """Whether there were tests, and nothing differs from the list."""
+        ran = self.passed + len(self.expected) + len(self.unexpected)
+        return ran > 0 and not self.unexpected and not self.stale
+
+
+def judge(results: Iterable[Result], expected_failures: Mapping[str, str]) -> Verdict:
+    """Hold results against the list of expected failures: globs of ids, each with a reason."""
+    found = tuple(results)
+    expected, unexpected, used = [], [], set()
+    for result in found:
+        if result.outcome != "failed":
+            continue
+        glob = next((each for each in expected_failures if fnmatchcase(result.id, each)), None)
+        if glob is None:
+            unexpected.append(result)
+        else:
+            used.add(glob)
+            expected.append((result, expected_failures[glob]))
+    return Verdict(
+        passed=sum(result.outcome == "passed" for result in found),
+        skipped=sum(result.outcome == "skipped" for result in found),
+        expected=tuple(expected),
+        unexpected=tuple(unexpected),
+        stale=tuple(glob for glob in expected_failures if glob not in used),
+    )

@@ -1,0 +1,77 @@
+"""The list of suites, and whether one can be run here."""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Final, Literal
+
+import msgspec
+
+HERE: Final = Path(__file__).parent
+LIST: Final = HERE / "suites.toml"
+
+
+class CannotRun(Exception):
+    """A suite cannot be run. The text says what is missing and how to get it."""
+
+
+class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One suite of `suites.toml`, whose head explains the fields."""
+
+    title: str
+    repository: str
+    tried: str
+    tools: tuple[str, ...] = ()
+    python: tuple[str, ...] = ()
+    checkout: tuple[str, ...] = ()
+    ready: str = ""
+    serve: tuple[str, ...] | None = None
+    port: int = 0
+    run: tuple[str, ...] = ()
+    environment: dict[str, str] = {}
+    results: Literal["junit", "go", "exit"] = "exit"
+    reports: str = ""
+    expected_failures: dict[str, str] = {}
+    by_hand: str = ""
+
+
+def read_suites(file: Path = LIST) -> dict[str, Suite]:
+    """Every suite by its name.
+
+    Raises:
+        CannotRun: the list is not what it should be.
+    """
+    try:
+        return msgspec.convert(tomllib.loads(file.read_text("utf-8")), dict[str, Suite])
+    except (OSError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise CannotRun(f"{file}: {error}") from error
+
+
+def check(name: str, suite: Suite, checkout: Path | None) -> None:
+    """Check that a suite can be run.
+
+    Raises:
+        CannotRun: it cannot.
+    """
+    if suite.by_hand:
+        raise CannotRun(f"{name} cannot be run by a command. {suite.by_hand}")
+    if suite.checkout:
+        if checkout is None:
+            raise CannotRun(f"{name} needs a checkout of {suite.repository}: name its folder with --checkout")
+        if not checkout.is_dir():
+            raise CannotRun(f"{checkout}: no such folder; it should be a checkout of {suite.repository}")
+        missing = [each for each in suite.checkout if not (checkout / each).exists()]
+        if missing:
+            raise CannotRun(
+                f"{checkout}: has no {', '.join(missing)}. A checkout of {suite.repository} has it after:"
+                f" {suite.ready}"
+            )
+    for tool in suite.tools:
+        if shutil.which(tool) is None:
+            raise CannotRun(f"{name} needs the program {tool}, which is not on the PATH")
+    for module in suite.python:
+        if importlib.util.find_spec(module) is None:
+            raise CannotRun(f"{name} needs the Python package that has {module}, which is not installed")
