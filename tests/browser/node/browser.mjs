@@ -35,6 +35,9 @@ const browser = await chromium.launch({
     '--enable-unsafe-swiftshader',
     '--autoplay-policy=no-user-gesture-required',
     '--disable-dev-shm-usage',
+    // A camera that shows a test picture, and that nobody is asked for.
+    '--use-fake-device-for-media-stream',
+    '--use-fake-ui-for-media-stream',
   ],
 });
 const pages = new Map();
@@ -43,6 +46,7 @@ const commands = {
   async open({ page: name, url, width, height }) {
     const context = await browser.newContext({ viewport: { width, height }, deviceScaleFactor: 1 });
     const page = await context.newPage();
+    page.setDefaultTimeout(60000); // Less than the one who asks waits for the answer.
     const complaints = [];
     page.on('console', (message) => {
       const { url: source } = message.location();
@@ -53,11 +57,20 @@ const commands = {
     pages.set(name, { context, page, complaints });
     await page.goto(url, { waitUntil: 'load' });
   },
+  goto: async ({ page, url }) => void (await pages.get(page).page.goto(url, { waitUntil: 'load' })),
   evaluate: ({ page, script }) => pages.get(page).page.evaluate(script),
-  // Polled by time and not by frame: a page that draws in software has few frames.
+  // Polled by time and not by frame: a page that draws in software has few frames. And by evaluations of its
+  // own, since `waitForFunction` evaluates a text within the page, which a page's policy may forbid.
   wait: async ({ page, script, timeout }) => {
-    const handle = await pages.get(page).page.waitForFunction(script, null, { timeout, polling: 50 });
-    return handle.jsonValue();
+    const late = Date.now() + timeout;
+    for (;;) {
+      const found = await pages.get(page).page.evaluate(script).catch((error) => {
+        if (!/context was destroyed/.test(error.message)) throw error; // the page is being loaded again
+      });
+      if (found) return found;
+      if (Date.now() > late) throw new Error(`never came true: ${script}`);
+      await new Promise((later) => setTimeout(later, 50));
+    }
   },
   screenshot: async ({ page, path }) => void (await pages.get(page).page.screenshot({ path })),
   mouse: ({ page, action, args }) => pages.get(page).page.mouse[action](...args),
@@ -72,11 +85,11 @@ const commands = {
 
 console.log(JSON.stringify({ answer: browser.version() }));
 for await (const line of createInterface({ input: process.stdin })) {
-  const { command, ...rest } = JSON.parse(line);
+  const { command, number, ...rest } = JSON.parse(line);
   try {
-    console.log(JSON.stringify({ answer: (await commands[command](rest)) ?? null }));
+    console.log(JSON.stringify({ number, answer: (await commands[command](rest)) ?? null }));
   } catch (error) {
-    console.log(JSON.stringify({ failed: String(error.message ?? error) }));
+    console.log(JSON.stringify({ number, failed: String(error.message ?? error) }));
   }
 }
 await browser.close();

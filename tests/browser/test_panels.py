@@ -1,0 +1,331 @@
+"""Every panel of the robot's page on the demo robot: what it shows, and what it does to the robot."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import anyio
+import pytest
+from PIL import Image
+
+from rwt import Server
+from tests.browser.driver import Browser, Page, until
+from tests.browser.stand import Stand, stand
+
+pytestmark = pytest.mark.anyio
+
+DISTROS = pytest.mark.parametrize("distro", ["jazzy", "noetic"])
+AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
+KINDS = (
+    *("scene", "camera", "teleop", "goal", "device", "topics", "plot", "services", "actions", "parameters"),
+    *("log", "diagnostics", "battery", "frames", "nodes", "player", "server"),
+)
+
+
+@asynccontextmanager
+async def panel(
+    browser: Browser, distro: str, kind: str, *, robot: bool = True, **config: object
+) -> AsyncIterator[tuple[Stand, Page]]:
+    """The page with one panel open."""
+    async with (
+        stand(distro, browser.built, robot=robot) as served,
+        browser.page(f"{served.url}healthz") as page,
+    ):
+        await open_panels(page, served.url, [(kind, config)])
+        yield served, page
+
+
+async def open_panels(page: Page, url: str, panels: list[tuple[str, dict[str, object]]]) -> None:
+    layout = {
+        "version": 1,
+        "panels": [{"id": kind, "kind": kind, "config": config} for kind, config in panels],
+        "dock": None,
+    }
+    key = f"rwt-last-layout{url.replace('http', 'ws', 1)}"
+    await page.evaluate(f"localStorage.setItem({json.dumps(key)}, {json.dumps(json.dumps(layout))})")
+    await page.goto(url)
+    await page.wait("document.querySelector('.state-open')")
+
+
+def text(selector: str) -> str:
+    return f"(document.querySelector({json.dumps(selector)})?.textContent ?? '')"
+
+
+async def fill(page: Page, name: str, value: str) -> None:
+    await page.evaluate(
+        f"""((name, value) => {{
+          const labels = [...document.querySelectorAll(".message-form label")];
+          const input = labels.find(l => l.textContent.startsWith(name)).querySelector("input");
+          input.value = value;
+          input.dispatchEvent(new Event("input", {{ bubbles: true }}));
+        }})({json.dumps(name)}, {json.dumps(value)})"""
+    )
+
+
+@DISTROS
+async def test_a_service_is_called_from_a_form(browser: Browser, distro: str) -> None:
+    async with panel(browser, distro, "services", name="/add_two_ints") as (_, page):
+        await page.wait("document.querySelector('.message-form input')")
+        await fill(page, "a", "20")
+        await fill(page, "b", "22")
+        await page.click(".panel-services [type=submit]")
+        await page.wait(f"{text('.panel-services [role=status]')}.includes('42')")
+        await fill(page, "a", "1.5")
+        await page.wait("document.querySelector('.panel-services [type=submit]').disabled")
+
+
+@DISTROS
+async def test_a_goal_is_sent_with_feedback_and_result(browser: Browser, distro: str) -> None:
+    async with panel(browser, distro, "actions", name="/fibonacci") as (_, page):
+        await page.wait("document.querySelector('.message-form input')")
+        await fill(page, "order", "4")
+        await page.click(".panel-actions [type=submit]")
+        await page.wait(f"{text('.panel-actions')}.includes('Feedback')")
+        await page.wait(f"{text('.panel-actions [role=status]')}.includes('Succeeded')")
+
+
+async def test_a_goal_is_cancelled(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "actions", name="/fibonacci") as (_, page):
+        await page.wait("document.querySelector('.message-form input')")
+        await fill(page, "order", "40")
+        await page.click(".panel-actions [type=submit]")
+        await page.wait(f"{text('.panel-actions')}.includes('Feedback')")
+        await page.click("text=Cancel")
+        await page.wait(f"{text('.panel-actions [role=status]')}.includes('Cancelled')")
+
+
+async def test_a_parameter_is_set_and_one_that_does_not_fit_is_refused(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "parameters", node="/demo_robot") as (served, page):
+        field = "document.getElementById('parameter /demo_robot:max_speed')"
+
+        async def set_to(value: str) -> None:
+            await page.evaluate(
+                f"(() => {{ {field}.value = {value!r};"
+                f" {field}.dispatchEvent(new Event('change', {{bubbles: true}})) }})()"
+            )
+
+        await page.wait(f"{field}?.value === '0.8'")
+        await set_to("0.3")
+        speeds: list[float] = []
+        served.node.subscribe("/odom", lambda odom: speeds.append(odom.twist.twist.linear.x))
+        await page.click("text=Read again")
+        await page.wait(f"{field}?.value === '0.3'")
+        command = served.node.advertise("/cmd_vel", "geometry_msgs/Twist")
+        command.publish({"linear": {"x": 5.0}})
+        await until(lambda: bool(speeds) and max(speeds) == pytest.approx(0.3))
+        await set_to('"fast"')
+        await page.wait(f"{text('.panel-parameters .problem')}.includes('number')")
+        await set_to("-7")
+        await page.wait(f"{text('.panel-parameters .problem')}.length > 5")
+
+
+@DISTROS
+async def test_the_log_is_filtered(browser: Browser, distro: str) -> None:
+    async with panel(browser, distro, "log") as (served, page):
+        await page.wait("document.querySelector('.log-entries')")
+        kind, warn, info = (
+            ("rcl_interfaces/Log", 30, 20) if distro == "jazzy" else ("rosgraph_msgs/Log", 4, 2)
+        )
+        rosout = served.node.advertise("/rosout", kind)
+        # What is published before the panel has subscribed is not for it.
+        while not await page.evaluate(f"{text('.log-entries')}.includes('fine')"):
+            rosout.publish({"level": warn, "name": "motor", "msg": "hot <b>very</b>"})
+            rosout.publish({"level": info, "name": "motor", "msg": "fine"})
+            await anyio.sleep(0.1)
+        await page.wait(f"{text('.log-entries')}.includes('hot <b>very</b>')")
+        await page.evaluate(
+            "((s) => { s.value = '2'; s.dispatchEvent(new Event('change', {bubbles: true})) })"
+            "(document.querySelector('.panel-log select'))"
+        )
+        await page.wait(f"!{text('.log-entries')}.includes('fine') && {text('.log-entries')}.includes('hot')")
+
+
+@DISTROS
+@pytest.mark.parametrize(
+    ("kind", "selector", "shown"),
+    [
+        ("diagnostics", ".diagnostics", "demo_robot: motors"),
+        ("battery", ".battery", "/battery_state"),
+        ("frames", ".frames", "base_link"),
+        ("nodes", ".nodes svg", "/demo_robot"),
+        ("server", ".server", "ws://127.0.0.1"),
+        ("server", ".server", "Loop lag"),
+    ],
+)
+async def test_what_is_there_is_shown(
+    browser: Browser, distro: str, kind: str, selector: str, shown: str
+) -> None:
+    async with panel(browser, distro, kind) as (_, page):
+        await page.wait(f"{text(selector)}.includes({json.dumps(shown)})")
+
+
+async def test_numbers_are_plotted_paused_and_exported(browser: Browser) -> None:
+    lines = [{"topic": "/number", "path": "data"}]
+    async with (
+        stand("jazzy", browser.built, robot=False) as served,
+        browser.page(f"{served.url}healthz") as page,
+    ):
+        number = served.node.advertise("/number", "std_msgs/Float64", latch=True)
+        number.publish({"data": 0.0})
+        await open_panels(page, served.url, [("plot", {"lines": lines})])
+        await page.wait("document.querySelector('.plot-chart canvas')")
+        await until(
+            lambda: any(topic.name == "/number" and topic.subscribers for topic in served.graph.topics())
+        )
+        values = iter(range(10**9))
+        blue = (31, 95, 168)
+
+        def drawn(picture: Any) -> bool:
+            for _ in range(20):
+                number.publish({"data": float(next(values) % 37)})
+            number.publish({"data": float("nan")})
+            return int(picture.count(blue, 30)) > 600
+
+        await page.picture_when("plot", drawn)
+        await page.click("text=Pause")
+        await page.evaluate(
+            """(() => {
+              globalThis.saved = null;
+              const made = URL.createObjectURL;
+              URL.createObjectURL = (blob) => {
+                blob.text().then((text) => { globalThis.saved = text });
+                return made(blob);
+              };
+            })()"""
+        )
+        await page.click("text=Export CSV")
+        await page.wait("globalThis.saved")
+        csv = str(await page.evaluate("globalThis.saved")).splitlines()
+        assert csv[0] == 'time,"/number data"'
+        assert any(line.endswith(",36") for line in csv)
+
+
+async def test_a_player_is_paused_and_sped_up_through_its_services(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "player", robot=False) as (served, page):
+        state = {"paused": False, "rate": 1.0}
+
+        def toggle(request: Any) -> dict[str, object]:
+            state["paused"] = not state["paused"]
+            return {}
+
+        def set_rate(request: Any) -> dict[str, object]:
+            state["rate"] = request.rate
+            return {"success": True}
+
+        name = "/rosbag2_player"
+        served.node.advertise_service(f"{name}/toggle_paused", "rosbag2_interfaces/TogglePaused", toggle)
+        served.node.advertise_service(
+            f"{name}/is_paused", "rosbag2_interfaces/IsPaused", lambda request: {"paused": state["paused"]}
+        )
+        served.node.advertise_service(
+            f"{name}/get_rate", "rosbag2_interfaces/GetRate", lambda request: {"rate": state["rate"]}
+        )
+        served.node.advertise_service(f"{name}/set_rate", "rosbag2_interfaces/SetRate", set_rate)
+        await page.click(".player >> text=Pause")
+        await page.wait(f"{text('.player button')} === 'Resume'")
+        assert state["paused"]
+        await page.evaluate(
+            "((s) => { s.value = '2'; s.dispatchEvent(new Event('change', {bubbles: true})) })"
+            "(document.querySelector('.player select'))"
+        )
+        await until(lambda: state["rate"] == 2.0)
+
+
+@DISTROS
+async def test_the_device_is_a_sensor_when_it_is_asked_to_be(browser: Browser, distro: str) -> None:
+    async with panel(browser, distro, "device", robot=False) as (served, page):
+        imu: list[Any] = []
+        pictures: list[Any] = []
+        served.node.subscribe("/device/imu", imu.append, "sensor_msgs/Imu")
+        served.node.subscribe(
+            "/device/camera/image/compressed", pictures.append, "sensor_msgs/CompressedImage"
+        )
+        tilt = (
+            "dispatchEvent(new DeviceMotionEvent('devicemotion', {"
+            " accelerationIncludingGravity: {x: 1, y: 2, z: 9},"
+            " rotationRate: {alpha: 90, beta: 0, gamma: 0} }))"
+        )
+        await page.wait("document.querySelector('[name=motion]:not(:disabled)')")
+        await page.evaluate(tilt)
+        assert imu == []
+        await page.click("[name=motion]")
+        await page.wait(f"{tilt} && {text('.sensor')}.includes('sent')")
+        await until(lambda: bool(imu))
+        assert (imu[0].linear_acceleration.x, imu[0].linear_acceleration.z) == (1, 9)
+        assert imu[0].angular_velocity.z == pytest.approx(1.5708, abs=1e-3)
+        await page.click("[name=camera]")
+        await until(lambda: bool(pictures))
+        with Image.open(io.BytesIO(bytes(pictures[0].data))) as picture:
+            assert (picture.format, picture.width) == ("JPEG", 640)
+
+
+async def test_one_switch_drives(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "teleop") as (served, page):
+        speeds: list[float] = []
+        served.node.subscribe("/odom", lambda odom: speeds.append(odom.twist.twist.linear.x))
+        await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+        await page.click("text=One switch")
+        await page.wait(f"{text('.scan-bar')}.includes('Forward')")
+        await page.keyboard("down", " ")
+        await until(lambda: bool(speeds) and speeds[-1] == pytest.approx(0.4))
+        await page.keyboard("up", " ")
+        await until(lambda: speeds[-1] == 0.0)
+        await page.wait(f"{text('.scan-bar')}.includes('Stop')")
+        await page.keyboard("press", " ")
+        await page.wait("document.querySelector('.stopped')")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+async def test_axe_finds_nothing(browser: Browser, theme: str) -> None:
+    async with (
+        stand("jazzy", browser.built) as served,
+        browser.page(f"{served.url}healthz", 1300, 800) as page,
+    ):
+        await page.evaluate(f"localStorage.setItem('rwt-theme', {theme!r})")
+        found: list[str] = []
+        for kind in KINDS:
+            config: dict[str, object] = {
+                "topics": {"topic": "/odom"},
+                "services": {"name": "/add_two_ints"},
+                "actions": {"name": "/fibonacci"},
+            }.get(kind, {})  # type: ignore[assignment]
+            await page.goto(f"{served.url}healthz")
+            await open_panels(page, served.url, [(kind, config)])
+            await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
+            await page.evaluate(AXE.read_text(encoding="utf-8") + "; 1")
+            violations = await page.evaluate(
+                "axe.run({ resultTypes: ['violations'] }).then(r => r.violations.map(v =>"
+                " v.id + ': ' + v.nodes.map(n => n.target.join(' ') + ' ' + n.failureSummary).join(' | ')))"
+            )
+            found += [f"{kind}: {violation}" for violation in violations]
+        assert found == []
+
+
+async def test_the_first_load_is_small_and_asks_no_other_host(browser: Browser) -> None:
+    async with stand("jazzy", browser.built) as served, browser.page(served.url, 1300, 800) as page:
+        await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
+        entries = await page.evaluate(
+            "performance.getEntriesByType('resource').map(r => [r.name, r.transferSize])"
+        )
+        foreign = [name for name, _ in entries if not name.startswith((served.url, "blob:", "data:"))]
+        assert foreign == []
+        page_files = [size for name, size in entries if "/web/" in name]
+        assert sum(page_files) < 700 * 1024
+        assert not await page.evaluate("document.querySelector('script:not([src]), style')")
+
+
+async def test_a_layout_that_names_a_robot_of_another_page_is_no_way_into_it(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0") as server,
+        browser.page(
+            f"{server.urls[0].replace('ws', 'http', 1)}/?robot={quote('javascript:alert(1)')}"
+        ) as page,
+    ):
+        await page.wait("document.querySelector('.state-open')")
+        assert "127.0.0.1" in await page.evaluate(text("header h1"))

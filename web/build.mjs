@@ -1,0 +1,246 @@
+// Builds the page into src/rwt_web/static: bundles with hashed names, a compressed copy beside each file, and
+// manifest.json, the list of what is served and how. Ends with 1 where a budget of budgets.json is exceeded.
+
+import { createHash } from "node:crypto";
+import { existsSync, mkdirSync, readdirSync, readFileSync, rmSync, watch, writeFileSync } from "node:fs";
+import { basename, dirname, extname, join, relative } from "node:path";
+import { fileURLToPath } from "node:url";
+import { brotliCompressSync, constants, gzipSync } from "node:zlib";
+import { build } from "esbuild";
+
+const here = dirname(fileURLToPath(import.meta.url));
+const out = join(here, "..", "src", "rwt_web", "static");
+
+const TYPES = {
+  ".html": "text/html; charset=utf-8",
+  ".js": "text/javascript; charset=utf-8",
+  ".css": "text/css; charset=utf-8",
+  ".svg": "image/svg+xml",
+  ".json": "application/json",
+  ".txt": "text/plain; charset=utf-8",
+  ".webmanifest": "application/manifest+json",
+};
+
+/**
+ * dockview-core's release has its style only as a text that a script puts into the page, which the page's policy
+ * forbids: here it becomes a style sheet, without the themes that are not used.
+ */
+const dockviewStyle = {
+  name: "dockview-style",
+  setup({ onResolve, onLoad }) {
+    onResolve({ filter: /^dockview-core\/style\.css$/ }, ({ path }) => ({
+      path,
+      namespace: "dockview-style",
+    }));
+    onLoad({ filter: /.*/, namespace: "dockview-style" }, () => {
+      const script = readFileSync(join(here, "node_modules/dockview-core/dist/dockview-core.js"), "utf8");
+      const text = /\.textContent = ("(?:[^"\\]|\\.)*")/.exec(script)?.[1];
+      if (!text) throw new Error("dockview-core no longer has its style where it was");
+      const unused = /(^|\n)\.dockview-theme-(?!light\b|dark\b)[^{]*\{[^}]*\}/g;
+      return { contents: JSON.parse(text).replace(unused, ""), loader: "css" };
+    });
+  },
+};
+
+const shared = {
+  absWorkingDir: here,
+  bundle: true,
+  minify: true,
+  target: ["es2022"],
+  legalComments: "none",
+  jsx: "automatic",
+  jsxImportSource: "preact",
+  metafile: true,
+  logLevel: "warning",
+  plugins: [dockviewStyle],
+};
+
+/** One bundle of its own with a hashed name; returns its file name. */
+async function bundleAlone(entry, folder, options = {}) {
+  const result = await build({
+    ...shared,
+    entryPoints: [entry],
+    outdir: join(out, folder),
+    entryNames: "[name]-[hash]",
+    format: "iife",
+    ...options,
+  });
+  return basename(Object.keys(result.metafile.outputs).find((name) => name.endsWith(".js")));
+}
+
+async function buildAll() {
+  rmSync(out, { recursive: true, force: true });
+  mkdirSync(join(out, "web"), { recursive: true });
+
+  const worker = await bundleAlone("src/decode/worker.ts", "web");
+  const page = await build({
+    ...shared,
+    entryPoints: { app: "src/app/main.tsx" },
+    outdir: join(out, "web"),
+    entryNames: "[name]-[hash]",
+    chunkNames: "[name]-[hash]",
+    format: "esm",
+    splitting: true,
+    define: { DECODE_WORKER: JSON.stringify(worker) },
+  });
+  const [script, { cssBundle }] = Object.entries(page.metafile.outputs).find(
+    ([, output]) => output.entryPoint === "src/app/main.tsx",
+  );
+  // The style of what is loaded later is part of the page's own: a style sheet of its own would come too late.
+  for (const name of Object.keys(page.metafile.outputs)) {
+    if (name.endsWith(".css") && name !== cssBundle) rmSync(join(here, name));
+  }
+  const document = readFileSync(join(here, "src", "app", "index.html"), "utf8")
+    .replace("APP_SCRIPT", `web/${basename(script)}`)
+    .replace("APP_STYLE", `web/${basename(cssBundle)}`);
+  writeFileSync(join(out, "index.html"), document);
+  writeFileSync(join(out, "web", "icon.svg"), readFileSync(join(here, "src", "app", "icon.svg")));
+  await buildForOtherPages();
+  writeLicenses();
+  writeManifest();
+  checkBudgets(page.metafile.outputs, worker);
+}
+
+/** The pages that the documentation shows; here they take the script from the server that they come from. */
+function buildPages() {
+  const folder = join(here, "pages");
+  mkdirSync(join(out, "web", "pages"), { recursive: true });
+  for (const name of readdirSync(folder)) {
+    const page = readFileSync(join(folder, name), "utf8");
+    writeFileSync(join(out, "web", "pages", name), page.replaceAll("http://127.0.0.1:9090/web/", "../"));
+  }
+}
+
+/** The decoding worker as a text: a page of another origin may start no worker from a file of this one. */
+async function workerSource() {
+  const { outputFiles } = await build({
+    ...shared,
+    entryPoints: ["src/decode/worker.ts"],
+    format: "iife",
+    write: false,
+    outdir: out,
+  });
+  return outputFiles[0].text;
+}
+
+/** What other people's pages load: names without hashes, since their authors write them down. */
+async function buildForOtherPages() {
+  const widgets = join(here, "src", "elements", "widgets.ts");
+  if (existsSync(widgets)) {
+    await build({
+      ...shared,
+      entryPoints: { widgets },
+      outdir: join(out, "web"),
+      format: "esm",
+      splitting: true,
+      chunkNames: "widgets-[name]-[hash]",
+      define: { DECODE_WORKER_SOURCE: JSON.stringify(await workerSource()) },
+    });
+  }
+  buildPages();
+  const recipe = join(here, "src", "dropin", "build.mjs");
+  if (existsSync(recipe)) {
+    const { buildDropIns } = await import(`${recipe}?${Date.now()}`);
+    await buildDropIns({ shared, here, out: join(out, "lib") });
+  }
+}
+
+function filesBelow(folder) {
+  return readdirSync(folder, { withFileTypes: true, recursive: true })
+    .filter((entry) => entry.isFile())
+    .map((entry) => relative(out, join(entry.parentPath, entry.name)))
+    .sort();
+}
+
+/** The licences of everything that `npm ci --omit=dev` installs, since parts of it are in the bundles. */
+function writeLicenses() {
+  const lock = JSON.parse(readFileSync(join(here, "package-lock.json"), "utf8"));
+  const texts = [];
+  for (const [folder, { dev, version }] of Object.entries(lock.packages)) {
+    if (!folder || dev || !existsSync(join(here, folder))) continue;
+    const files = readdirSync(join(here, folder)).filter((name) => /^(licen[cs]e|notice)/i.test(name));
+    const { license } = JSON.parse(readFileSync(join(here, folder, "package.json"), "utf8"));
+    const said = files.map((name) => readFileSync(join(here, folder, name), "utf8").trim());
+    const name = folder.slice(folder.lastIndexOf("node_modules/") + "node_modules/".length);
+    texts.push([`${name} ${version} (${license})`, ...said].join("\n\n"));
+  }
+  writeFileSync(join(out, "web", "licenses.txt"), `${texts.join(`\n\n${"-".repeat(80)}\n\n`)}\n`);
+}
+
+function writeManifest() {
+  const manifest = {};
+  for (const name of filesBelow(out)) {
+    const bytes = readFileSync(join(out, name));
+    const encodings = [];
+    const compressed = {
+      br: brotliCompressSync(bytes, { params: { [constants.BROTLI_PARAM_QUALITY]: 11 } }),
+      gzip: gzipSync(bytes, { level: 9 }),
+    };
+    for (const [encoding, suffix] of [
+      ["br", ".br"],
+      ["gzip", ".gz"],
+    ]) {
+      if (compressed[encoding].length < bytes.length * 0.95) {
+        writeFileSync(join(out, name + suffix), compressed[encoding]);
+        encodings.push(encoding);
+      }
+    }
+    manifest[name] = {
+      type: TYPES[extname(name)] ?? "application/octet-stream",
+      hash: createHash("sha256").update(bytes).digest("hex").slice(0, 20),
+      immutable: /-[A-Z0-9]{8}\.(js|css)$/.test(name),
+      encodings,
+      bytes: bytes.length,
+      sent: encodings.includes("br") ? compressed.br.length : bytes.length,
+    };
+  }
+  writeFileSync(join(out, "manifest.json"), `${JSON.stringify(manifest, null, 1)}\n`);
+}
+
+/** The outputs that a script loads at once, itself included. */
+function loadedWith(name, outputs, found = new Set()) {
+  if (!found.has(name)) {
+    found.add(name);
+    const { imports, cssBundle } = outputs[name];
+    if (cssBundle) found.add(cssBundle);
+    for (const { path, kind } of imports) if (kind === "import-statement") loadedWith(path, outputs, found);
+  }
+  return found;
+}
+
+/** budgets.json: for the page, and for each part that is loaded later, how much more is sent for it. */
+function checkBudgets(outputs, worker) {
+  const manifest = JSON.parse(readFileSync(join(out, "manifest.json"), "utf8"));
+  const budgets = JSON.parse(readFileSync(join(here, "budgets.json"), "utf8"));
+  const byEntry = (entry) => Object.keys(outputs).find((name) => outputs[name].entryPoint === entry);
+  const first = loadedWith(byEntry("src/app/main.tsx"), outputs);
+  for (const [entry, kilobytes] of Object.entries(budgets)) {
+    const name = byEntry(entry);
+    if (!name) throw new Error(`budgets.json names ${entry}, which is no entry point or imported later`);
+    const loaded = [...loadedWith(name, outputs)]
+      .map((each) => relative(out, join(here, each)))
+      .filter((each) => each in manifest); // the style of what is loaded later is in the page's own
+    const known = new Set([...first].map((each) => relative(out, join(here, each))));
+    const isFirst = name === byEntry("src/app/main.tsx");
+    const counted = isFirst
+      ? [...loaded, "index.html", `web/${worker}`]
+      : loaded.filter((each) => !known.has(each));
+    const sent = counted.reduce((sum, each) => sum + manifest[each].sent, 0) / 1024;
+    const line = `${entry}: ${sent.toFixed(1)} KB with brotli, of ${kilobytes} KB`;
+    if (sent > kilobytes) {
+      console.error(`over the budget: ${line}`);
+      process.exitCode = 1;
+    } else {
+      console.log(line);
+    }
+  }
+}
+
+await buildAll();
+if (process.argv.includes("--watch")) {
+  let timer;
+  watch(join(here, "src"), { recursive: true }, () => {
+    clearTimeout(timer);
+    timer = setTimeout(() => buildAll().catch((error) => console.error(error.message)), 200);
+  });
+}

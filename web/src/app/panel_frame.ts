@@ -1,0 +1,67 @@
+/** One panel in its place: made, shown, hidden and ended, wherever it is docked. */
+
+import { effect, type ReadonlySignal, signal } from "@preact/signals";
+import { t } from "../i18n/text";
+import { panelKind } from "../panels/registry";
+import type { App, OpenPanel } from "./state";
+
+export interface PanelFrame {
+  element: HTMLElement;
+  setVisible(visible: boolean): void;
+  dispose(): void;
+}
+
+/** Begin a panel in an element of its own. */
+export function framePanel(app: App, panel: OpenPanel): PanelFrame {
+  // The region around it has its name already: that of its tab.
+  const element = document.createElement("div");
+  element.className = `panel panel-${panel.kind}`;
+  const kind = panelKind(panel.kind);
+  const visible = signal(true);
+  const config = signal(panel.config);
+  let first = true;
+  const stopSaving = effect(() => {
+    const value = config.value;
+    if (!first) app.configure(panel.id, value);
+    first = false;
+  });
+  let ended = false;
+  let end: (() => void) | undefined;
+  const fail = (error: unknown) => {
+    const text = document.createElement("p");
+    text.className = "problem";
+    text.setAttribute("role", "alert");
+    text.textContent = t("panel.failed", { reason: (error as Error).message });
+    element.replaceChildren(text);
+    console.error(error);
+  };
+  try {
+    const begun = kind?.init({
+      session: app.session,
+      stop: app.stop,
+      navigation: app.navigation,
+      host: element,
+      config,
+      visible: visible as ReadonlySignal<boolean>,
+      dark: app.dark,
+      open: (name, settings) => app.open(name, settings),
+    });
+    Promise.resolve(begun).then((dispose) => {
+      if (ended) dispose?.();
+      else end = dispose;
+    }, fail);
+  } catch (error) {
+    fail(error);
+  }
+  return {
+    element,
+    setVisible: (value) => {
+      visible.value = value;
+    },
+    dispose: () => {
+      ended = true;
+      stopSaving();
+      end?.();
+    },
+  };
+}

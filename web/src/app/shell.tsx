@@ -1,0 +1,221 @@
+/** The page around the panels: the robot's state, the stop, menus, and what the robot has to say. */
+
+import { useComputed, useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { t } from "../i18n/text";
+import { panelKinds } from "../panels/registry";
+import { ConnectForm, TokenForm } from "./connect";
+import { LayoutMenu } from "./layout_menu";
+import { ScanBar } from "./scan";
+import type { App } from "./state";
+import { Tabs } from "./tabs";
+
+/** Screens that are narrower show one panel at a time. */
+const NARROW = "(max-width: 760px)";
+
+export function Shell({ app }: { app: App }) {
+  const narrow = useSignal(matchMedia(NARROW).matches);
+  useEffect(() => {
+    const query = matchMedia(NARROW);
+    const change = () => {
+      narrow.value = query.matches;
+    };
+    query.addEventListener("change", change);
+    const key = (event: KeyboardEvent) => {
+      if (event.key === "Escape" && !document.querySelector("details[open]")) app.stop.stop();
+    };
+    addEventListener("keydown", key);
+    return () => {
+      query.removeEventListener("change", change);
+      removeEventListener("keydown", key);
+    };
+  }, [app, narrow]);
+  const { session } = app;
+  return (
+    <>
+      <a class="skip" href="#panels">
+        {t("app.skip")}
+      </a>
+      <header>
+        <StopButton app={app} />
+        <h1>{robotName(app)}</h1>
+        <State app={app} />
+        <nav class="menus">
+          <Menu label={t("app.add")}>{(close) => <PanelMenu app={app} close={close} />}</Menu>
+          <Menu label={t("app.layouts")}>{(close) => <LayoutMenu app={app} close={close} />}</Menu>
+          <button
+            type="button"
+            aria-pressed={app.scanning.value}
+            onClick={() => {
+              app.scanning.value = !app.scanning.value;
+            }}
+          >
+            {t("scan.switch")}
+          </button>
+          <button type="button" onClick={() => app.setTheme(app.dark.value ? "light" : "dark")}>
+            <span aria-hidden="true">{app.dark.value ? "☀" : "☾"}</span>
+            <span class="hidden">{t("app.theme")}</span>
+          </button>
+        </nav>
+      </header>
+      {app.scanning.value && <ScanBar app={app} />}
+      {app.stop.stopped.value && (
+        <p class="stopped" role="status">
+          {t("stop.stopped")}
+        </p>
+      )}
+      <main id="panels" tabIndex={-1}>
+        {session.state.value === "refused" && <TokenForm app={app} />}
+        {session.connections.value === 0 && session.state.value === "lost" && <ConnectForm app={app} />}
+        {session.graph.value.problem && session.state.value === "open" && (
+          <p class="problem" role="status">
+            {t("discovery.problem", { reason: session.graph.value.problem })}
+          </p>
+        )}
+        {session.connections.value === 0 && session.state.value === "connecting" && (
+          <p class="waiting">{t("state.connecting")}…</p>
+        )}
+        {narrow.value ? <Tabs app={app} /> : <Dock app={app} />}
+      </main>
+      <Notices app={app} />
+    </>
+  );
+}
+
+function robotName(app: App): string {
+  const { host, pathname } = new URL(app.robot);
+  return pathname === "/" ? host : host + pathname;
+}
+
+function StopButton({ app }: { app: App }) {
+  const { stop, session } = app;
+  const reaches = useComputed(() => stop.reaches);
+  const { topics, actions } = reaches.value;
+  const nothing = session.state.value === "open" && topics.length === 0 && actions.length === 0;
+  if (stop.stopped.value) {
+    return (
+      <button type="button" class="stop released" data-scan="press" onClick={() => stop.release()}>
+        {t("stop.release")}
+      </button>
+    );
+  }
+  return (
+    <button
+      type="button"
+      class="stop"
+      data-scan="press"
+      title={nothing ? t("stop.nothing") : t("stop.hint")}
+      aria-keyshortcuts="Escape"
+      onClick={() => stop.stop()}
+    >
+      {t("stop.stop")}
+    </button>
+  );
+}
+
+function State({ app }: { app: App }) {
+  const { state, reason, permissions, distro, version } = app.session;
+  const role = permissions.value.role;
+  return (
+    <p class={`state state-${state.value}`} role="status" title={reason.value}>
+      <span class="dot" aria-hidden="true" />
+      {t(`state.${state.value}`)}
+      {state.value === "open" && <span class="faint"> · ROS {distro.value || version.value}</span>}
+      {state.value === "open" && role && <span class="faint"> · {t("role.may", { role })}</span>}
+    </p>
+  );
+}
+
+function Menu(props: { label: string; children: (close: () => void) => preact.ComponentChild }) {
+  const { label, children } = props;
+  const details = useRef<HTMLDetailsElement>(null);
+  const open = useSignal(false);
+  const close = () => {
+    if (details.current) details.current.open = false;
+  };
+  useEffect(() => {
+    const outside = (event: Event) => {
+      if (!details.current?.contains(event.target as Node)) close();
+    };
+    addEventListener("pointerdown", outside);
+    return () => removeEventListener("pointerdown", outside);
+  });
+  return (
+    <details
+      ref={details}
+      onToggle={() => {
+        open.value = details.current?.open ?? false;
+      }}
+      onKeyDown={(event) => {
+        if (event.key !== "Escape" || !open.value) return;
+        event.stopPropagation();
+        close();
+        details.current?.querySelector("summary")?.focus();
+      }}
+    >
+      <summary>{label}</summary>
+      <div class="menu">{open.value && children(close)}</div>
+    </details>
+  );
+}
+
+function PanelMenu({ app, close }: { app: App; close: () => void }) {
+  return (
+    <ul>
+      {panelKinds().map(({ name, title }) => (
+        <li key={name}>
+          <button
+            type="button"
+            onClick={() => {
+              app.open(name);
+              close();
+            }}
+          >
+            {t(title)}
+          </button>
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+function Dock({ app }: { app: App }) {
+  const place = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    let end: (() => void) | undefined;
+    let ended = false;
+    void import("./dock").then(({ dockPanels }) => {
+      if (!ended && place.current) end = dockPanels(app, place.current);
+    });
+    return () => {
+      ended = true;
+      end?.();
+    };
+  }, [app]);
+  return <div class="dock" ref={place} />;
+}
+
+/** Notices that were there before the page was looked at are not shown again once dismissed. */
+function Notices({ app }: { app: App }) {
+  const dismissed = useSignal(0);
+  const shown = app.session.notices.value.filter(({ number }) => number > dismissed.value).slice(-3);
+  return (
+    <aside class="notices" aria-live="polite" aria-label={t("app.notices")}>
+      {shown.map(({ number, level, text }) => (
+        <p key={number} class={`notice notice-${level}`}>
+          {text}
+        </p>
+      ))}
+      {shown.length > 0 && (
+        <button
+          type="button"
+          onClick={() => {
+            dismissed.value = shown.at(-1)?.number ?? 0;
+          }}
+        >
+          {t("app.dismiss")}
+        </button>
+      )}
+    </aside>
+  );
+}

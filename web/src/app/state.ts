@@ -1,0 +1,215 @@
+/** What the whole page knows: the robot, the stop, the look, and the panels that are open. */
+
+import { computed, effect, type Signal, signal } from "@preact/signals";
+import { t } from "../i18n/text";
+import { type PanelConfig, panelKind, panelKinds } from "../panels/registry";
+import { Navigation } from "../robot/navigation";
+import { RobotSession } from "../robot/session";
+import { Stop } from "../robot/stop";
+import type { WorkerPort } from "../robot/transport";
+
+/** One open panel. */
+export interface OpenPanel {
+  id: string;
+  kind: string;
+  config: PanelConfig;
+}
+
+/** What is saved, in the browser, as a file, or in the robot's folder of layouts. */
+export interface Layout {
+  version: 1;
+  panels: OpenPanel[];
+  /** Where the panels are docked, in dockview's own form; null lets the page decide. */
+  dock: unknown;
+}
+
+/** The settings of the server that the page came from. */
+export interface PageSettings {
+  robot: string | null;
+  layouts: string[];
+}
+
+const TOKEN = "rwt-token ";
+const LAYOUT = "rwt-layout ";
+const LAST = "rwt-last-layout";
+const THEME = "rwt-theme";
+
+/** Whether a text is the address of a rosbridge server. */
+export function isRobotUrl(text: string): boolean {
+  return /^wss?:\/\/[^\s/]+/i.test(text) && URL.canParse(text);
+}
+
+/** Where the robot is that this page belongs to, or the one that its address names. */
+export function robotUrl(location: Location, settings: PageSettings): string {
+  const named = new URLSearchParams(location.search).get("robot") ?? settings.robot;
+  if (named && isRobotUrl(named)) return named;
+  const base = new URL(".", location.href);
+  base.protocol = base.protocol === "https:" ? "wss:" : "ws:";
+  base.search = base.hash = "";
+  return base.href;
+}
+
+/** A layout from JSON. Throws, with a text for people, where it is none. */
+export function readLayout(value: unknown): Layout {
+  const { version, panels, dock } = (value ?? {}) as Partial<Layout>;
+  if (version !== 1 || !Array.isArray(panels)) throw new Error("version 1 and a list of panels are expected");
+  const seen = new Set<string>();
+  const known = panels.filter((panel) => {
+    const isPanel =
+      typeof panel?.id === "string" && typeof panel.kind === "string" && typeof panel.config === "object";
+    if (!isPanel) throw new Error("a panel without id, kind and config");
+    if (seen.has(panel.id)) throw new Error(`two panels with the id ${panel.id}`);
+    seen.add(panel.id);
+    return panelKind(panel.kind) !== undefined;
+  });
+  return { version: 1, panels: known, dock: known.length === panels.length ? (dock ?? null) : null };
+}
+
+export class App {
+  readonly session: RobotSession;
+  readonly stop: Stop;
+  readonly navigation: Navigation;
+  readonly panels: Signal<OpenPanel[]> = signal([]);
+  /** The panel that is shown where only one can be. */
+  readonly front: Signal<string> = signal("");
+  readonly dock: Signal<unknown> = signal(null);
+  /** Counts up when another layout takes the place of the one that is shown. */
+  readonly replaced = signal(0);
+  readonly theme: Signal<"auto" | "light" | "dark">;
+  private readonly systemDark = matchMedia("(prefers-color-scheme: dark)");
+  private readonly systemIsDark = signal(this.systemDark.matches);
+  readonly dark = computed(() =>
+    this.theme.value === "auto" ? this.systemIsDark.value : this.theme.value === "dark",
+  );
+  /** Whether the page is used with one switch. */
+  readonly scanning: Signal<boolean> = signal(false);
+  private opened = false;
+
+  constructor(
+    readonly settings: PageSettings,
+    readonly robot: string,
+    worker: WorkerPort,
+  ) {
+    this.theme = signal((localStorage.getItem(THEME) as "light" | "dark" | null) ?? "auto");
+    this.systemDark.addEventListener("change", ({ matches }) => {
+      this.systemIsDark.value = matches;
+    });
+    this.session = new RobotSession({
+      url: robot,
+      token: sessionStorage.getItem(TOKEN + robot) ?? "",
+      worker,
+    });
+    this.stop = new Stop(this.session);
+    this.navigation = new Navigation(this.session);
+    effect(() => {
+      document.documentElement.dataset.theme = this.dark.value ? "dark" : "light";
+    });
+  }
+
+  /** Show the layout that the address names, the one that was open last, or panels for what is found. */
+  async begin(named: string | null): Promise<void> {
+    if (named) await this.openNamed(named);
+    const last = localStorage.getItem(LAST + this.robot);
+    if (!this.opened && last) {
+      try {
+        this.show(readLayout(JSON.parse(last)));
+      } catch {
+        localStorage.removeItem(LAST + this.robot); // It was of an older page: start afresh.
+      }
+    }
+    effect(() => {
+      if (!this.opened && this.session.graph.value.topics.size) this.show(this.suggested());
+    });
+    effect(() => {
+      const layout = this.layout;
+      if (this.opened) localStorage.setItem(LAST + this.robot, JSON.stringify(layout));
+    });
+  }
+
+  /** The panels for what the robot offers. */
+  suggested(): Layout {
+    const panels = panelKinds()
+      .filter((kind) => kind.opens(this.session))
+      .map(({ name }) => ({ id: name, kind: name, config: {} }));
+    return { version: 1, panels, dock: null };
+  }
+
+  get layout(): Layout {
+    return { version: 1, panels: this.panels.value, dock: this.dock.value };
+  }
+
+  show(layout: Layout): void {
+    this.opened = true;
+    this.panels.value = layout.panels;
+    this.dock.value = layout.dock;
+    this.front.value = layout.panels[0]?.id ?? "";
+    this.replaced.value++;
+  }
+
+  /** Open a layout of this browser, or else of the robot's folder. */
+  async openNamed(name: string): Promise<void> {
+    try {
+      const stored = localStorage.getItem(LAYOUT + name);
+      this.show(readLayout(stored === null ? await this.fetchLayout(name) : JSON.parse(stored)));
+    } catch (error) {
+      this.session.note("error", t("layout.missing", { name, reason: (error as Error).message }));
+    }
+  }
+
+  private async fetchLayout(name: string): Promise<unknown> {
+    const response = await fetch(`web/layouts/${encodeURIComponent(name)}`);
+    if (!response.ok) throw new Error((await response.text()).trim());
+    return response.json();
+  }
+
+  /** Open a panel, or show the one of the same kind and settings. */
+  open(kind: string, config: PanelConfig = {}): void {
+    const same = this.panels
+      .peek()
+      .find((panel) => panel.kind === kind && JSON.stringify(panel.config) === JSON.stringify(config));
+    if (same) {
+      this.front.value = same.id;
+      return;
+    }
+    const taken = new Set(this.panels.peek().map(({ id }) => id));
+    let id = kind;
+    for (let number = 2; taken.has(id); number++) id = `${kind} ${number}`;
+    this.panels.value = [...this.panels.peek(), { id, kind, config }];
+    this.front.value = id;
+  }
+
+  close(id: string): void {
+    const rest = this.panels.peek().filter((panel) => panel.id !== id);
+    this.panels.value = rest;
+    if (this.front.peek() === id) this.front.value = rest[0]?.id ?? "";
+  }
+
+  configure(id: string, config: PanelConfig): void {
+    this.panels.value = this.panels.peek().map((panel) => (panel.id === id ? { ...panel, config } : panel));
+  }
+
+  get savedNames(): string[] {
+    return Object.keys(localStorage)
+      .filter((key) => key.startsWith(LAYOUT))
+      .map((key) => key.slice(LAYOUT.length))
+      .sort();
+  }
+
+  save(name: string): void {
+    localStorage.setItem(LAYOUT + name, JSON.stringify(this.layout));
+  }
+
+  forget(name: string): void {
+    localStorage.removeItem(LAYOUT + name);
+  }
+
+  setTheme(theme: "light" | "dark"): void {
+    this.theme.value = theme;
+    localStorage.setItem(THEME, theme);
+  }
+
+  authenticate(token: string): void {
+    sessionStorage.setItem(TOKEN + this.robot, token);
+    this.session.authenticate(token);
+  }
+}

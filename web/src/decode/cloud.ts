@@ -1,0 +1,94 @@
+/** sensor_msgs/PointCloud2 → arrays as a renderer takes them. */
+
+import { bytesOf } from "./bytes";
+import type { Points } from "./protocol";
+
+/** Points of one cloud that are drawn; of larger ones every second, third … is. */
+export const MOST_POINTS = 500_000;
+
+export interface PointField {
+  name: string;
+  offset: number;
+  datatype: number;
+}
+
+export interface PointCloud2 {
+  width: number;
+  height: number;
+  fields: PointField[];
+  is_bigendian: boolean;
+  point_step: number;
+  row_step: number;
+  data: unknown;
+}
+
+type Read = (view: DataView, at: number, little: boolean) => number;
+
+/** By the constants of sensor_msgs/PointField. */
+const READ: Record<number, Read> = {
+  1: (view, at) => view.getInt8(at),
+  2: (view, at) => view.getUint8(at),
+  3: (view, at, little) => view.getInt16(at, little),
+  4: (view, at, little) => view.getUint16(at, little),
+  5: (view, at, little) => view.getInt32(at, little),
+  6: (view, at, little) => view.getUint32(at, little),
+  7: (view, at, little) => view.getFloat32(at, little),
+  8: (view, at, little) => view.getFloat64(at, little),
+};
+const SIZE: Record<number, number> = { 1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 8: 8 };
+
+/** The points of a cloud but for those without a finite place. Throws where fields and data do not fit. */
+export function decodeCloud(cloud: PointCloud2): Points {
+  const data = bytesOf(cloud.data);
+  const step = cloud.point_step;
+  const total = Math.min(cloud.width * cloud.height, step > 0 ? Math.floor(data.length / step) : 0);
+  const field = (name: string) => {
+    const found = cloud.fields.find((each) => each.name === name);
+    if (!found) return undefined;
+    const size = SIZE[found.datatype];
+    if (!size || found.offset + size > step) {
+      throw new Error(`field ${name} does not fit into a point of ${step} bytes`);
+    }
+    return { at: found.offset, read: READ[found.datatype] as Read };
+  };
+  const [x, y, z] = [field("x"), field("y"), field("z")];
+  if (!x || !y) throw new Error("the cloud has no fields x and y");
+  const color = field("rgb") ?? field("rgba");
+  const intensity = field("intensity");
+  const stride = Math.max(1, Math.ceil(total / MOST_POINTS));
+  const most = Math.ceil(total / stride);
+  const positions = new Float32Array(most * 3);
+  const colors = color ? new Uint8Array(most * 3) : null;
+  const intensities = intensity ? new Float32Array(most) : null;
+  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  const little = !cloud.is_bigendian;
+  let count = 0;
+  for (let index = 0; index < total; index += stride) {
+    // Rows may be padded.
+    const row = cloud.width > 0 ? Math.floor(index / cloud.width) : 0;
+    const start = cloud.row_step ? row * cloud.row_step + (index - row * cloud.width) * step : index * step;
+    if (start + step > data.length) break;
+    const px = x.read(view, start + x.at, little);
+    const py = y.read(view, start + y.at, little);
+    const pz = z ? z.read(view, start + z.at, little) : 0;
+    if (!Number.isFinite(px + py + pz)) continue;
+    positions[count * 3] = px;
+    positions[count * 3 + 1] = py;
+    positions[count * 3 + 2] = pz;
+    if (colors && color) {
+      // Packed in 32 bits, also where the field calls itself a float.
+      const packed = view.getUint32(start + color.at, little);
+      colors[count * 3] = (packed >> 16) & 255;
+      colors[count * 3 + 1] = (packed >> 8) & 255;
+      colors[count * 3 + 2] = packed & 255;
+    }
+    if (intensities && intensity) intensities[count] = intensity.read(view, start + intensity.at, little);
+    count++;
+  }
+  return {
+    count,
+    positions: positions.slice(0, count * 3),
+    colors: colors?.slice(0, count * 3) ?? null,
+    intensities: intensities?.slice(0, count) ?? null,
+  };
+}

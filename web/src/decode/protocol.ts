@@ -1,0 +1,45 @@
+/** What the page and its decoding worker say to each other. */
+
+/** What the worker makes of a topic's messages beside what stands in them. */
+export type Decoding = "cloud" | "image";
+
+/** The points of a cloud, as a renderer takes them. */
+export interface Points {
+  count: number;
+  /** x, y and z of each, in metres, in the frame of the cloud. */
+  positions: Float32Array;
+  /** Red, green and blue of each, 0 to 255; null where the cloud has no colours. */
+  colors: Uint8Array | null;
+  /** The field `intensity` of each; null where there is none. */
+  intensities: Float32Array | null;
+}
+
+/** Pixels of a raw image, as a canvas takes them. */
+export interface Pixels {
+  width: number;
+  height: number;
+  /** Red, green, blue and opacity of each pixel. */
+  rgba: Uint8ClampedArray;
+}
+
+export type ToWorker =
+  | { kind: "open"; socket: number; url: string; protocols: string[] }
+  | { kind: "send"; socket: number; text: string }
+  | { kind: "close"; socket: number }
+  /** Which topics are decoded further. */
+  | { kind: "decodings"; decodings: Map<string, Decoding> }
+  /** The page is done with a message of a topic of which only the newest counts. */
+  | { kind: "taken"; topic: string };
+
+/** Messages and bytes of a topic that arrived in the last second. */
+export interface Traffic {
+  messages: number;
+  bytes: number;
+}
+
+export type FromWorker =
+  | { kind: "open"; socket: number }
+  | { kind: "close"; socket: number; code: number; reason: string }
+  | { kind: "error"; socket: number; text: string }
+  | { kind: "message"; socket: number; message: { op: string; topic?: string }; mustTake: boolean }
+  | { kind: "traffic"; seconds: number; topics: Map<string, Traffic> };

@@ -1,0 +1,241 @@
+/** The sensors of the device that shows the page, as topics of the robot. Each begins only when it is asked for. */
+
+import { header } from "../robot/names";
+import type { RobotSession } from "../robot/session";
+import type { Message } from "../robot/subscriptions";
+
+/** What a sensor is given: where its messages go, and whom to tell that something is wrong. */
+export interface SensorHost {
+  version: 1 | 2;
+  frame: string;
+  publish: (message: Message) => void;
+  fail: (text: string) => void;
+}
+
+export interface Sensor {
+  name: "motion" | "position" | "battery" | "camera" | "joystick";
+  /** Without `/msg/`. */
+  type: string;
+  /** Below the device's namespace. */
+  topic: string;
+  /** Whether this browser has it, here. */
+  available(): boolean;
+  /** Begin; what is returned ends it. May ask the person, who may refuse: then it throws. */
+  start(host: SensorHost): Promise<() => void>;
+}
+
+const GRAVITY = 9.80665;
+/** Milliseconds between two messages of what the browser tells more often, or only when it changes. */
+const PERIOD = 50;
+const SLOW = 1000;
+const CAMERA_PERIOD = 100;
+const CAMERA_WIDTH = 640;
+const JPEG_QUALITY = 0.7;
+
+/** Unknown, in the covariance of sensor_msgs/Imu. */
+const UNKNOWN = [-1, 0, 0, 0, 0, 0, 0, 0, 0];
+const RADIANS = Math.PI / 180;
+
+/** The turn of a device by the angles that browsers tell (W3C: Z-X'-Y'', in degrees), as a quaternion. */
+export function quaternionOf(alpha: number, beta: number, gamma: number) {
+  const [z, x, y] = [alpha, beta, gamma].map((angle) => (angle * RADIANS) / 2) as [number, number, number];
+  const [cz, sz, cx, sx, cy, sy] = [
+    Math.cos(z),
+    Math.sin(z),
+    Math.cos(x),
+    Math.sin(x),
+    Math.cos(y),
+    Math.sin(y),
+  ];
+  return {
+    x: sx * cy * cz - cx * sy * sz,
+    y: cx * sy * cz + sx * cy * sz,
+    z: cx * cy * sz + sx * sy * cz,
+    w: cx * cy * cz - sx * sy * sz,
+  };
+}
+
+const motion: Sensor = {
+  name: "motion",
+  type: "sensor_msgs/Imu",
+  topic: "imu",
+  available: () => "DeviceMotionEvent" in globalThis,
+  start: async ({ version, frame, publish }) => {
+    const ask = (DeviceMotionEvent as unknown as { requestPermission?: () => Promise<string> })
+      .requestPermission;
+    if (ask && (await ask()) !== "granted") throw new Error("the browser refuses it");
+    let turn: ReturnType<typeof quaternionOf> | null = null;
+    let last = 0;
+    const turned = ({ alpha, beta, gamma }: DeviceOrientationEvent) => {
+      if (alpha !== null && beta !== null && gamma !== null) turn = quaternionOf(alpha, beta, gamma);
+    };
+    const moved = ({ accelerationIncludingGravity: a, rotationRate: r }: DeviceMotionEvent) => {
+      const now = performance.now();
+      // A device without these sensors says so by an event without values.
+      if ((a?.x ?? r?.alpha ?? null) === null || now - last < PERIOD) return;
+      last = now;
+      const rate = (value: number | null | undefined) => (value ?? 0) * RADIANS;
+      publish({
+        header: header(version, frame),
+        orientation: turn ?? { x: 0, y: 0, z: 0, w: 1 },
+        orientation_covariance: turn ? new Array(9).fill(0) : UNKNOWN,
+        // beta turns about x, gamma about y, alpha about z.
+        angular_velocity: { x: rate(r?.beta), y: rate(r?.gamma), z: rate(r?.alpha) },
+        angular_velocity_covariance: r ? new Array(9).fill(0) : UNKNOWN,
+        linear_acceleration: { x: a?.x ?? 0, y: a?.y ?? 0, z: a?.z ?? GRAVITY },
+        linear_acceleration_covariance: a ? new Array(9).fill(0) : UNKNOWN,
+      });
+    };
+    addEventListener("deviceorientation", turned);
+    addEventListener("devicemotion", moved);
+    return () => {
+      removeEventListener("deviceorientation", turned);
+      removeEventListener("devicemotion", moved);
+    };
+  },
+};
+
+const position: Sensor = {
+  name: "position",
+  type: "sensor_msgs/NavSatFix",
+  topic: "fix",
+  available: () => "geolocation" in navigator,
+  start: async ({ version, frame, publish, fail }) => {
+    const watch = navigator.geolocation.watchPosition(
+      ({ coords, timestamp }) => {
+        const variance = coords.accuracy ** 2;
+        const up = (coords.altitudeAccuracy ?? coords.accuracy) ** 2;
+        publish({
+          header: header(version, frame, timestamp),
+          status: { status: 0, service: 1 },
+          latitude: coords.latitude,
+          longitude: coords.longitude,
+          altitude: coords.altitude ?? 0,
+          position_covariance: [variance, 0, 0, 0, variance, 0, 0, 0, up],
+          position_covariance_type: 1,
+        });
+      },
+      (error) => fail(error.message),
+      { enableHighAccuracy: true },
+    );
+    return () => navigator.geolocation.clearWatch(watch);
+  },
+};
+
+interface BatteryManager {
+  level: number;
+  charging: boolean;
+}
+
+const battery: Sensor = {
+  name: "battery",
+  type: "sensor_msgs/BatteryState",
+  topic: "battery",
+  available: () => "getBattery" in navigator,
+  start: async ({ version, frame, publish }) => {
+    const manager = await (
+      navigator as unknown as { getBattery: () => Promise<BatteryManager> }
+    ).getBattery();
+    const tell = () =>
+      publish({
+        header: header(version, frame),
+        percentage: manager.level,
+        power_supply_status: manager.charging ? 1 : 2,
+        present: true,
+      });
+    tell();
+    const timer = setInterval(tell, SLOW);
+    return () => clearInterval(timer);
+  },
+};
+
+const camera: Sensor = {
+  name: "camera",
+  type: "sensor_msgs/CompressedImage",
+  topic: "camera/image/compressed",
+  available: () => Boolean(navigator.mediaDevices?.getUserMedia),
+  start: async ({ version, frame, publish, fail }) => {
+    const stream = await navigator.mediaDevices.getUserMedia({
+      video: { width: CAMERA_WIDTH, facingMode: "environment" },
+    });
+    const video = document.createElement("video");
+    video.srcObject = stream;
+    video.muted = true;
+    video.playsInline = true;
+    await video.play();
+    const canvas = document.createElement("canvas");
+    let busy = false;
+    const shoot = async () => {
+      if (busy || !video.videoWidth) return;
+      busy = true;
+      canvas.width = video.videoWidth;
+      canvas.height = video.videoHeight;
+      canvas.getContext("2d")?.drawImage(video, 0, 0);
+      const taken = Date.now();
+      const url = canvas.toDataURL("image/jpeg", JPEG_QUALITY);
+      publish({
+        header: header(version, frame, taken),
+        format: "jpeg",
+        data: url.slice(url.indexOf(",") + 1),
+      });
+      busy = false;
+    };
+    const timer = setInterval(() => shoot().catch((error: Error) => fail(error.message)), CAMERA_PERIOD);
+    return () => {
+      clearInterval(timer);
+      for (const track of stream.getTracks()) track.stop();
+    };
+  },
+};
+
+const joystick: Sensor = {
+  name: "joystick",
+  type: "sensor_msgs/Joy",
+  topic: "joy",
+  available: () => "getGamepads" in navigator,
+  start: async ({ version, frame, publish }) => {
+    const timer = setInterval(() => {
+      const pad = navigator.getGamepads().find(Boolean);
+      // Nothing is sent for a page that nobody looks at.
+      if (!pad || document.hidden) return;
+      publish({
+        header: header(version, frame),
+        axes: [...pad.axes].map((value) => -value),
+        buttons: pad.buttons.map(({ pressed }) => Number(pressed)),
+      });
+    }, PERIOD);
+    return () => clearInterval(timer);
+  },
+};
+
+export const SENSORS: readonly Sensor[] = [motion, position, battery, camera, joystick];
+
+/** Start a sensor of this device on a robot. */
+export async function startSensor(
+  session: RobotSession,
+  sensor: Sensor,
+  topic: string,
+  on: { message: () => void; fail: (text: string) => void },
+): Promise<() => void> {
+  const version = session.version.peek();
+  const type = version === 2 ? sensor.type.replace("/", "/msg/") : sensor.type;
+  const publisher = session.publisher(topic, type);
+  try {
+    const end = await sensor.start({
+      version,
+      frame: "device",
+      fail: on.fail,
+      publish: (message) => {
+        publisher.publish(message);
+        on.message();
+      },
+    });
+    return () => {
+      end();
+      publisher.dispose();
+    };
+  } catch (error) {
+    publisher.dispose();
+    throw error;
+  }
+}

@@ -1,0 +1,75 @@
+/** `<rwt-stop>`: a button that stops the robot, and keeps the controls of the page from moving it. */
+
+import { useEffect } from "preact/hooks";
+import { t } from "../../i18n/text";
+import { flag, text } from "../base/attributes";
+import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
+import { style } from "./style";
+
+export class StopElement extends RobotElement {
+  static override attributes = {
+    ...COMMON,
+    /** A key that stops from anywhere in the page, as `Escape`. */
+    shortcut: text(),
+    /** Whether the state is not said beside the button. */
+    quiet: flag(),
+  };
+  static override style = style;
+  declare robot: string;
+  declare shortcut: string;
+  declare quiet: boolean;
+
+  protected override readonly view = StopView;
+
+  /** Whether the controls of the page are kept from moving the robot. */
+  get stopped(): boolean {
+    return this.robotShown?.stop.stopped.value ?? false;
+  }
+
+  /** Stop the robot, and tell `rwt-stop`. */
+  stop(): void {
+    this.robotShown?.stop.stop();
+    this.tell("stop");
+  }
+
+  /** Let the controls of the page work again, and tell `rwt-release`; nothing moves by that. */
+  release(): void {
+    this.robotShown?.stop.release();
+    this.tell("release");
+  }
+}
+
+function StopView({ element, session, stop }: ViewProps<StopElement>) {
+  const { shortcut } = element;
+  useEffect(() => {
+    if (!shortcut) return undefined;
+    const onKey = (event: KeyboardEvent) => {
+      if (event.key === shortcut && !event.repeat) element.stop();
+    };
+    document.addEventListener("keydown", onKey);
+    return () => document.removeEventListener("keydown", onKey);
+  }, [element, shortcut]);
+  const stopped = stop.stopped.value;
+  const { topics, actions } = stop.reaches;
+  const nothing = session.state.value === "open" && topics.length + actions.length === 0;
+  return (
+    <>
+      <button
+        type="button"
+        part="button"
+        class={stopped ? "release" : "stop"}
+        aria-keyshortcuts={shortcut || undefined}
+        onClick={() => (stopped ? element.release() : element.stop())}
+      >
+        {t(stopped ? "stop.release" : "stop.stop")}
+      </button>
+      {!element.quiet && (
+        <p part="status" role="status">
+          {stopped ? t("stop.stopped") : nothing ? t("stop.nothing") : ""}
+        </p>
+      )}
+    </>
+  );
+}
+
+defineElement("rwt-stop", StopElement);

@@ -1,0 +1,65 @@
+/** The style of `<rwt-teleop>`. */
+export const style = `
+:host {
+  display: inline-block;
+}
+.drive {
+  display: flex;
+  flex-wrap: wrap;
+  align-items: center;
+  gap: 1em;
+  margin: 0;
+  padding: 4px;
+  border: 0;
+  min-width: 0;
+}
+.stick {
+  display: grid;
+  place-items: center;
+  width: 10.5em;
+  aspect-ratio: 1;
+  border: 2px solid var(--rwt-line);
+  border-radius: 50%;
+  background: color-mix(in srgb, CanvasText 6%, Canvas);
+  touch-action: none;
+  user-select: none;
+  cursor: grab;
+}
+.disabled {
+  opacity: 0.5;
+}
+.knob {
+  width: 4em;
+  aspect-ratio: 1;
+  border-radius: 50%;
+  background: var(--rwt-accent);
+  pointer-events: none;
+}
+.drive-buttons {
+  display: grid;
+  grid-template-areas: ". f ." "l . r" ". b .";
+  gap: 0.3em;
+}
+.drive-buttons button {
+  width: 3.2em;
+  height: 3.2em;
+  touch-action: none;
+  user-select: none;
+}
+.drive-forward {
+  grid-area: f;
+}
+.drive-back {
+  grid-area: b;
+}
+.drive-left {
+  grid-area: l;
+}
+.drive-right {
+  grid-area: r;
+}
+.speeds {
+  flex-basis: 100%;
+  font-variant-numeric: tabular-nums;
+}
+`;

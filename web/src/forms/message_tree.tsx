@@ -1,0 +1,85 @@
+/** A message as a tree that can be unfolded. Every text is escaped by construction, and long ones are cut. */
+
+import { useSignal } from "@preact/signals";
+import { t } from "../i18n/text";
+
+const MOST_TEXT = 300;
+const MOST_ITEMS = 50;
+
+/** Whether a value has parts of its own. */
+function isCompound(value: unknown): value is object {
+  return value !== null && typeof value === "object";
+}
+
+/** A plain value as a short text. */
+export function shortValue(value: unknown): string {
+  if (typeof value === "string") {
+    const rest = value.length - MOST_TEXT;
+    return rest > 0
+      ? `${JSON.stringify(value.slice(0, MOST_TEXT))} ${t("topics.longer", { count: rest })}`
+      : JSON.stringify(value);
+  }
+  if (typeof value === "number" && !Number.isInteger(value)) return String(Number(value.toPrecision(7)));
+  return String(value);
+}
+
+function summary(value: object): string {
+  if (ArrayBuffer.isView(value)) return `[${(value as Uint8Array).length}]`;
+  return Array.isArray(value) ? `[${value.length}]` : "";
+}
+
+function parts(value: object): [string, unknown][] {
+  if (ArrayBuffer.isView(value) || Array.isArray(value)) {
+    const items = value as unknown as ArrayLike<unknown>;
+    return Array.from({ length: Math.min(items.length, MOST_ITEMS) }, (_, at) => [String(at), items[at]]);
+  }
+  // What the worker has added is no part of the message.
+  return Object.entries(value).filter(([name]) => !name.startsWith("$"));
+}
+
+export function MessageTree({ value }: { value: unknown }) {
+  return (
+    <ul class="tree">
+      {isCompound(value) ? (
+        parts(value).map(([name, part]) => <Branch key={name} name={name} value={part} depth={0} />)
+      ) : (
+        <li>{shortValue(value)}</li>
+      )}
+    </ul>
+  );
+}
+
+function Branch({ name, value, depth }: { name: string; value: unknown; depth: number }) {
+  const open = useSignal(depth < 2 && !ArrayBuffer.isView(value) && !Array.isArray(value));
+  if (!isCompound(value)) {
+    return (
+      <li>
+        <span class="tree-name">{name}</span> <code>{shortValue(value)}</code>
+      </li>
+    );
+  }
+  const shown = open.value ? parts(value) : [];
+  const hidden = "length" in value ? (value as unknown[]).length - MOST_ITEMS : 0;
+  return (
+    <li>
+      <button
+        type="button"
+        class="tree-fold"
+        aria-expanded={open.value}
+        onClick={() => {
+          open.value = !open.value;
+        }}
+      >
+        {name} <span class="faint">{summary(value)}</span>
+      </button>
+      {open.value && (
+        <ul>
+          {shown.map(([key, part]) => (
+            <Branch key={key} name={key} value={part} depth={depth + 1} />
+          ))}
+          {hidden > 0 && <li class="faint">{t("topics.longer", { count: hidden })}</li>}
+        </ul>
+      )}
+    </li>
+  );
+}

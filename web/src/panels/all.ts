@@ -1,0 +1,39 @@
+/** Every kind of panel, in the order in which they open. */
+
+import { device } from "./drive/device";
+import { goal } from "./drive/goal";
+import { teleop } from "./drive/teleop";
+import { actions, services } from "./graph/calls";
+import { frames } from "./graph/frames";
+import { nodes } from "./graph/nodes";
+import { parameters } from "./graph/parameters";
+import { topics } from "./graph/topics";
+import { battery, diagnostics } from "./health/diagnostics";
+import { log } from "./health/log";
+import { player } from "./health/player";
+import { server } from "./health/server";
+import { register } from "./registry";
+import { camera } from "./view/camera";
+import { plot } from "./view/plot";
+import { scene } from "./view/scene";
+
+const inOrder = [
+  scene,
+  camera,
+  teleop,
+  goal,
+  device,
+  topics,
+  plot,
+  services,
+  actions,
+  parameters,
+  log,
+  diagnostics,
+  battery,
+  frames,
+  nodes,
+  player,
+  server,
+];
+for (const kind of inOrder) register(kind);

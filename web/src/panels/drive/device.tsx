@@ -1,0 +1,96 @@
+/** This device as a sensor of the robot: motion, position, battery, camera, joystick. */
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { SENSORS, type Sensor, startSensor } from "../../device/sensors";
+import { t } from "../../i18n/text";
+import { componentPanel, Problem, Refusal } from "../component";
+import type { PanelContext, PanelKind } from "../registry";
+
+export const device: PanelKind = {
+  name: "device",
+  title: "device.title",
+  supportedTypes: [],
+  // It tells of the person who holds the device: it opens when that person wants it.
+  opens: () => false,
+  place: "controls",
+  init: componentPanel(DevicePanel),
+};
+
+function DevicePanel({ context }: { context: PanelContext }) {
+  const { config } = context;
+  const namespace = String(config.value.namespace ?? "/device");
+  return (
+    <div class="device">
+      <p class="faint">{t("device.hint")}</p>
+      {!isSecureContext && <Problem text={t("device.insecure", { origin: location.origin })} />}
+      <label class="choice">
+        <span>{t("device.namespace")}</span>
+        <input
+          type="text"
+          value={namespace}
+          onChange={(event) => {
+            const wanted = event.currentTarget.value;
+            if (/^(\/[A-Za-z_]\w*)+$/.test(wanted)) config.value = { ...config.value, namespace: wanted };
+          }}
+        />
+      </label>
+      {SENSORS.map((sensor) => (
+        <OneSensor
+          key={`${namespace} ${sensor.name}`}
+          context={context}
+          sensor={sensor}
+          namespace={namespace}
+        />
+      ))}
+    </div>
+  );
+}
+
+function OneSensor(props: { context: PanelContext; sensor: Sensor; namespace: string }) {
+  const { context, sensor, namespace } = props;
+  const { session } = context;
+  const topic = `${namespace}/${sensor.topic}`;
+  const on = useSignal(false);
+  const count = useSignal(0);
+  const problem = useSignal("");
+  const end = useRef<() => void>(() => undefined);
+  useEffect(() => () => end.current(), []);
+  if (!session.may("publish", topic)) return <Refusal context={context} act="publish" name={topic} />;
+  const change = async (wanted: boolean) => {
+    end.current();
+    end.current = () => undefined;
+    on.value = wanted;
+    problem.value = "";
+    if (!wanted) return;
+    try {
+      end.current = await startSensor(session, sensor, topic, {
+        message: () => count.value++,
+        fail: (text) => {
+          problem.value = text;
+        },
+      });
+    } catch (error) {
+      on.value = false;
+      problem.value = (error as Error).message;
+    }
+  };
+  const available = isSecureContext && sensor.available();
+  return (
+    <div class="sensor">
+      <label class="check">
+        <input
+          type="checkbox"
+          name={sensor.name}
+          checked={on.value}
+          disabled={!available}
+          onChange={(event) => change(event.currentTarget.checked)}
+        />
+        {t(`device.${sensor.name}`)} <span class="faint">{topic}</span>
+      </label>
+      {on.value && <span class="faint">{t("device.sent", { count: count.value })}</span>}
+      {!available && isSecureContext && <span class="faint">{t("device.missing")}</span>}
+      {problem.value && <Problem text={problem.value} />}
+    </div>
+  );
+}

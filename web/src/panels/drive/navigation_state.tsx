@@ -1,0 +1,24 @@
+/** How the page's last goal goes, with a way to cancel it. */
+
+import { t } from "../../i18n/text";
+import type { Navigation } from "../../robot/navigation";
+
+export function NavigationState({ navigation }: { navigation: Navigation }) {
+  const progress = navigation.progress.value;
+  if (!progress) return null;
+  const { place, outcome, distance, remaining, text } = progress;
+  const where = `${place.x.toFixed(2)}, ${place.y.toFixed(2)}`;
+  return (
+    <p class={`goal-state goal-${outcome ?? "underway"}`} role="status">
+      {outcome === null ? t("goal.underway", { where }) : t(`goal.${outcome}`, { where })}
+      {outcome === null && Number.isFinite(distance) && ` · ${distance.toFixed(1)} m`}
+      {outcome === null && Number.isFinite(remaining) && ` · ${remaining.toFixed(0)} s`}
+      {text && ` · ${text}`}
+      {outcome === null && (
+        <button type="button" data-scan="press" onClick={() => navigation.cancel()}>
+          {t("goal.cancel")}
+        </button>
+      )}
+    </p>
+  );
+}

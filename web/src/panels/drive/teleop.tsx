@@ -1,0 +1,143 @@
+/** Teleoperation: hold to run, by stick, buttons, keyboard or gamepad. */
+
+import { useEffect, useMemo, useRef } from "preact/hooks";
+import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
+import { t } from "../../i18n/text";
+import { Drive, driveTopics, type Wish } from "../../robot/drive";
+import { componentPanel, Refusal, TopicChoice } from "../component";
+import type { PanelContext, PanelKind } from "../registry";
+
+const TYPES = ["geometry_msgs/Twist", "geometry_msgs/TwistStamped"];
+
+export const teleop: PanelKind = {
+  name: "teleop",
+  title: "teleop.title",
+  supportedTypes: TYPES,
+  opens: (session) => driveTopics(session).some((topic) => session.may("publish", topic)),
+  place: "controls",
+  init: componentPanel(TeleopPanel),
+};
+
+function TeleopPanel({ context }: { context: PanelContext }) {
+  const { session, config } = context;
+  const topics = driveTopics(session);
+  const topic = String(config.value.topic ?? topics[0] ?? "");
+  if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  return (
+    <div class="teleop">
+      {topics.length > 1 && (
+        <TopicChoice
+          label={t("panel.topic")}
+          topics={topics}
+          chosen={topic}
+          onChoose={(chosen) => {
+            config.value = { ...config.value, topic: chosen };
+          }}
+        />
+      )}
+      {session.may("publish", topic) ? (
+        <Controls key={topic} context={context} topic={topic} />
+      ) : (
+        <Refusal context={context} act="publish" name={topic} />
+      )}
+    </div>
+  );
+}
+
+function Controls({ context, topic }: { context: PanelContext; topic: string }) {
+  const { session, stop, config, visible } = context;
+  const type = session.graph.peek().topics.get(topic) ?? "geometry_msgs/Twist";
+  const drive = useMemo(() => new Drive(session, topic, type, stop.stopped), [session, topic, type, stop]);
+  const limits = {
+    linear: Number(config.value.linear ?? 0.4),
+    angular: Number(config.value.angular ?? 0.8),
+  };
+  drive.limits = limits;
+  const pad = useRef<HTMLFieldSetElement>(null);
+  useEffect(() => {
+    const endPage = releaseWithPage(drive);
+    const endGamepad = followGamepad(drive);
+    return () => {
+      endPage();
+      endGamepad();
+      drive.dispose();
+    };
+  }, [drive]);
+  useEffect(() => {
+    if (!visible.value) drive.releaseAll();
+  }, [drive, visible.value]);
+  useEffect(() => followKeys(pad.current as HTMLElement, drive), [drive]);
+  const { linear, lateral, angular } = drive.sent.value;
+  const idle = stop.stopped.value || session.state.value !== "open";
+  return (
+    <fieldset class="drive" ref={pad} aria-describedby="teleop-hint">
+      <legend class="hidden">{topic}</legend>
+      <div class="drive-controls">
+        <Stick drive={drive} disabled={idle} />
+        <HoldButtons drive={drive} disabled={idle} />
+      </div>
+      <Limit context={context} name="linear" value={limits.linear} most={2} unit="m/s" />
+      <Limit context={context} name="angular" value={limits.angular} most={3} unit="rad/s" />
+      <output class="drive-sent">
+        {linear.toFixed(2)} m/s{lateral ? ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}` : ""} ·{" "}
+        {angular.toFixed(2)} rad/s
+      </output>
+      <p class="faint" id="teleop-hint">
+        {t("teleop.hint", { topic })}
+      </p>
+    </fieldset>
+  );
+}
+
+function Limit(props: {
+  context: PanelContext;
+  name: "linear" | "angular";
+  value: number;
+  most: number;
+  unit: string;
+}) {
+  const { context, name, value, most, unit } = props;
+  return (
+    <label class="limit">
+      <span>{t(`teleop.${name}`)}</span>
+      <input
+        type="range"
+        min={0.05}
+        max={most}
+        step={0.05}
+        value={value}
+        onInput={(event) => {
+          context.config.value = { ...context.config.value, [name]: Number(event.currentTarget.value) };
+        }}
+      />
+      <span class="number">
+        {value.toFixed(2)} {unit}
+      </span>
+    </label>
+  );
+}
+
+/** The shoulder buttons of a standard gamepad: one must be held for the sticks to count. */
+const ENABLING = [4, 5];
+const DEAD_ZONE = 0.12;
+const GAMEPAD_PERIOD = 50;
+
+/** What a gamepad asks for; null unless one of its enabling buttons is held. */
+export function wishOfGamepad(pad: Pick<Gamepad, "axes" | "buttons">): Wish | null {
+  if (!ENABLING.some((index) => pad.buttons[index]?.pressed)) return null;
+  const axis = (index: number) => {
+    const value = pad.axes[index] ?? 0;
+    return Math.abs(value) < DEAD_ZONE ? 0 : -value;
+  };
+  return { forward: axis(1), left: axis(0), turn: axis(2) };
+}
+
+function followGamepad(drive: Drive): () => void {
+  const timer = setInterval(() => {
+    const pads = navigator.getGamepads?.() ?? [];
+    const wish = document.hasFocus() ? pads.map((pad) => pad && wishOfGamepad(pad)).find(Boolean) : null;
+    if (wish) drive.hold("gamepad", wish);
+    else drive.release("gamepad");
+  }, GAMEPAD_PERIOD);
+  return () => clearInterval(timer);
+}

@@ -1,0 +1,188 @@
+/** Nodes: who talks to whom, as a picture and as lists. */
+
+import { useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { t } from "../../i18n/text";
+import { componentPanel, Problem } from "../component";
+import type { PanelContext, PanelKind } from "../registry";
+
+/** What a node does, as rosapi tells it. */
+export interface NodeDetails {
+  publishing: string[];
+  subscribing: string[];
+  services: string[];
+}
+
+/** Topics that nearly every node has: they would hide the rest. */
+const EVERYWHERE = new Set(["/rosout", "/parameter_events", "/clock"]);
+const MOST_NODES = 100;
+const MOST_ROWS = 40;
+const ROW = 26;
+const WIDTH = 900;
+
+export const nodes: PanelKind = {
+  name: "nodes",
+  title: "nodes.title",
+  supportedTypes: [],
+  opens: (session) => session.graph.value.nodes.length > 0,
+  place: "below",
+  init: componentPanel(NodesPanel),
+};
+
+/** The topics over which nodes reach each other, with those at either end; of one node, where one is chosen. */
+export function talks(details: ReadonlyMap<string, NodeDetails>, chosen: string) {
+  const topics = new Map<string, { from: string[]; to: string[] }>();
+  const at = (name: string) => {
+    const known = topics.get(name) ?? { from: [], to: [] };
+    topics.set(name, known);
+    return known;
+  };
+  for (const [node, { publishing, subscribing }] of details) {
+    for (const topic of publishing) if (!EVERYWHERE.has(topic)) at(topic).from.push(node);
+    for (const topic of subscribing) if (!EVERYWHERE.has(topic)) at(topic).to.push(node);
+  }
+  return [...topics]
+    .map(([topic, ends]) => ({ topic, ...ends }))
+    .filter(({ from, to }) => (chosen ? [...from, ...to].includes(chosen) : from.length > 0 && to.length > 0))
+    .sort((one, other) => (one.topic < other.topic ? -1 : 1));
+}
+
+function NodesPanel({ context }: { context: PanelContext }) {
+  const { session, config, visible } = context;
+  const details = useSignal(new Map<string, NodeDetails>());
+  const problem = useSignal("");
+  const names = session.graph.value.nodes.slice(0, MOST_NODES);
+  const key = `${names.join(" ")} ${session.graph.value.topics.size}`;
+  const isVisible = visible.value;
+  // Asked again when nodes or topics come or go.
+  useEffect(() => {
+    if (!isVisible) return;
+    Promise.all(
+      names.map(
+        async (node) => [node, await session.call<NodeDetails>("/rosapi/node_details", { node })] as const,
+      ),
+    ).then(
+      (all) => {
+        details.value = new Map(all);
+        problem.value = "";
+      },
+      (error: Error) => {
+        problem.value = error.message;
+      },
+    );
+  }, [session, key, isVisible]);
+  const chosen = String(config.value.node ?? "");
+  const one = details.value.get(chosen);
+  return (
+    <div class="nodes">
+      <label class="choice">
+        <span>{t("parameters.node")}</span>
+        <select
+          value={chosen}
+          onChange={(event) => {
+            config.value = { ...config.value, node: event.currentTarget.value };
+          }}
+        >
+          <option value="">{t("nodes.all")}</option>
+          {[...names].sort().map((name) => (
+            <option key={name} value={name}>
+              {name}
+            </option>
+          ))}
+        </select>
+      </label>
+      {problem.value && <Problem text={problem.value} />}
+      <Picture details={details.value} chosen={chosen} />
+      {one &&
+        (["publishing", "subscribing", "services"] as const).map((kind) => (
+          <details key={kind}>
+            <summary>
+              {t(`nodes.${kind}`)} ({one[kind].length})
+            </summary>
+            <ul class="names">
+              {one[kind].map((name) => (
+                <li key={name}>
+                  {kind === "services" ? (
+                    name
+                  ) : (
+                    <button
+                      type="button"
+                      class="plain"
+                      onClick={() => context.open("topics", { topic: name })}
+                    >
+                      {name}
+                    </button>
+                  )}
+                </li>
+              ))}
+            </ul>
+          </details>
+        ))}
+    </div>
+  );
+}
+
+/** Three columns: who publishes, on what, and who hears it. */
+function Picture({ details, chosen }: { details: ReadonlyMap<string, NodeDetails>; chosen: string }) {
+  const all = talks(details, chosen);
+  const shown = all.slice(0, MOST_ROWS);
+  const left = [...new Set(shown.flatMap(({ from }) => from))].sort();
+  const right = [...new Set(shown.flatMap(({ to }) => to))].sort();
+  const rows = Math.max(left.length, shown.length, right.length, 1);
+  const y = (at: number, of: number) => ((at + 0.5) * rows * ROW) / Math.max(of, 1);
+  if (!shown.length) return <p class="faint">{t("nodes.none")}</p>;
+  return (
+    <>
+      <svg
+        viewBox={`0 0 ${WIDTH} ${rows * ROW}`}
+        role="img"
+        aria-label={t("nodes.picture", { count: shown.length })}
+      >
+        {shown.flatMap(({ topic, from, to }, at) => [
+          ...from.map((node) => (
+            <line
+              key={`${node} ${topic}`}
+              x1={230}
+              y1={y(left.indexOf(node), left.length)}
+              x2={330}
+              y2={y(at, shown.length)}
+            />
+          )),
+          ...to.map((node) => (
+            <line
+              key={`${topic} ${node}`}
+              x1={590}
+              y1={y(at, shown.length)}
+              x2={680}
+              y2={y(right.indexOf(node), right.length)}
+            />
+          )),
+        ])}
+        {left.map((node, at) => (
+          <text
+            key={node}
+            x={225}
+            y={y(at, left.length) + 5}
+            text-anchor="end"
+            class={node === chosen ? "chosen" : ""}
+          >
+            {node}
+          </text>
+        ))}
+        {shown.map(({ topic }, at) => (
+          <text key={topic} x={460} y={y(at, shown.length) + 5} text-anchor="middle" class="topic">
+            {topic}
+          </text>
+        ))}
+        {right.map((node, at) => (
+          <text key={node} x={685} y={y(at, right.length) + 5} class={node === chosen ? "chosen" : ""}>
+            {node}
+          </text>
+        ))}
+      </svg>
+      {all.length > shown.length && (
+        <p class="faint">{t("topics.longer", { count: all.length - shown.length })}</p>
+      )}
+    </>
+  );
+}

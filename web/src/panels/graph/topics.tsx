@@ -1,0 +1,195 @@
+/** Topics: a list with rate, bandwidth and age, the last message as a tree, and a form to publish one. */
+
+import { useComputed, useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { MessageForm } from "../../forms/message_form";
+import { MessageTree } from "../../forms/message_tree";
+import { t } from "../../i18n/text";
+import type { Message } from "../../robot/subscriptions";
+import type { Definitions } from "../../robot/typedefs";
+import { componentPanel, now, Problem, Refusal } from "../component";
+import type { PanelContext, PanelKind } from "../registry";
+
+/** Rows of the list at a time: a robot may have ten thousand topics. */
+const MOST_ROWS = 200;
+/** Milliseconds between two messages that are shown: people read no faster. */
+const THROTTLE = 200;
+
+export const topics: PanelKind = {
+  name: "topics",
+  title: "topics.title",
+  supportedTypes: [],
+  opens: () => true,
+  place: "below",
+  init: componentPanel(TopicsPanel),
+};
+
+function TopicsPanel({ context }: { context: PanelContext }) {
+  const { session, config } = context;
+  const search = useSignal("");
+  const chosen = String(config.value.topic ?? "");
+  const found = useComputed(() => {
+    const wanted = search.value.toLowerCase();
+    return [...session.graph.value.topics]
+      .filter(([name, type]) => `${name} ${type}`.toLowerCase().includes(wanted))
+      .sort(([one], [other]) => (one < other ? -1 : 1));
+  });
+  const shown = found.value.slice(0, MOST_ROWS);
+  return (
+    <div class="split">
+      <div class="list">
+        <label class="search">
+          <span class="hidden">{t("topics.search")}</span>
+          <input
+            type="search"
+            placeholder={t("topics.search")}
+            value={search.value}
+            onInput={(event) => {
+              search.value = event.currentTarget.value;
+            }}
+          />
+        </label>
+        <table>
+          <thead>
+            <tr>
+              <th scope="col">{t("topics.name")}</th>
+              <th scope="col">{t("topics.type")}</th>
+              <th scope="col">{t("topics.rate")}</th>
+              <th scope="col">{t("topics.bandwidth")}</th>
+            </tr>
+          </thead>
+          <tbody>
+            {shown.map(([name, type]) => (
+              <tr key={name} class={name === chosen ? "chosen" : ""}>
+                <td>
+                  <button
+                    type="button"
+                    class="plain"
+                    aria-pressed={name === chosen}
+                    onClick={() => {
+                      config.value = { ...config.value, topic: name };
+                    }}
+                  >
+                    {name}
+                  </button>
+                </td>
+                <td class="faint">{type}</td>
+                <Traffic context={context} name={name} />
+              </tr>
+            ))}
+          </tbody>
+        </table>
+        {found.value.length > shown.length && (
+          <p class="faint">{t("topics.more", { count: found.value.length - shown.length })}</p>
+        )}
+      </div>
+      <div class="detail">
+        {chosen ? (
+          <OneTopic key={chosen} context={context} name={chosen} />
+        ) : (
+          <p class="faint">{t("topics.choose")}</p>
+        )}
+      </div>
+    </div>
+  );
+}
+
+function Traffic({ context, name }: { context: PanelContext; name: string }) {
+  const traffic = context.session.traffic.value.get(name);
+  if (!traffic) return <td colSpan={2} />;
+  return (
+    <>
+      <td class="number">{(traffic.messages / traffic.seconds).toFixed(1)} Hz</td>
+      <td class="number">{(traffic.bytes / traffic.seconds / 1024).toFixed(1)} KB/s</td>
+    </>
+  );
+}
+
+function OneTopic({ context, name }: { context: PanelContext; name: string }) {
+  const { session, visible } = context;
+  const type = session.graph.value.topics.get(name) ?? "";
+  const last = useSignal<{ message: Message; at: number } | null>(null);
+  const isVisible = visible.value;
+  const mayHear = session.may("subscribe", name);
+  useEffect(() => {
+    if (!isVisible || !mayHear) return undefined;
+    return session.subscribe(
+      name,
+      type,
+      (message) => {
+        last.value = { message, at: Date.now() };
+      },
+      { throttle: THROTTLE },
+    );
+  }, [session, name, type, isVisible, mayHear, last]);
+  const age = last.value ? Math.max(0, (now.value - last.value.at) / 1000) : null;
+  return (
+    <>
+      <h2>{name}</h2>
+      <p class="faint">
+        {type} {age !== null && `· ${t("topics.age")} ${age.toFixed(0)} s`}
+      </p>
+      {!mayHear && <Refusal context={context} act="subscribe" name={name} />}
+      {mayHear &&
+        (last.value ? <MessageTree value={last.value.message} /> : <p>{t("panel.waiting", { name })}</p>)}
+      {session.may("publish", name) ? (
+        <PublishForm context={context} name={name} type={type} />
+      ) : (
+        <Refusal context={context} act="publish" name={name} />
+      )}
+    </>
+  );
+}
+
+function PublishForm({ context, name, type }: { context: PanelContext; name: string; type: string }) {
+  const { session } = context;
+  const open = useSignal(false);
+  const definitions = useSignal<Definitions | null>(null);
+  const value = useSignal<Message>({});
+  const whole = useSignal(true);
+  const problem = useSignal("");
+  const done = useSignal(0);
+  const unfold = async (event: Event) => {
+    open.value = (event.currentTarget as HTMLDetailsElement).open;
+    if (!open.value || definitions.value) return;
+    try {
+      const found = await session.define("message", type);
+      value.value = found.empty();
+      definitions.value = found;
+    } catch (error) {
+      problem.value = (error as Error).message;
+    }
+  };
+  return (
+    <details onToggle={unfold}>
+      <summary>{t("topics.publish")}</summary>
+      {problem.value && <Problem text={problem.value} />}
+      {definitions.value && (
+        <form
+          onSubmit={(event) => {
+            event.preventDefault();
+            if (!whole.value) return;
+            const publisher = session.publisher(name, type);
+            publisher.publish(value.value);
+            // In order behind the message: the robot has it before the advertisement ends.
+            publisher.dispose();
+            done.value++;
+          }}
+        >
+          <MessageForm
+            definitions={definitions.value}
+            value={value.value}
+            onChange={(next, isWhole) => {
+              value.value = next;
+              whole.value = isWhole;
+            }}
+          />
+          <button type="submit" disabled={!whole.value}>
+            {t("topics.publish")}
+          </button>
+          <span role="status">{done.value > 0 && t("topics.published")}</span>
+        </form>
+      )}
+    </details>
+  );
+}

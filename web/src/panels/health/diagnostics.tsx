@@ -1,0 +1,157 @@
+/** How the robot is: diagnostics and battery. */
+
+import { useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { t } from "../../i18n/text";
+import type { Message } from "../../robot/subscriptions";
+import { componentPanel, now } from "../component";
+import { hasTopics, type PanelContext, type PanelKind } from "../registry";
+
+const LEVELS = ["ok", "warn", "error", "stale"] as const;
+/** Seconds after which what is no longer told is stale. */
+const STALE = 10;
+const MOST = 2000;
+
+interface Status {
+  level: number;
+  name: string;
+  message: string;
+  hardware: string;
+  values: { key: string; value: string }[];
+  at: number;
+}
+
+export const diagnostics: PanelKind = {
+  name: "diagnostics",
+  title: "diagnostics.title",
+  supportedTypes: ["diagnostic_msgs/DiagnosticArray"],
+  opens: (session) => hasTopics(diagnostics, session),
+  place: "below",
+  init: componentPanel(DiagnosticsPanel),
+};
+
+export const battery: PanelKind = {
+  name: "battery",
+  title: "battery.title",
+  supportedTypes: ["sensor_msgs/BatteryState"],
+  opens: (session) => hasTopics(battery, session),
+  place: "below",
+  init: componentPanel(BatteryPanel),
+};
+
+/** Hear the topics of some types while a panel is seen. */
+function useTopics(
+  context: PanelContext,
+  types: readonly string[],
+  listener: (message: Message, topic: string) => void,
+): void {
+  const { session, visible } = context;
+  const topics = session.topicsOf(...types).filter((topic) => session.may("subscribe", topic));
+  const key = topics.join(" ");
+  const isVisible = visible.value;
+  // The names of the topics are what counts.
+  useEffect(() => {
+    if (!isVisible) return undefined;
+    const ends = topics.map((topic) =>
+      session.subscribe(
+        topic,
+        session.graph.peek().topics.get(topic) ?? "",
+        (message) => listener(message, topic),
+        {
+          throttle: 200,
+        },
+      ),
+    );
+    return () => {
+      for (const end of ends) end();
+    };
+  }, [session, key, isVisible]);
+}
+
+function DiagnosticsPanel({ context }: { context: PanelContext }) {
+  const known = useSignal(new Map<string, Status>());
+  useTopics(context, diagnostics.supportedTypes, (message) => {
+    const next = new Map(known.value);
+    for (const each of (message.status as Record<string, unknown>[] | undefined) ?? []) {
+      const name = String(each.name);
+      if (!next.has(name) && next.size >= MOST) continue;
+      next.set(name, {
+        level: Math.max(0, Math.min(3, Number(each.level) || 0)),
+        name,
+        message: String(each.message),
+        hardware: String(each.hardware_id),
+        values: (each.values as Status["values"]) ?? [],
+        at: Date.now(),
+      });
+    }
+    known.value = next;
+  });
+  const levelOf = (status: Status) => ((now.value - status.at) / 1000 > STALE ? 3 : status.level);
+  const all = [...known.value.values()].sort(
+    (one, other) => levelOf(other) - levelOf(one) || (one.name < other.name ? -1 : 1),
+  );
+  if (!all.length) return <p class="faint">{t("panel.waiting", { name: "diagnostics" })}</p>;
+  const worst = LEVELS[Math.max(...all.map(levelOf))] ?? "ok";
+  return (
+    <div class="diagnostics">
+      <p class={`level level-${worst}`} role="status">
+        {t(`diagnostics.${worst}`)} · {t("diagnostics.count", { count: all.length })}
+      </p>
+      {all.map((status) => {
+        const level = LEVELS[levelOf(status)] ?? "ok";
+        return (
+          <details key={status.name}>
+            <summary>
+              <span class={`level level-${level}`}>{t(`diagnostics.${level}`)}</span> {status.name}{" "}
+              <span class="faint">{status.message}</span>
+            </summary>
+            <table>
+              <tbody>
+                {status.values.map(({ key, value }) => (
+                  <tr key={key}>
+                    <th scope="row">{key}</th>
+                    <td>{value}</td>
+                  </tr>
+                ))}
+              </tbody>
+            </table>
+          </details>
+        );
+      })}
+    </div>
+  );
+}
+
+const CHARGING = ["unknown", "charging", "discharging", "still", "full"] as const;
+
+function BatteryPanel({ context }: { context: PanelContext }) {
+  const known = useSignal(new Map<string, Message>());
+  useTopics(context, battery.supportedTypes, (message, topic) => {
+    known.value = new Map(known.value).set(topic, message);
+  });
+  if (!known.value.size) return <p class="faint">{t("panel.waiting", { name: "battery" })}</p>;
+  return (
+    <div class="battery">
+      {[...known.value].map(([topic, state]) => {
+        const share = Number(state.percentage ?? Number.NaN);
+        const status = CHARGING[Number(state.power_supply_status)] ?? "unknown";
+        const number = (value: unknown, unit: string) =>
+          Number.isFinite(value) ? `${Number(value).toFixed(2)} ${unit}` : "–";
+        return (
+          <section key={topic}>
+            <h2>{topic}</h2>
+            {Number.isFinite(share) && (
+              <>
+                <meter min={0} max={1} low={0.2} high={0.5} optimum={1} value={share} aria-label={topic} />{" "}
+                <b class="number">{(share * 100).toFixed(0)} %</b>
+              </>
+            )}
+            <p>
+              {number(state.voltage, "V")} · {number(state.current, "A")} · {t(`battery.${status}`)}
+            </p>
+          </section>
+        );
+      })}
+    </div>
+  );
+}

@@ -1,0 +1,135 @@
+/** The robot's log, as it comes on /rosout. */
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { t } from "../../i18n/text";
+import { seconds } from "../../robot/names";
+import { componentPanel } from "../component";
+import type { PanelContext, PanelKind } from "../registry";
+
+const TYPES = ["rcl_interfaces/Log", "rosgraph_msgs/Log"];
+const LEVELS = ["debug", "info", "warning", "error", "fatal"] as const;
+const MOST = 2000;
+const MOST_SHOWN = 400;
+/** Milliseconds between two drawings: a log can be a flood. */
+const REDRAW = 150;
+
+interface Entry {
+  number: number;
+  stamp: number;
+  level: number;
+  name: string;
+  text: string;
+}
+
+export const log: PanelKind = {
+  name: "log",
+  title: "log.title",
+  supportedTypes: TYPES,
+  opens: (session) => session.topicsOf(...TYPES).length > 0,
+  place: "below",
+  init: componentPanel(LogPanel),
+};
+
+/** The place in LEVELS of a level: ROS 2 counts 10, 20 … 50, ROS 1 1, 2, 4, 8, 16. */
+export function logLevel(level: number): number {
+  const place = level >= 10 && level % 10 === 0 ? level / 10 - 1 : Math.round(Math.log2(level));
+  return Math.max(0, Math.min(4, place || 0));
+}
+
+function LogPanel({ context }: { context: PanelContext }) {
+  const { session, config } = context;
+  const topic = session.topicsOf(...TYPES)[0] ?? "";
+  const entries = useRef<Entry[]>([]);
+  const shown = useSignal(0);
+  const follow = useSignal(true);
+  const search = useSignal("");
+  const list = useRef<HTMLDivElement>(null);
+  const least = Number(config.value.level ?? 1);
+  useEffect(() => {
+    if (!topic) return undefined;
+    let count = 0;
+    let dirty = false;
+    const end = session.subscribe(topic, session.graph.peek().topics.get(topic) ?? "", (message) => {
+      const stamp = seconds(message.stamp ?? (message.header as { stamp?: unknown } | undefined)?.stamp);
+      entries.current.push({
+        number: ++count,
+        stamp,
+        level: logLevel(Number(message.level)),
+        name: String(message.name),
+        text: String(message.msg),
+      });
+      if (entries.current.length > MOST) entries.current.splice(0, entries.current.length - MOST);
+      dirty = true;
+    });
+    const timer = setInterval(() => {
+      if (!dirty) return;
+      dirty = false;
+      shown.value++;
+    }, REDRAW);
+    return () => {
+      end();
+      clearInterval(timer);
+    };
+  }, [session, topic, shown]);
+  shown.value;
+  const wanted = search.value.toLowerCase();
+  const found = entries.current.filter(
+    (each) => each.level >= least && `${each.name} ${each.text}`.toLowerCase().includes(wanted),
+  );
+  useEffect(() => {
+    if (follow.value && list.current) list.current.scrollTop = list.current.scrollHeight;
+  });
+  if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  return (
+    <div class="log">
+      <div class="plot-bar">
+        <label class="choice">
+          <span>{t("log.level")}</span>
+          <select
+            value={String(least)}
+            onChange={(event) => {
+              config.value = { ...config.value, level: Number(event.currentTarget.value) };
+            }}
+          >
+            {LEVELS.map((name, at) => (
+              <option key={name} value={String(at)}>
+                {t(`log.${name}`)}
+              </option>
+            ))}
+          </select>
+        </label>
+        <input
+          type="search"
+          aria-label={t("topics.search")}
+          placeholder={t("topics.search")}
+          value={search.value}
+          onInput={(event) => {
+            search.value = event.currentTarget.value;
+          }}
+        />
+        <label class="check">
+          <input
+            type="checkbox"
+            checked={follow.value}
+            onChange={(event) => {
+              follow.value = event.currentTarget.checked;
+            }}
+          />
+          {t("log.follow")}
+        </label>
+      </div>
+      {/* biome-ignore lint/a11y/noNoninteractiveTabindex: what scrolls must be reached by the keyboard. */}
+      <div class="log-entries" ref={list} role="log" tabIndex={0} aria-label={t("log.title")}>
+        {found.slice(-MOST_SHOWN).map(({ number, stamp, level, name, text }) => (
+          <p key={number} class={`log-${LEVELS[level]}`}>
+            <span class="faint">
+              {Number.isFinite(stamp) ? new Date(stamp * 1000).toLocaleTimeString() : ""}
+            </span>{" "}
+            <b>{t(`log.${LEVELS[level] ?? "info"}`)}</b> <span class="faint">{name}</span> {text}
+          </p>
+        ))}
+      </div>
+    </div>
+  );
+}

@@ -1,0 +1,150 @@
+/** Recording and playing, through the services that rosbag2's nodes have. */
+
+import { useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { t } from "../../i18n/text";
+import type { Message } from "../../robot/subscriptions";
+import { componentPanel, Problem, Refusal } from "../component";
+import type { PanelContext, PanelKind } from "../registry";
+
+/** Milliseconds between two looks. */
+const PERIOD = 1000;
+const RATES = [0.1, 0.5, 1, 2, 5, 10];
+
+/** Nodes with a service to toggle a pause: players and recorders. */
+export function pausableNodes(services: readonly string[]): string[] {
+  return services
+    .filter((name) => name.endsWith("/toggle_paused") || name.endsWith("/is_paused"))
+    .map((name) => name.slice(0, name.lastIndexOf("/")))
+    .filter((name, at, all) => all.indexOf(name) === at)
+    .sort();
+}
+
+export const player: PanelKind = {
+  name: "player",
+  title: "player.title",
+  supportedTypes: [],
+  opens: (session) => pausableNodes(session.graph.value.services).length > 0,
+  place: "below",
+  init: componentPanel(PlayerPanel),
+};
+
+function PlayerPanel({ context }: { context: PanelContext }) {
+  const found = pausableNodes(context.session.graph.value.services);
+  if (!found.length) return <p class="faint">{t("player.none")}</p>;
+  return (
+    <>
+      {found.map((node) => (
+        <Pausable key={node} context={context} node={node} />
+      ))}
+    </>
+  );
+}
+
+function Pausable({ context, node }: { context: PanelContext; node: string }) {
+  const { session, visible } = context;
+  const has = (name: string) => session.graph.value.services.includes(`${node}/${name}`);
+  const paused = useSignal<boolean | null>(null);
+  const rate = useSignal(Number.NaN);
+  const seek = useSignal("");
+  const problem = useSignal("");
+  const act = async (name: string, request: Message = {}) => {
+    try {
+      const answer = await session.call<{ success?: boolean }>(`${node}/${name}`, request);
+      problem.value = answer.success === false ? t("player.refused", { name }) : "";
+      return answer as Message;
+    } catch (error) {
+      problem.value = (error as Error).message;
+      return null;
+    }
+  };
+  const isVisible = visible.value;
+  const may = session.may("call", `${node}/toggle_paused`);
+  // What is asked does not change with what is drawn.
+  useEffect(() => {
+    if (!isVisible || !may) return undefined;
+    const look = async () => {
+      if (has("is_paused")) paused.value = ((await act("is_paused"))?.paused as boolean | undefined) ?? null;
+      if (has("get_rate")) rate.value = Number((await act("get_rate"))?.rate);
+    };
+    void look();
+    const timer = setInterval(look, PERIOD);
+    return () => clearInterval(timer);
+  }, [session, node, isVisible, may]);
+  if (!may) return <Refusal context={context} act="call" name={`${node}/toggle_paused`} />;
+  return (
+    <section class="player">
+      <h2>{node}</h2>
+      <div class="plot-bar">
+        <button
+          type="button"
+          aria-pressed={paused.value === true}
+          onClick={async () => {
+            await act("toggle_paused");
+            if (has("is_paused"))
+              paused.value = ((await act("is_paused"))?.paused as boolean | undefined) ?? null;
+          }}
+        >
+          {paused.value ? t("player.resume") : t("player.pause")}
+        </button>
+        {has("play_next") && (
+          <button type="button" onClick={() => act("play_next")}>
+            {t("player.next")}
+          </button>
+        )}
+        {has("stop") && (
+          <button type="button" onClick={() => act("stop")}>
+            {t("player.stop")}
+          </button>
+        )}
+        {has("set_rate") && (
+          <label class="choice">
+            <span>{t("player.rate")}</span>
+            <select
+              value={String(rate.value)}
+              onChange={async (event) => {
+                const wanted = Number(event.currentTarget.value);
+                if (await act("set_rate", { rate: wanted })) rate.value = wanted;
+              }}
+            >
+              {!RATES.includes(rate.value) && <option value={String(rate.value)}>{rate.value}</option>}
+              {RATES.map((each) => (
+                <option key={each} value={String(each)}>
+                  {each}×
+                </option>
+              ))}
+            </select>
+          </label>
+        )}
+      </div>
+      {has("seek") && (
+        <form
+          class="plot-bar"
+          onSubmit={(event) => {
+            event.preventDefault();
+            const to = Number(seek.value);
+            if (!Number.isFinite(to) || seek.value.trim() === "") return;
+            const whole = Math.floor(to);
+            const rest = Math.round((to - whole) * 1e9);
+            const two = session.version.peek() === 2;
+            void act("seek", { time: two ? { sec: whole, nanosec: rest } : { secs: whole, nsecs: rest } });
+          }}
+        >
+          <label class="choice">
+            <span>{t("player.seek")}</span>
+            <input
+              type="text"
+              inputMode="decimal"
+              value={seek.value}
+              onInput={(event) => {
+                seek.value = event.currentTarget.value;
+              }}
+            />
+          </label>
+          <button type="submit">{t("player.go")}</button>
+        </form>
+      )}
+      {problem.value && <Problem text={problem.value} />}
+    </section>
+  );
+}

@@ -1,0 +1,94 @@
+/** A camera: the best stream that the robot has, with its age and rate, and stills of it. */
+
+import { useEffect, useMemo, useRef } from "preact/hooks";
+import { t } from "../../i18n/text";
+import { CAMERA_TYPES, Camera, cameraTopics } from "../../robot/camera";
+import { componentPanel, now, Problem, Refusal, TopicChoice } from "../component";
+import type { PanelContext, PanelKind } from "../registry";
+
+/** Seconds without a picture after which its age is said loudly. */
+const STALE = 2;
+
+export const camera: PanelKind = {
+  name: "camera",
+  title: "camera.title",
+  supportedTypes: CAMERA_TYPES,
+  opens: (session) => cameraTopics(session).length > 0,
+  place: "right",
+  init: componentPanel(CameraPanel),
+};
+
+function CameraPanel({ context }: { context: PanelContext }) {
+  const { session, config, visible } = context;
+  const topics = cameraTopics(session);
+  const topic = String(config.value.topic ?? topics[0] ?? "");
+  if (!topic) return <p class="faint">{t("panel.nothing")}</p>;
+  if (!session.may("subscribe", topic)) return <Refusal context={context} act="subscribe" name={topic} />;
+  return (
+    <div class="camera">
+      <TopicChoice
+        label={t("panel.topic")}
+        topics={topics}
+        chosen={topic}
+        onChoose={(chosen) => {
+          config.value = { ...config.value, topic: chosen };
+        }}
+      />
+      {visible.value && session.connections.value > 0 && <View key={topic} context={context} topic={topic} />}
+    </div>
+  );
+}
+
+function View({ context, topic }: { context: PanelContext; topic: string }) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const camera = useMemo(
+    () =>
+      new Camera(context.session, topic, (picture) => {
+        const { current } = canvas;
+        if (current) {
+          if (current.width !== picture.width) current.width = picture.width;
+          if (current.height !== picture.height) current.height = picture.height;
+          current.getContext("2d")?.drawImage(picture, 0, 0);
+        }
+        picture.close();
+      }),
+    [context.session, topic],
+  );
+  useEffect(() => () => camera.dispose(), [camera]);
+  const age = camera.at.value ? Math.max(0, (now.value - camera.at.value) / 1000) : Number.NaN;
+  const way = camera.way.value;
+  return (
+    <>
+      <canvas ref={canvas} width={4} height={3} role="img" aria-label={t("camera.picture", { topic })} />
+      {camera.problem.value && <Problem text={camera.problem.value} />}
+      <p class="camera-state">
+        {way ? (
+          <>
+            <span>
+              {t(`camera.${way}`)} · {camera.rate.value.toFixed(1)} Hz
+            </span>
+            <span class={age > STALE ? "problem" : "faint"}>
+              {t("topics.age")} {age.toFixed(0)} s
+            </span>
+            <button type="button" onClick={() => canvas.current && saveStill(canvas.current, topic)}>
+              {t("camera.still")}
+            </button>
+          </>
+        ) : (
+          <span class="faint">{t("panel.waiting", { name: topic })}</span>
+        )}
+      </p>
+    </>
+  );
+}
+
+function saveStill(canvas: HTMLCanvasElement, topic: string): void {
+  canvas.toBlob((blob) => {
+    if (!blob) return;
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(blob);
+    link.download = `${topic.replace(/\W+/g, "_").replace(/^_/, "")}-${new Date().toISOString()}.png`;
+    link.click();
+    URL.revokeObjectURL(link.href);
+  }, "image/png");
+}

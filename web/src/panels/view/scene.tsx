@@ -1,0 +1,212 @@
+/** The 3D scene: the robot and what it sees, with tools to send it somewhere. Its library is loaded when it opens. */
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { t } from "../../i18n/text";
+import { shortType } from "../../robot/names";
+import type { RobotScene } from "../../scene/scene";
+import type { ToolName } from "../../scene/tools";
+import { componentPanel, Problem } from "../component";
+import { NavigationState } from "../drive/navigation_state";
+import type { PanelContext, PanelKind } from "../registry";
+
+/** Types that are worth a scene; the scene itself draws more. */
+const TYPES = [
+  "nav_msgs/OccupancyGrid",
+  "sensor_msgs/LaserScan",
+  "sensor_msgs/PointCloud2",
+  "nav_msgs/Odometry",
+];
+
+export const scene: PanelKind = {
+  name: "scene",
+  title: "scene.title",
+  supportedTypes: TYPES,
+  opens: (session) =>
+    session.topicsOf(...TYPES).length > 0 || session.graph.value.topics.has("/robot_description"),
+  place: "main",
+  init: componentPanel(ScenePanel),
+};
+
+function ScenePanel({ context }: { context: PanelContext }) {
+  const place = useRef<HTMLDivElement>(null);
+  const drawn = useSignal<RobotScene | null>(null);
+  const problem = useSignal("");
+  const { session, config } = context;
+  useEffect(() => {
+    let made: RobotScene | null = null;
+    let ended = false;
+    import("../../scene/scene")
+      .then(({ RobotScene }) => {
+        if (ended || !place.current) return;
+        made = new RobotScene(session, place.current, {
+          ...(config.peek().layers as Record<string, boolean>),
+        });
+        drawn.value = made;
+        // For people who write tests and for the curious; nothing of the page uses it.
+        Object.assign(place.current, { robotScene: made });
+      })
+      .catch((error: Error) => {
+        problem.value = error.message;
+      });
+    return () => {
+      ended = true;
+      made?.dispose();
+    };
+  }, [session, config, drawn, problem]);
+  const view = drawn.value?.view;
+  useEffect(() => view?.setVisible(context.visible.value), [view, context.visible.value]);
+  useEffect(() => view?.setDark(context.dark.value), [view, context.dark.value]);
+  return (
+    <div class="scene">
+      {problem.value && <Problem text={t("panel.failed", { reason: problem.value })} />}
+      {drawn.value && <Toolbar context={context} scene={drawn.value} />}
+      <div class="scene-view" ref={place} role="application" aria-label={t("scene.keys")} />
+      {drawn.value && <MarkerMenu scene={drawn.value} />}
+      {drawn.value && <Problems scene={drawn.value} />}
+    </div>
+  );
+}
+
+function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene }) {
+  const { navigation, config, stop } = context;
+  const { tools, frames, axes } = scene;
+  const following = scene.followed.value !== "";
+  const axesShown = useSignal(axes.isShown);
+  useEffect(() => {
+    tools.onPlace = (tool, where) => {
+      const frame = frames.fixed.peek();
+      if (tool === "pose") navigation.setPose(where, frame);
+      else if (!stop.stopped.peek()) navigation.send(where, frame);
+    };
+  }, [tools, frames, navigation, stop]);
+  frames.changed.value;
+  const tool = (name: ToolName, title: string, disabled: boolean) => (
+    <button
+      type="button"
+      aria-pressed={tools.chosen.value === name}
+      disabled={disabled}
+      onClick={() => tools.choose(tools.chosen.peek() === name ? "look" : name)}
+    >
+      {title}
+    </button>
+  );
+  return (
+    <div class="scene-tools" role="toolbar" aria-label={t("scene.tools")}>
+      {tool("goal", t("scene.goal"), !navigation.way || stop.stopped.value)}
+      {navigation.takesPose && tool("pose", t("scene.pose"), false)}
+      {tool("measure", t("scene.measure"), false)}
+      {Number.isFinite(tools.measured.value) && <output>{tools.measured.value.toFixed(3)} m</output>}
+      <button type="button" onClick={() => scene.look(true)}>
+        {t("scene.top")}
+      </button>
+      <button type="button" aria-pressed={following} onClick={() => scene.follow(!following)}>
+        {t("scene.follow")}
+      </button>
+      <button
+        type="button"
+        aria-pressed={axesShown.value}
+        onClick={() => {
+          axes.show(!axes.isShown);
+          axesShown.value = axes.isShown;
+        }}
+      >
+        {t("scene.frames")}
+      </button>
+      <label class="choice">
+        <span>{t("scene.fixed")}</span>
+        <select value={frames.fixed.value} onChange={(event) => frames.fix(event.currentTarget.value)}>
+          {frames.names.map((name) => (
+            <option key={name} value={name}>
+              {name}
+            </option>
+          ))}
+        </select>
+      </label>
+      <details class="scene-layers">
+        <summary>{t("scene.layers")}</summary>
+        <ul>
+          {scene.rows.value.map(({ topic, type, layer }) => (
+            <li key={topic}>
+              <label class="check">
+                <input
+                  type="checkbox"
+                  checked={layer !== null}
+                  onChange={(event) => {
+                    const { checked } = event.currentTarget;
+                    scene.show(topic, checked);
+                    const layers = config.value.layers as Record<string, boolean> | undefined;
+                    config.value = { ...config.value, layers: { ...layers, [topic]: checked } };
+                  }}
+                />
+                {topic} <span class="faint">{shortType(type).split("/")[1]}</span>
+              </label>
+            </li>
+          ))}
+        </ul>
+      </details>
+      <NavigationState navigation={navigation} />
+    </div>
+  );
+}
+
+/** What is wrong with what cannot be drawn. */
+function Problems({ scene }: { scene: RobotScene }) {
+  const problems = scene.rows.value.filter(({ layer }) => layer?.problem.value);
+  if (!problems.length) return null;
+  return (
+    <div class="scene-problems">
+      {problems.map(({ topic, layer }) => (
+        <Problem key={topic} text={`${topic}: ${layer?.problem.value}`} />
+      ))}
+    </div>
+  );
+}
+
+/** The menu of an interactive marker. */
+function MarkerMenu({ scene }: { scene: RobotScene }) {
+  const list = useRef<HTMLUListElement>(null);
+  const request = scene.menu.value;
+  useEffect(() => {
+    if (!request) return undefined;
+    list.current?.style.setProperty("left", `${request.x}px`);
+    list.current?.style.setProperty("top", `${request.y}px`);
+    list.current?.querySelector("button")?.focus();
+    const away = (event: PointerEvent) => {
+      if (!list.current?.contains(event.target as Node)) scene.menu.value = null;
+    };
+    addEventListener("pointerdown", away, { capture: true });
+    return () => removeEventListener("pointerdown", away, { capture: true });
+  }, [request, scene]);
+  if (!request) return null;
+  const depth = (id: number): number => {
+    const parent = request.entries.find((entry) => entry.id === id)?.parent_id ?? 0;
+    return parent && parent !== id ? 1 + Math.min(depth(parent), 5) : 0;
+  };
+  return (
+    <ul
+      class="menu marker-menu"
+      ref={list}
+      onKeyDown={(event) => {
+        if (event.key !== "Escape") return;
+        event.stopPropagation();
+        scene.menu.value = null;
+      }}
+    >
+      {request.entries.map(({ id, title }) => (
+        <li key={id}>
+          <button
+            type="button"
+            class={`depth-${depth(id)}`}
+            onClick={() => {
+              scene.menu.value = null;
+              request.choose(id);
+            }}
+          >
+            {title}
+          </button>
+        </li>
+      ))}
+    </ul>
+  );
+}

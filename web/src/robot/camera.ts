@@ -1,0 +1,149 @@
+/** Pictures of a camera, by the best way that the robot has: a stream over HTTP, else messages. */
+
+import { type Signal, signal } from "@preact/signals-core";
+import { bytesOf } from "../decode/bytes";
+import type { Pixels } from "../decode/protocol";
+import { readParts } from "./mjpeg";
+import { seconds, shortType } from "./names";
+import type { RobotSession } from "./session";
+import type { Message } from "./subscriptions";
+
+export const CAMERA_TYPES = ["sensor_msgs/Image", "sensor_msgs/CompressedImage"];
+
+export type CameraWay = "stream" | "compressed" | "raw";
+
+/** Milliseconds between two pictures that come as messages. */
+const THROTTLE = 66;
+/** Milliseconds until a stream that broke off is asked for again. */
+const AGAIN = 1000;
+/** Frames over which the rate is counted. */
+const WINDOW = 20;
+
+/** Topics that are pictures for people; a depth cloud's encoded form is none, and depth comes last. */
+export function cameraTopics(session: RobotSession): string[] {
+  const rank = (name: string) =>
+    (/depth/.test(name) ? 4 : 0) +
+    (shortType(session.graph.value.topics.get(name) ?? "").endsWith("/Image") ? 0 : 1);
+  return session
+    .topicsOf(...CAMERA_TYPES)
+    .filter((name) => !name.endsWith("/compressedDepth") && !/theora|ffmpeg/.test(name))
+    .filter((name) => session.may("subscribe", name))
+    .sort((one, other) => rank(one) - rank(other));
+}
+
+/** One camera that is being looked at. */
+export class Camera {
+  /** How the pictures come; null until the first one. */
+  readonly way: Signal<CameraWay | null> = signal(null);
+  /** Pictures a second, over the last ones. */
+  readonly rate = signal(0);
+  /** When the last picture came, by this page's clock in milliseconds; 0 before. */
+  readonly at = signal(0);
+  /** When it was taken, in seconds by the robot's clock; NaN where that is not known. */
+  readonly stamp = signal(Number.NaN);
+  readonly problem = signal("");
+
+  private readonly arrivals: number[] = [];
+  private end: () => void = () => undefined;
+  private busy = false;
+  private ended = false;
+
+  /**
+   * @param session the robot
+   * @param topic of one of {@link CAMERA_TYPES}
+   * @param show is given each picture, and closes it
+   */
+  constructor(
+    private readonly session: RobotSession,
+    private readonly topic: string,
+    private readonly show: (picture: ImageBitmap) => void,
+  ) {
+    this.stream();
+  }
+
+  /** Look no longer. */
+  dispose(): void {
+    this.ended = true;
+    this.end();
+  }
+
+  private stream(): void {
+    const url = new URL("stream", this.session.httpBase);
+    // web_video_server takes the topic as it is, without percent signs for the slashes.
+    url.search = `?topic=${this.topic}&type=mjpeg`;
+    const control = new AbortController();
+    this.end = () => control.abort();
+    let seen = false;
+    const onPart = ({ type, body, stamp }: { type: string; body: Uint8Array; stamp: number }) => {
+      seen = true;
+      this.way.value = "stream";
+      void this.decode(new Blob([body as BlobPart], { type }), stamp);
+    };
+    readParts(url, this.session.httpHeaders, onPart, control.signal)
+      .catch((error: Error) => {
+        if (!this.ended) console.debug("no stream:", error.message);
+      })
+      .finally(() => {
+        if (this.ended) return;
+        if (!seen) {
+          this.subscribe();
+          return;
+        }
+        // It worked before: the server was started again, or the network was away.
+        const timer = setTimeout(() => this.stream(), AGAIN);
+        this.end = () => clearTimeout(timer);
+      });
+  }
+
+  private subscribe(): void {
+    const type = this.session.graph.peek().topics.get(this.topic) ?? "";
+    const isCompressed = shortType(type) === "sensor_msgs/CompressedImage";
+    const listener = (message: Message) => {
+      this.way.value = isCompressed ? "compressed" : "raw";
+      const stamp = seconds((message.header as Message | undefined)?.stamp);
+      if (typeof message.$error === "string") this.problem.value = message.$error;
+      else if (message.$pixels) {
+        const { width, height, rgba } = message.$pixels as Pixels;
+        void this.decode(new ImageData(rgba as Uint8ClampedArray<ArrayBuffer>, width, height), stamp);
+      } else if (isCompressed) {
+        void this.decode(new Blob([bytesOf(message.data) as BlobPart]), stamp);
+      }
+    };
+    this.end = this.session.subscribe(
+      this.topic,
+      type,
+      listener,
+      isCompressed ? { throttle: THROTTLE } : { throttle: THROTTLE, decoding: "image" },
+    );
+  }
+
+  private async decode(source: ImageBitmapSource, stamp: number): Promise<void> {
+    // A picture that comes while another is being decoded is passed over.
+    if (this.busy || this.ended) return;
+    this.busy = true;
+    try {
+      const picture = await createImageBitmap(source);
+      if (this.ended) {
+        picture.close();
+        return;
+      }
+      this.problem.value = "";
+      this.count(stamp);
+      this.show(picture);
+    } catch (error) {
+      this.problem.value = (error as Error).message;
+    } finally {
+      this.busy = false;
+    }
+  }
+
+  private count(stamp: number): void {
+    const now = Date.now();
+    this.arrivals.push(now);
+    if (this.arrivals.length > WINDOW) this.arrivals.shift();
+    const first = this.arrivals[0] as number;
+    this.rate.value = now > first ? ((this.arrivals.length - 1) * 1000) / (now - first) : 0;
+    this.at.value = now;
+    this.stamp.value = stamp;
+  }
+}

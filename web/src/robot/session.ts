@@ -1,0 +1,375 @@
+/** One robot: its connection, which is made again when it is lost, what it offers, and what may be done with it. */
+
+import { computed, type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
+import { Ros, Service, Topic } from "roslib";
+import type { Traffic } from "../decode/protocol";
+import { type GoalHandle, type GoalOptions, sendGoal } from "./goals";
+import { shortType } from "./names";
+import { askPermissions, Permissions } from "./permissions";
+import { type Message, type OnMessage, type SubscribeOptions, Subscriptions } from "./subscriptions";
+import { type Closed, DecodeWorker, type WorkerPort } from "./transport";
+import { Definitions, type RosapiTypeDef } from "./typedefs";
+
+export type ConnectionState = "connecting" | "open" | "lost" | "refused";
+
+/** What the robot offers, by name; types as the robot writes them. */
+export interface Graph {
+  topics: ReadonlyMap<string, string>;
+  services: readonly string[];
+  actions: readonly string[];
+  nodes: readonly string[];
+  /** Why it is not known; empty where it is. */
+  problem: string;
+}
+
+/** Something that the server, or this page, has to say. */
+export interface Notice {
+  number: number;
+  level: "error" | "warning" | "info";
+  text: string;
+  /** The topic, service or action that it is about, where that is known. */
+  about: string;
+}
+
+export interface SessionOptions {
+  /** The WebSocket URL of the robot. */
+  url: string;
+  token?: string;
+  worker: WorkerPort;
+  /** Milliseconds between two looks at what the robot offers. */
+  discovery?: number;
+}
+
+const EMPTY: Graph = { topics: new Map(), services: [], actions: [], nodes: [], problem: "" };
+const MOST_NOTICES = 50;
+/** Milliseconds to wait before the first, second … attempt to connect again. */
+const BACKOFF = [250, 500, 1000, 2000, 4000];
+const PATIENCE = 10_000;
+
+/** A call that the robot refused, or that could not be made; the text is for people. */
+export class RobotError extends Error {}
+
+export class RobotSession {
+  readonly url: string;
+  /** Where the same server is asked over HTTP, with a slash at its end. */
+  readonly httpBase: string;
+  readonly state: Signal<ConnectionState> = signal("connecting");
+  /** Why there is no connection; empty while there is one. */
+  readonly reason = signal("");
+  readonly graph: Signal<Graph> = signal(EMPTY);
+  readonly permissions: Signal<Permissions> = signal(new Permissions(null));
+  readonly notices: Signal<Notice[]> = signal([]);
+  /** What each topic that is subscribed to costs, of the last second. */
+  readonly traffic: Signal<Map<string, Traffic & { seconds: number }>> = signal(new Map());
+  /** Milliseconds since 1970 by this page's clock when the connection was made; 0 without one. */
+  readonly connectedAt = signal(0);
+  /** How often a connection was made. */
+  readonly connections = signal(0);
+  /** The generation of ROS that the robot speaks. */
+  readonly version: ReadonlySignal<1 | 2>;
+  readonly distro = signal("");
+
+  private readonly saidVersion = signal(0);
+  private readonly ros: Ros;
+  private readonly subscriptions: Subscriptions;
+  private readonly publishers = new Map<string, { topic: Topic<Message>; users: number }>();
+  private readonly definitions = new Map<string, Promise<Definitions>>();
+  private readonly abandoned = new Set<(error: RobotError) => void>();
+  private readonly discoveryPeriod: number;
+  private token: string;
+  private attempts = 0;
+  private noticeCount = 0;
+  private retry: ReturnType<typeof setTimeout> | undefined;
+  private discovery: ReturnType<typeof setTimeout> | undefined;
+  private closed = false;
+
+  constructor({ url, token = "", worker, discovery = 3000 }: SessionOptions) {
+    this.url = url;
+    this.token = token;
+    this.discoveryPeriod = discovery;
+    const base = new URL(url);
+    base.protocol = base.protocol === "wss:" ? "https:" : "http:";
+    base.search = base.hash = "";
+    if (!base.pathname.endsWith("/")) base.pathname += "/";
+    this.httpBase = base.href;
+    this.version = computed(() => {
+      if (this.saidVersion.value) return this.saidVersion.value === 1 ? 1 : 2;
+      const types = [...this.graph.value.topics.values()];
+      return types.length && !types.some((type) => type.includes("/msg/")) ? 1 : 2;
+    });
+    const decode = new DecodeWorker(worker, {
+      onTraffic: (seconds, topics) => {
+        this.traffic.value = new Map([...topics].map(([name, each]) => [name, { ...each, seconds }]));
+      },
+      onStatus: (level, text, id) => this.noteStatus(level, text, id),
+    });
+    this.ros = new Ros({
+      transportFactory: decode.factory(() => (this.token ? ["rwt", `bearer.${this.token}`] : [])),
+    });
+    this.subscriptions = new Subscriptions(this.ros, (decodings) => decode.decode(decodings));
+    this.ros.on("connection", () => this.opened());
+    this.ros.on("close", (event) => this.lost(event as Closed));
+    this.connect();
+  }
+
+  // -- the connection
+
+  private connect(): void {
+    this.ros.connect(this.url).catch((error: unknown) => this.lost({ code: 1006, reason: String(error) }));
+  }
+
+  private opened(): void {
+    this.attempts = 0;
+    this.definitions.clear();
+    this.state.value = "open";
+    this.reason.value = "";
+    this.connectedAt.value = Date.now();
+    this.connections.value++;
+    this.ros.setStatusLevel("warning");
+    void this.askVersion();
+    // In this order: what opens by itself depends on what may be done.
+    void askPermissions(this.httpBase, this.token).then((permissions) => {
+      this.permissions.value = permissions;
+      if (this.state.peek() === "open") this.discover();
+    });
+  }
+
+  private lost({ code, reason }: Closed): void {
+    const wasOpen = this.state.peek() === "open";
+    this.connectedAt.value = 0;
+    clearTimeout(this.discovery);
+    for (const abandon of [...this.abandoned]) abandon(new RobotError("the connection was lost"));
+    if (this.closed) return;
+    this.reason.value = reason || `${code}`;
+    this.state.value = "lost";
+    if (!wasOpen && this.attempts === 0) void this.askWhy();
+    const wait = BACKOFF[Math.min(this.attempts, BACKOFF.length - 1)] as number;
+    this.attempts++;
+    this.retry = setTimeout(() => this.connect(), wait);
+  }
+
+  /** A WebSocket that is refused does not say why; the same server's HTTP does. */
+  private async askWhy(): Promise<void> {
+    try {
+      const headers: Record<string, string> = this.token ? { Authorization: `Bearer ${this.token}` } : {};
+      const response = await fetch(new URL("role", this.httpBase), { headers });
+      if (response.status === 401 || response.status === 403) {
+        const text = (await response.text()).trim();
+        if (this.state.peek() === "open") return;
+        this.reason.value = text;
+        this.state.value = "refused";
+        if (response.status === 401) clearTimeout(this.retry);
+      }
+    } catch {
+      // There is no HTTP to be asked: what the WebSocket said is all there is.
+    }
+  }
+
+  /** Connect again, with another token. */
+  authenticate(token: string): void {
+    this.token = token;
+    this.attempts = 0;
+    clearTimeout(this.retry);
+    this.state.value = "connecting";
+    if (this.ros.isConnected) this.ros.close();
+    else this.connect();
+  }
+
+  /** Headers that prove over HTTP who this client is. */
+  get httpHeaders(): Record<string, string> {
+    return this.token ? { Authorization: `Bearer ${this.token}` } : {};
+  }
+
+  /** End the connection for good. */
+  close(): void {
+    this.closed = true;
+    clearTimeout(this.retry);
+    clearTimeout(this.discovery);
+    this.ros.close();
+  }
+
+  // -- what there is
+
+  private discover(): void {
+    clearTimeout(this.discovery);
+    void this.look().finally(() => {
+      if (this.state.peek() === "open") {
+        this.discovery = setTimeout(() => this.discover(), this.discoveryPeriod);
+      }
+    });
+  }
+
+  private async look(): Promise<void> {
+    try {
+      const [topics, services, actions, nodes] = await Promise.all([
+        this.call<{ topics: string[]; types: string[] }>("/rosapi/topics", {}),
+        this.call<{ services: string[] }>("/rosapi/services", {}),
+        this.call<{ action_servers: string[] }>("/rosapi/action_servers", {}).catch(() => ({
+          action_servers: [],
+        })),
+        this.call<{ nodes: string[] }>("/rosapi/nodes", {}).catch(() => ({ nodes: [] })),
+      ]);
+      const next: Graph = {
+        topics: new Map(topics.topics.map((name, index) => [name, topics.types[index] ?? ""])),
+        services: services.services,
+        actions: actions.action_servers,
+        nodes: nodes.nodes,
+        problem: "",
+      };
+      if (!sameGraph(this.graph.peek(), next)) this.graph.value = next;
+    } catch (error) {
+      if (this.state.peek() === "open") {
+        this.graph.value = { ...this.graph.peek(), problem: (error as Error).message };
+      }
+    }
+  }
+
+  private async askVersion(): Promise<void> {
+    try {
+      const said = await this.call<{ version: number; distro: string }>("/rosapi/get_ros_version", {});
+      this.saidVersion.value = said.version;
+      this.distro.value = said.distro;
+    } catch {
+      this.saidVersion.value = 0; // ROS 1's rosapi has no such service: the names of types tell.
+    }
+  }
+
+  /** The topics of any of some types, sorted by name. Types are written without `/msg/`. */
+  topicsOf(...types: string[]): string[] {
+    const found: string[] = [];
+    for (const [name, type] of this.graph.value.topics) if (types.includes(shortType(type))) found.push(name);
+    return found.sort();
+  }
+
+  /** Whether something is allowed, or at least not known to be refused. */
+  may(act: Parameters<Permissions["may"]>[0], name: string): boolean {
+    return this.permissions.value.may(act, name);
+  }
+
+  /** The definition of a message type, or of a half of a service or an action. */
+  define(kind: "message" | "request" | "response" | "goal" | "result" | "feedback", type: string) {
+    const key = `${kind} ${type}`;
+    let known = this.definitions.get(key);
+    if (!known) {
+      const service = {
+        message: "message_details",
+        request: "service_request_details",
+        response: "service_response_details",
+        goal: "action_goal_details",
+        result: "action_result_details",
+        feedback: "action_feedback_details",
+      }[kind];
+      known = this.call<{ typedefs: RosapiTypeDef[] }>(`/rosapi/${service}`, { type }).then(
+        ({ typedefs }) => new Definitions(typedefs),
+      );
+      known.catch(() => this.definitions.delete(key));
+      this.definitions.set(key, known);
+    }
+    return known;
+  }
+
+  // -- acting
+
+  /** Hear a topic until the returned function is called; see {@link Subscriptions.add}. */
+  subscribe(name: string, type: string, listener: OnMessage, options?: SubscribeOptions): () => void {
+    return this.subscriptions.add(name, type, listener, options);
+  }
+
+  /** A publisher, advertised while anybody holds it. */
+  publisher(name: string, type: string): { publish(message: Message): void; dispose(): void } {
+    const key = `${name} ${type}`;
+    let known = this.publishers.get(key);
+    if (!known) {
+      known = { topic: new Topic<Message>({ ros: this.ros, name, messageType: type }), users: 0 };
+      known.topic.advertise();
+      this.publishers.set(key, known);
+    }
+    const mine = known;
+    mine.users++;
+    let held = true;
+    return {
+      publish: (message) => {
+        // Without a connection a message is dropped: roslib would keep it and send it much later.
+        if (held && this.state.peek() === "open") mine.topic.publish(message);
+      },
+      dispose: () => {
+        if (!held) return;
+        held = false;
+        if (--mine.users === 0) {
+          mine.topic.unadvertise();
+          this.publishers.delete(key);
+        }
+      },
+    };
+  }
+
+  /**
+   * Call a service.
+   *
+   * @param patience milliseconds to wait for the answer
+   * @throws RobotError the robot refuses, does not answer in time, or there is no connection
+   */
+  call<Answer = Message>(name: string, request: Message, type = "", patience = PATIENCE): Promise<Answer> {
+    if (this.state.peek() !== "open") return Promise.reject(new RobotError("there is no connection"));
+    return new Promise<Answer>((resolve, reject) => {
+      const done = () => {
+        clearTimeout(timer);
+        this.abandoned.delete(abandon);
+      };
+      const abandon = (error: RobotError) => {
+        done();
+        reject(error);
+      };
+      const timer = setTimeout(
+        () => abandon(new RobotError(`${name} does not answer for ${patience / 1000} s`)),
+        patience,
+      );
+      this.abandoned.add(abandon);
+      new Service<Message, Answer>({ ros: this.ros, name, serviceType: type }).callService(
+        request,
+        (answer) => {
+          done();
+          resolve(answer);
+        },
+        (problem) => abandon(new RobotError(String(problem))),
+        patience / 1000,
+      );
+    });
+  }
+
+  /** Send a goal to an action server, in the way of the robot's generation of ROS. */
+  sendGoal(action: string, type: string, goal: Message, options: GoalOptions = {}): GoalHandle {
+    const handle = sendGoal(this.ros, this.version.peek(), action, type, goal, options);
+    const abandon = () => handle.abandon("the connection was lost");
+    this.abandoned.add(abandon);
+    void handle.outcome.then(
+      () => this.abandoned.delete(abandon),
+      () => this.abandoned.delete(abandon),
+    );
+    return handle;
+  }
+
+  // -- what is said
+
+  /** Say something where everybody sees it. */
+  note(level: Notice["level"], text: string, about = ""): void {
+    const last = this.notices.peek().at(-1);
+    if (last && last.text === text) return;
+    const notice = { number: ++this.noticeCount, level, text, about };
+    this.notices.value = [...this.notices.peek().slice(1 - MOST_NOTICES), notice];
+  }
+
+  private noteStatus(level: string, text: string, id: string | undefined): void {
+    // roslib's ids are OPERATION:NAME:UUID.
+    const about = /^[a-z_]+:([^:]+):/.exec(id ?? "")?.[1] ?? "";
+    this.note(level === "error" ? "error" : level === "warning" ? "warning" : "info", text, about);
+  }
+}
+
+function sameGraph(one: Graph, other: Graph): boolean {
+  if (one.problem !== other.problem || one.topics.size !== other.topics.size) return false;
+  for (const [name, type] of one.topics) if (other.topics.get(name) !== type) return false;
+  return (["services", "actions", "nodes"] as const).every(
+    (key) => one[key].length === other[key].length && one[key].every((name, at) => name === other[key][at]),
+  );
+}

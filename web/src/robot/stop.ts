@@ -1,0 +1,76 @@
+/** The stop that everybody sees: a latched software stop. It is no emergency stop; that one cuts the power. */
+
+import { type Signal, signal } from "@preact/signals-core";
+import { driveTopics } from "./drive";
+import { header, rosTime, shortType } from "./names";
+import type { RobotSession } from "./session";
+
+/** Milliseconds for which a stop repeats its command, and between two of them. */
+const LASTS = 1000;
+const PERIOD = 100;
+
+export class Stop {
+  /** Whether this page sends nothing that moves the robot. */
+  readonly stopped: Signal<boolean> = signal(false);
+
+  constructor(private readonly session: RobotSession) {}
+
+  /** What it would act on: topics that are driven by, and actions whose goals can be cancelled. */
+  get reaches(): { topics: string[]; actions: string[] } {
+    const { session } = this;
+    return {
+      topics: driveTopics(session).filter((name) => session.may("publish", name)),
+      actions: session.graph.value.actions.filter((name) => session.may("goals", name)),
+    };
+  }
+
+  /** Tell the robot to stand still, cancel every goal of every action, and send nothing until `release`. */
+  stop(): void {
+    this.stopped.value = true;
+    const { topics, actions } = this.reaches;
+    for (const topic of topics) this.standStill(topic);
+    for (const action of actions) this.cancelGoals(action);
+  }
+
+  /** Let the controls of this page work again; nothing moves by that. */
+  release(): void {
+    this.stopped.value = false;
+  }
+
+  private standStill(topic: string): void {
+    const { session } = this;
+    const type = session.graph.peek().topics.get(topic) ?? "";
+    const publisher = session.publisher(topic, type);
+    const zero = { x: 0, y: 0, z: 0 };
+    const twist = { linear: zero, angular: zero };
+    const send = () =>
+      publisher.publish(
+        shortType(type) === "geometry_msgs/TwistStamped"
+          ? { header: header(session.version.peek(), "base_link"), twist }
+          : twist,
+      );
+    send();
+    const timer = setInterval(send, PERIOD);
+    setTimeout(() => {
+      clearInterval(timer);
+      publisher.dispose();
+    }, LASTS);
+  }
+
+  private cancelGoals(action: string): void {
+    const { session } = this;
+    const version = session.version.peek();
+    const stamp = rosTime(version, 0);
+    if (version === 1) {
+      // An empty id and a time of zero stand for every goal, in actionlib and in ROS 2 alike.
+      const publisher = session.publisher(`${action}/cancel`, "actionlib_msgs/GoalID");
+      publisher.publish({ stamp, id: "" });
+      publisher.dispose();
+      return;
+    }
+    const everyGoal = { goal_info: { goal_id: { uuid: new Array(16).fill(0) }, stamp } };
+    session
+      .call(`${action}/_action/cancel_goal`, everyGoal, "action_msgs/srv/CancelGoal")
+      .catch((error: Error) => session.note("warning", error.message, action));
+  }
+}

@@ -1,0 +1,116 @@
+/** One subscription per topic, whatever number of panels look at it. */
+
+import { type Ros, Topic } from "roslib";
+import type { Decoding } from "../decode/protocol";
+import { shortType } from "./names";
+
+export type Message = Record<string, unknown>;
+export type OnMessage = (message: Message) => void;
+
+/** How one listener wants a topic. */
+export interface SubscribeOptions {
+  /** Milliseconds between two messages at least; 0 for every message. */
+  throttle?: number;
+  /** What the worker makes of each message beside what stands in it. */
+  decoding?: Decoding;
+}
+
+interface Merged {
+  type: string;
+  throttle: number;
+  decoding: Decoding | undefined;
+  topic: Topic<Message>;
+  listeners: Map<OnMessage, SubscribeOptions>;
+  last: Message | null;
+}
+
+/** Types whose messages are mostly numbers or octets: JSON costs many times what CBOR does. */
+const IN_CBOR = new Set([
+  "sensor_msgs/PointCloud2",
+  "sensor_msgs/Image",
+  "sensor_msgs/CompressedImage",
+  "sensor_msgs/LaserScan",
+  "nav_msgs/OccupancyGrid",
+  "map_msgs/OccupancyGridUpdate",
+]);
+
+export class Subscriptions {
+  private readonly topics = new Map<string, Merged>();
+
+  /**
+   * @param ros the connection, which subscribes again by itself after it was lost
+   * @param onDecodings told when other topics are to be decoded further
+   */
+  constructor(
+    private readonly ros: Ros,
+    private readonly onDecodings: (decodings: Map<string, Decoding>) => void,
+  ) {}
+
+  /** The names of the topics that are subscribed to now. */
+  get names(): string[] {
+    return [...this.topics.keys()];
+  }
+
+  /**
+   * Call `listener` with the messages of a topic, the last one that is known first. A topic that several listeners
+   * want is subscribed to once, as often as the most demanding of them wants.
+   *
+   * @returns what ends it
+   */
+  add(name: string, type: string, listener: OnMessage, options: SubscribeOptions = {}): () => void {
+    const known = this.topics.get(name);
+    const listeners = known?.listeners ?? new Map<OnMessage, SubscribeOptions>();
+    listeners.set(listener, options);
+    this.merge(name, type, listeners);
+    if (known?.last) queueMicrotask(() => listeners.has(listener) && known.last && listener(known.last));
+    return () => {
+      if (!listeners.delete(listener)) return;
+      const merged = this.topics.get(name);
+      if (merged?.listeners !== listeners) return;
+      if (listeners.size) this.merge(name, merged.type, listeners);
+      else {
+        merged.topic.unsubscribe();
+        this.topics.delete(name);
+        if (merged.decoding) this.tellDecodings();
+      }
+    };
+  }
+
+  private merge(name: string, type: string, listeners: Map<OnMessage, SubscribeOptions>): void {
+    const options = [...listeners.values()];
+    const throttle = Math.min(...options.map((each) => each.throttle ?? 0));
+    const decoding = options.find((each) => each.decoding)?.decoding;
+    const known = this.topics.get(name);
+    if (known && known.throttle === throttle && known.decoding === decoding) return;
+    const topic = new Topic<Message>({
+      ros: this.ros,
+      name,
+      messageType: type,
+      throttle_rate: throttle,
+      queue_length: throttle ? 1 : 0,
+      compression: IN_CBOR.has(shortType(type)) ? "cbor" : "none",
+    });
+    const merged: Merged = { type, throttle, decoding, topic, listeners, last: known?.last ?? null };
+    this.topics.set(name, merged);
+    if (known?.decoding !== decoding) this.tellDecodings();
+    topic.subscribe((message) => {
+      merged.last = message;
+      for (const listener of [...listeners.keys()]) {
+        try {
+          listener(message);
+        } catch (error) {
+          // One panel's fault is not the others'.
+          console.error(`a panel failed at a message on ${name}`, error);
+        }
+      }
+    });
+    // The new subscription is there before the old one goes, so that nothing is missed.
+    known?.topic.unsubscribe();
+  }
+
+  private tellDecodings(): void {
+    const decodings = new Map<string, Decoding>();
+    for (const [name, { decoding }] of this.topics) if (decoding) decodings.set(name, decoding);
+    this.onDecodings(decodings);
+  }
+}

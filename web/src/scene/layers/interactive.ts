@@ -1,0 +1,284 @@
+/** Interactive markers: drawn, dragged, turned and clicked, with feedback for the program that offers them. */
+
+import { Group, type Object3D, Plane, Quaternion, Vector3 } from "three";
+import { header } from "../../robot/names";
+import type { Message } from "../../robot/subscriptions";
+import { disposeTree } from "../view";
+import { Layer, type LayerContext } from "./layer";
+import { drawMarker, type Marker, poseMarker } from "./markers";
+import { type Pose, placeAt } from "./poses";
+
+export interface Control {
+  name: string;
+  orientation: Pose["orientation"];
+  interaction_mode: number;
+  markers: Marker[];
+}
+
+export interface MenuEntry {
+  id: number;
+  parent_id: number;
+  title: string;
+}
+
+interface InteractiveMarker {
+  header: { frame_id: string };
+  pose: Pose;
+  name: string;
+  description: string;
+  scale: number;
+  controls: Control[];
+  menu_entries: MenuEntry[];
+}
+
+const POSE_UPDATE = 1;
+const MENU_SELECT = 2;
+const BUTTON_CLICK = 3;
+const MOUSE_DOWN = 4;
+const MOUSE_UP = 5;
+const MOVES = { axis: [3, 6], plane: [4, 7, 9], rotate: [5, 6] } as const;
+/** Pixels that the mouse may go and still click. */
+const CLICK = 4;
+
+interface Shown {
+  marker: InteractiveMarker;
+  object: Group;
+}
+
+interface Grip {
+  shown: Shown;
+  control: Control;
+  start: { x: number; y: number };
+  from: Vector3;
+  position: Vector3;
+  turn: Quaternion;
+  moved: boolean;
+}
+
+/** What a click offers. */
+export interface MenuRequest {
+  x: number;
+  y: number;
+  entries: MenuEntry[];
+  choose: (id: number) => void;
+}
+
+export class InteractiveLayer extends Layer {
+  private readonly markers = new Map<string, Shown>();
+  private readonly feedback;
+  private readonly namespace: string;
+  private readonly client = `web-${crypto.getRandomValues(new Uint32Array(1)).join("")}`;
+  private grip: Grip | null = null;
+  private readonly may: boolean;
+
+  constructor(
+    context: LayerContext,
+    private readonly onMenu: (request: MenuRequest) => void,
+  ) {
+    super(context);
+    const { session, view } = context;
+    this.namespace = context.topic.replace(/\/update(_full)?$/, "");
+    const prefix = session.version.peek() === 2 ? "visualization_msgs/msg/" : "visualization_msgs/";
+    this.may = session.may("publish", `${this.namespace}/feedback`);
+    this.feedback = this.may
+      ? session.publisher(`${this.namespace}/feedback`, `${prefix}InteractiveMarkerFeedback`)
+      : null;
+    this.hear((message) => this.take(message));
+    const full = `${this.namespace}/update_full`;
+    if (session.graph.peek().topics.has(full)) this.hear((message) => this.take(message), {}, full);
+    else this.ask();
+    const { canvas } = view;
+    const down = (event: PointerEvent) => this.down(event);
+    const move = (event: PointerEvent) => this.move(event);
+    const up = (event: PointerEvent) => this.up(event);
+    // In front of the camera's controls, which must not turn the view while a marker is held.
+    canvas.addEventListener("pointerdown", down, { capture: true });
+    canvas.addEventListener("pointermove", move, { capture: true });
+    canvas.addEventListener("pointerup", up, { capture: true });
+    canvas.addEventListener("pointercancel", up, { capture: true });
+    this.until(() => {
+      canvas.removeEventListener("pointerdown", down, { capture: true });
+      canvas.removeEventListener("pointermove", move, { capture: true });
+      canvas.removeEventListener("pointerup", up, { capture: true });
+      canvas.removeEventListener("pointercancel", up, { capture: true });
+      this.feedback?.dispose();
+      for (const name of [...this.markers.keys()]) this.remove(name);
+    });
+  }
+
+  override show(shown: boolean): void {
+    super.show(shown);
+    for (const { object } of this.markers.values()) object.visible = shown;
+  }
+
+  private ask(): void {
+    const { session } = this.context;
+    session
+      .call(`${this.namespace}/get_interactive_markers`, {}, "visualization_msgs/srv/GetInteractiveMarkers")
+      .then((answer) => this.take(answer))
+      .catch((error: Error) => {
+        this.problem.value = error.message;
+      });
+  }
+
+  private take(message: Message): void {
+    for (const marker of (message.markers as InteractiveMarker[] | undefined) ?? []) this.draw(marker);
+    for (const name of (message.erases as string[] | undefined) ?? []) this.remove(name);
+    for (const { name, pose } of (message.poses as { name: string; pose: Pose }[] | undefined) ?? []) {
+      const shown = this.markers.get(name);
+      if (!shown) continue;
+      shown.marker.pose = pose;
+      if (this.grip?.shown !== shown) placeAt(shown.object, pose);
+    }
+    this.context.view.redraw();
+  }
+
+  private draw(marker: InteractiveMarker): void {
+    this.remove(marker.name);
+    const { session, view, frames } = this.context;
+    const object = new Group();
+    const shown = { marker, object };
+    for (const control of marker.controls) {
+      for (const each of control.markers) {
+        const drawn = poseMarker(
+          drawMarker(each, session, () => view.redraw()),
+          each.pose,
+        );
+        drawn.traverse((part) => {
+          part.userData = { shown, control };
+        });
+        // A marker of a control with a frame of its own stays where it is.
+        if (each.header?.frame_id) frames.place(each.header.frame_id).add(drawn);
+        else object.add(drawn);
+      }
+    }
+    if (!placeAt(object, marker.pose)) throw new Error(`the pose of ${marker.name} is no place`);
+    object.visible = this.isShown;
+    frames.place(marker.header.frame_id).add(object);
+    this.markers.set(marker.name, shown);
+  }
+
+  private remove(name: string): void {
+    const shown = this.markers.get(name);
+    if (!shown) return;
+    disposeTree(shown.object);
+    shown.object.removeFromParent();
+    this.markers.delete(name);
+  }
+
+  private hit(event: PointerEvent): { shown: Shown; control: Control; point: Vector3 } | null {
+    const objects: Object3D[] = [...this.markers.values()].map(({ object }) => object);
+    const [first] = this.context.view.ray(event.clientX, event.clientY).intersectObjects(objects, true);
+    const owner = first?.object.userData as { shown?: Shown; control?: Control } | undefined;
+    return first && owner?.shown && owner.control
+      ? { shown: owner.shown, control: owner.control, point: first.point }
+      : null;
+  }
+
+  private down(event: PointerEvent): void {
+    if (!this.may || !this.isShown || event.button !== 0) return;
+    const hit = this.hit(event);
+    if (!hit || hit.control.interaction_mode === 0) return;
+    event.stopImmediatePropagation();
+    this.context.view.canvas.setPointerCapture(event.pointerId);
+    const { object } = hit.shown;
+    this.grip = {
+      shown: hit.shown,
+      control: hit.control,
+      start: { x: event.clientX, y: event.clientY },
+      from: hit.point,
+      position: object.position.clone(),
+      turn: object.quaternion.clone(),
+      moved: false,
+    };
+    this.send(MOUSE_DOWN, hit.shown, hit.control, hit.point);
+  }
+
+  private move(event: PointerEvent): void {
+    const { grip } = this;
+    if (!grip) return;
+    event.stopImmediatePropagation();
+    if (Math.hypot(event.clientX - grip.start.x, event.clientY - grip.start.y) > CLICK) grip.moved = true;
+    const point = this.drag(grip, event);
+    if (!grip.moved || !point) return;
+    this.send(POSE_UPDATE, grip.shown, grip.control, point);
+    this.context.view.redraw();
+  }
+
+  /** Move or turn what is held; returns where the mouse is. */
+  private drag({ shown, control, from, position, turn }: Grip, event: PointerEvent): Vector3 | null {
+    const { object } = shown;
+    const { ray } = this.context.view.ray(event.clientX, event.clientY);
+    const toWorld = object.parent?.getWorldQuaternion(new Quaternion()) ?? new Quaternion();
+    const { x, y, z, w } = control.orientation;
+    const own = new Quaternion(x, y, z, w);
+    if (own.length() < 1e-6) own.identity();
+    // The axis of a control is the x axis of its orientation, seen from the marker.
+    const local = new Vector3(1, 0, 0).applyQuaternion(own.normalize()).applyQuaternion(turn);
+    const axis = local.clone().applyQuaternion(toWorld);
+    const mode = control.interaction_mode;
+    const isOne = (modes: readonly number[]) => modes.includes(mode);
+    if (isOne(MOVES.plane) || mode === 6) {
+      const point = ray.intersectPlane(new Plane().setFromNormalAndCoplanarPoint(axis, from), new Vector3());
+      if (!point) return null;
+      const step = point.clone().sub(from).applyQuaternion(toWorld.clone().invert());
+      object.position.copy(position).add(step);
+      return point;
+    }
+    if (isOne(MOVES.axis)) {
+      const line = from.clone().addScaledVector(axis, 100);
+      const onAxis = new Vector3();
+      ray.distanceSqToSegment(from.clone().addScaledVector(axis, -100), line, undefined, onAxis);
+      const along = onAxis.clone().sub(from).dot(axis);
+      object.position.copy(position).addScaledVector(local, along);
+      return onAxis;
+    }
+    if (isOne(MOVES.rotate)) {
+      const point = ray.intersectPlane(new Plane().setFromNormalAndCoplanarPoint(axis, from), new Vector3());
+      if (!point) return null;
+      const centre = object.getWorldPosition(new Vector3());
+      const flat = (each: Vector3) => each.clone().sub(centre).projectOnPlane(axis).normalize();
+      const [one, other] = [flat(from), flat(point)];
+      const angle = Math.atan2(one.clone().cross(other).dot(axis), one.dot(other));
+      object.quaternion.copy(new Quaternion().setFromAxisAngle(local, angle)).multiply(turn);
+      return point;
+    }
+    return from;
+  }
+
+  private up(event: PointerEvent): void {
+    const { grip } = this;
+    if (!grip) return;
+    event.stopImmediatePropagation();
+    this.grip = null;
+    this.send(MOUSE_UP, grip.shown, grip.control, grip.from);
+    if (grip.moved) return;
+    const { marker } = grip.shown;
+    if (marker.menu_entries?.length) {
+      this.onMenu({
+        x: event.clientX,
+        y: event.clientY,
+        entries: marker.menu_entries,
+        choose: (id) => this.send(MENU_SELECT, grip.shown, grip.control, grip.from, id),
+      });
+    } else {
+      this.send(BUTTON_CLICK, grip.shown, grip.control, grip.from);
+    }
+  }
+
+  private send(kind: number, { marker, object }: Shown, control: Control, point: Vector3, entry = 0): void {
+    const { position: p, quaternion: q } = object;
+    const { x, y, z } = point;
+    this.feedback?.publish({
+      header: header(this.context.session.version.peek(), marker.header.frame_id),
+      client_id: this.client,
+      marker_name: marker.name,
+      control_name: control.name,
+      event_type: kind,
+      pose: { position: { x: p.x, y: p.y, z: p.z }, orientation: { x: q.x, y: q.y, z: q.z, w: q.w } },
+      menu_entry_id: entry,
+      mouse_point: { x, y, z },
+      mouse_point_valid: true,
+    });
+  }
+}

@@ -1,0 +1,81 @@
+/** The robot's model: a URDF with its meshes, moved by /joint_states. */
+
+import { LoadingManager, type Object3D } from "three";
+import URDFLoader, { type URDFRobot } from "urdf-loader";
+import type { Message } from "../../robot/subscriptions";
+import { Layer, type LayerContext } from "./layer";
+
+const MOST_TEXT = 16 * 1024 * 1024;
+
+export class RobotLayer extends Layer {
+  private robot: URDFRobot | null = null;
+  private text = "";
+
+  constructor(context: LayerContext) {
+    super(context);
+    this.hear((message) => this.build(String(message.data ?? "")));
+    if (context.session.graph.peek().topics.has("/joint_states")) {
+      this.hear((message) => this.move(message), { throttle: 50 }, "/joint_states");
+    }
+  }
+
+  private build(text: string): void {
+    if (text === this.text) return;
+    this.text = text;
+    this.clear();
+    this.robot = null;
+    if (text.length > MOST_TEXT) throw new Error(`a description of ${text.length} characters is too long`);
+    if (!/<robot[\s>]/.test(text)) throw new Error("the description is no URDF: expected <robot> with links");
+    const document = new DOMParser().parseFromString(text, "application/xml");
+    const wrong = document.querySelector("parsererror");
+    if (wrong) throw new Error(`the description is no XML: ${wrong.textContent?.slice(0, 200)}`);
+    if (document.documentElement.nodeName !== "robot" || !document.querySelector("link")) {
+      throw new Error("the description is no URDF: expected <robot> with links");
+    }
+    const { session, view } = this.context;
+    const missing = new Set<string>();
+    const manager = new LoadingManager(
+      () => view.redraw(),
+      () => view.redraw(),
+      (url) => {
+        missing.add(url);
+        this.text = ""; // When the description comes again, as after a lost connection, they are asked for again.
+        this.problem.value = `${missing.size} of its files cannot be loaded, as ${url}`;
+      },
+    );
+    const loader = new URDFLoader(manager);
+    loader.fetchOptions = { headers: session.httpHeaders };
+    loader.packages = (name) => new URL(`packages/${name}`, session.httpBase).href;
+    const withHeaders = loader.loadMeshCb.bind(loader);
+    loader.loadMeshCb = (url, loading, material, done) => {
+      withHeaders(url, loading, material, (mesh: Object3D, error?: Error) => {
+        if (error) manager.itemError(url);
+        done(mesh, error);
+        view.redraw();
+      });
+    };
+    const robot = loader.parse(document);
+    this.robot = robot;
+    this.group.add(robot);
+    this.moveTo(rootLink(document));
+  }
+
+  private move(message: Message): void {
+    const names = message.name as string[];
+    const positions = message.position as ArrayLike<number>;
+    names.forEach((name, at) => {
+      const position = positions[at];
+      if (typeof position === "number" && Number.isFinite(position))
+        this.robot?.joints[name]?.setJointValue(position);
+    });
+  }
+}
+
+/** The link that is no joint's child. */
+export function rootLink(document: Document): string {
+  const children = new Set(
+    [...document.querySelectorAll("robot > joint > child")].map((child) => child.getAttribute("link")),
+  );
+  const links = [...document.querySelectorAll("robot > link")].map((link) => link.getAttribute("name") ?? "");
+  return links.find((link) => !children.has(link)) ?? "";
+}

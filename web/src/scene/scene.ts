@@ -1,0 +1,179 @@
+/** The scene of a robot: every topic that can be drawn, by its type. */
+
+import { effect, type Signal, signal, untracked } from "@preact/signals-core";
+import { shortType } from "../robot/names";
+import type { RobotSession } from "../robot/session";
+import { Frames } from "./frames";
+import { CloudLayer, ScanLayer } from "./layers/clouds";
+import { FrameAxes } from "./layers/frame_axes";
+import { InteractiveLayer, type MenuRequest } from "./layers/interactive";
+import type { Layer, LayerContext } from "./layers/layer";
+import { MapLayer } from "./layers/map";
+import { MarkersLayer } from "./layers/markers";
+import { OdometryLayer, PathLayer, PosesLayer } from "./layers/poses";
+import { RobotLayer } from "./layers/robot";
+import { Tools } from "./tools";
+import { View } from "./view";
+
+type MakeLayer = (context: LayerContext, scene: RobotScene) => Layer;
+
+/** What draws each type of message. Types are written without `/msg/`. */
+const MAKERS: Record<string, MakeLayer> = {
+  "nav_msgs/OccupancyGrid": (context) => new MapLayer(context),
+  "nav_msgs/Odometry": (context) => new OdometryLayer(context),
+  "nav_msgs/Path": (context) => new PathLayer(context),
+  "sensor_msgs/LaserScan": (context) => new ScanLayer(context),
+  "sensor_msgs/PointCloud2": (context) => new CloudLayer(context),
+  "geometry_msgs/PoseStamped": (context) => new PosesLayer(context),
+  "geometry_msgs/PoseWithCovarianceStamped": (context) => new PosesLayer(context),
+  "geometry_msgs/PoseArray": (context) => new PosesLayer(context),
+  "visualization_msgs/Marker": (context) => new MarkersLayer(context),
+  "visualization_msgs/MarkerArray": (context) => new MarkersLayer(context),
+  "visualization_msgs/InteractiveMarkerUpdate": (context, scene) =>
+    new InteractiveLayer(context, (request) => {
+      scene.menu.value = request;
+    }),
+};
+
+/** Types of messages that the scene draws. */
+export const SCENE_TYPES: readonly string[] = Object.keys(MAKERS);
+
+/** Layers that are not shown until somebody asks: they cost much, or hide others. */
+const HIDDEN = /depth|cost|\/points(?!\/decimated)|tunneled/;
+const MOST_LAYERS = 60;
+
+/** One row of the list of layers. */
+export interface LayerRow {
+  topic: string;
+  type: string;
+  /** null while it is not shown. */
+  layer: Layer | null;
+}
+
+export class RobotScene {
+  readonly view: View;
+  readonly frames: Frames;
+  readonly tools: Tools;
+  readonly axes: FrameAxes;
+  /** Every topic that can be drawn. */
+  readonly rows: Signal<LayerRow[]> = signal([]);
+  /** A menu that a click on a marker asks for. */
+  readonly menu: Signal<MenuRequest | null> = signal(null);
+  /** The frame that the camera moves with; empty for none. */
+  readonly followed: Signal<string> = signal("");
+
+  /** Whether the camera begins above the robot. */
+  fromAbove = false;
+
+  private readonly endDiscovery: () => void;
+  private last: { x: number; y: number } | null = null;
+  /** The fixed frame in which the camera was turned to the robot. */
+  private lookedIn = "";
+  private touched = false;
+
+  /**
+   * @param session the robot
+   * @param host where it is drawn
+   * @param wanted layers that are shown or hidden by choice, by topic
+   */
+  constructor(
+    private readonly session: RobotSession,
+    host: HTMLElement,
+    private readonly wanted: Record<string, boolean> = {},
+  ) {
+    this.view = new View(host);
+    this.frames = new Frames(session, this.view.scene);
+    this.tools = new Tools(this.view);
+    this.axes = new FrameAxes(this.frames, this.view);
+    this.view.controls.addEventListener("start", () => {
+      this.touched = true;
+    });
+    this.frames.onMove = () => this.view.redraw();
+    this.view.beforeDraw = () => this.beforeDraw();
+    this.endDiscovery = effect(() => {
+      const { topics } = session.graph.value;
+      untracked(() => this.discover(topics));
+    });
+  }
+
+  dispose(): void {
+    this.endDiscovery();
+    for (const { layer } of this.rows.peek()) layer?.dispose();
+    this.axes.dispose();
+    this.tools.dispose();
+    this.frames.dispose();
+    this.view.dispose();
+  }
+
+  /** Show or hide a topic. */
+  show(topic: string, shown: boolean): void {
+    this.wanted[topic] = shown;
+    this.rows.value = this.rows.peek().map((row) => {
+      if (row.topic !== topic || (row.layer !== null) === shown) return row;
+      row.layer?.dispose();
+      return { ...row, layer: shown ? this.make(row.topic, row.type) : null };
+    });
+  }
+
+  /** The robot's own frame, where there is a usual one. */
+  get base(): string {
+    const names = this.frames.names;
+    return ["base_footprint", "base_link", "base"].find((name) => names.includes(name)) ?? "";
+  }
+
+  /** Keep the camera at the robot, or leave it where it is. */
+  follow(following: boolean): void {
+    this.followed.value = following ? this.base : "";
+    this.last = null;
+    this.view.redraw();
+  }
+
+  /** Look at the robot from above, or obliquely. */
+  look(fromAbove: boolean): void {
+    const pose = this.base ? this.frames.pose(this.base) : null;
+    const { x, y } = pose ?? { x: 0, y: 0 };
+    if (fromAbove) this.view.lookFromAbove(x, y);
+    else this.view.lookAt(x, y);
+  }
+
+  private discover(topics: ReadonlyMap<string, string>): void {
+    const rows = this.rows.peek();
+    const known = new Set(rows.map(({ topic }) => topic));
+    const found = [...topics]
+      .filter(([topic, type]) => !known.has(topic) && this.maker(topic, type) !== undefined)
+      .filter(([topic]) => this.session.may("subscribe", topic) && !topic.endsWith("/update_full"))
+      .slice(0, MOST_LAYERS - rows.length)
+      .map(([topic, type]) => {
+        const shown = this.wanted[topic] ?? !HIDDEN.test(topic);
+        return { topic, type, layer: shown ? this.make(topic, type) : null };
+      });
+    // A topic that has gone may come back: its layer stays.
+    if (found.length)
+      this.rows.value = [...rows, ...found].sort((one, other) => (one.topic < other.topic ? -1 : 1));
+  }
+
+  private maker(topic: string, type: string): MakeLayer | undefined {
+    const short = shortType(type);
+    if (short === "std_msgs/String" && topic.endsWith("robot_description"))
+      return (context) => new RobotLayer(context);
+    return MAKERS[short];
+  }
+
+  private make(topic: string, type: string): Layer | null {
+    const { session, frames, view } = this;
+    return this.maker(topic, type)?.({ session, frames, view, topic, type }, this) ?? null;
+  }
+
+  private beforeDraw(): void {
+    this.frames.update();
+    this.axes.update();
+    const fixed = this.frames.fixed.peek();
+    if (!this.touched && this.lookedIn !== fixed && this.base && this.frames.pose(this.base)) {
+      this.lookedIn = fixed;
+      this.look(this.fromAbove);
+    }
+    const pose = this.followed.peek() ? this.frames.pose(this.followed.peek()) : null;
+    if (pose && this.last) this.view.follow(pose.x - this.last.x, pose.y - this.last.y);
+    this.last = pose;
+  }
+}

@@ -1,0 +1,117 @@
+import { describe, expect, test } from "vitest";
+import { decodeCbor } from "../src/decode/cbor";
+import { decodeCloud } from "../src/decode/cloud";
+import { decodeImage } from "../src/decode/image";
+
+const bytes = (hex: string) => Uint8Array.from(hex.match(/../g) ?? [], (pair) => Number.parseInt(pair, 16));
+
+describe("CBOR, by the examples of RFC 8949 appendix A", () => {
+  test.each([
+    ["00", 0],
+    ["1903e8", 1000],
+    ["1b000000e8d4a51000", 1000000000000],
+    ["3903e7", -1000],
+    ["f93c00", 1],
+    ["f90001", 2 ** -24],
+    ["f97c00", Number.POSITIVE_INFINITY],
+    ["fa47c35000", 100000],
+    ["fb3ff199999999999a", 1.1],
+    ["f5", true],
+    ["f6", null],
+    ["62c3bc", "ü"],
+    ["83010203", [1, 2, 3]],
+    ["a26161016162820203", { a: 1, b: [2, 3] }],
+    ["9f018202039f0405ffff", [1, [2, 3], [4, 5]]],
+    ["7f657374726561646d696e67ff", "streaming"],
+    ["c249010000000000000000", 2 ** 64],
+  ])("%s", (hex, value) => expect(decodeCbor(bytes(hex))).toEqual(value));
+
+  test("typed arrays of RFC 8746 are arrays of their own", () => {
+    expect(decodeCbor(bytes("d855480000803f00000040"))).toEqual(Float32Array.of(1, 2));
+    expect(decodeCbor(bytes("d84842ff01"))).toEqual(Int8Array.of(-1, 1));
+  });
+
+  test.each(["", "62c3", "9b00ffffffffffffff", "5f", "0000"])("%s is refused", (hex) => {
+    expect(() => decodeCbor(bytes(hex))).toThrow();
+  });
+
+  test("a member named __proto__ changes no prototype", () => {
+    const decoded = decodeCbor(bytes("a1695f5f70726f746f5f5fa1616101")) as object;
+    expect(Object.getPrototypeOf(decoded)).toBe(Object.prototype);
+  });
+
+  test("nesting has an end", () => {
+    expect(() => decodeCbor(new Uint8Array(4000).fill(0x81))).toThrow("nested too deeply");
+  });
+});
+
+describe("point clouds", () => {
+  const fields = ["x", "y", "z", "rgb"].map((name, at) => ({ name, offset: 4 * at, datatype: 7 }));
+  const cloud = (points: number[][], extra = {}) => {
+    const view = new DataView(new ArrayBuffer(points.length * 16));
+    points.forEach(([x = 0, y = 0, z = 0, rgb = 0], at) => {
+      view.setFloat32(at * 16, x, true);
+      view.setFloat32(at * 16 + 4, y, true);
+      view.setFloat32(at * 16 + 8, z, true);
+      view.setUint32(at * 16 + 12, rgb, true);
+    });
+    const data = new Uint8Array(view.buffer);
+    const size = { width: points.length, height: 1, point_step: 16, row_step: 16 * points.length };
+    return { ...size, is_bigendian: false, fields, data, ...extra };
+  };
+
+  test("places and colours", () => {
+    const points = decodeCloud(cloud([[1, 2, 3, 0x102030]]));
+    expect(points.positions).toEqual(Float32Array.of(1, 2, 3));
+    expect(points.colors).toEqual(Uint8Array.of(0x10, 0x20, 0x30));
+  });
+
+  test("points without a place are left out", () => {
+    const points = decodeCloud(cloud([[Number.NaN], [4, 5, 6], [0, Number.POSITIVE_INFINITY]]));
+    expect(points.count).toBe(1);
+    expect(points.positions).toEqual(Float32Array.of(4, 5, 6));
+  });
+
+  test("fewer octets than announced are fewer points", () => {
+    expect(decodeCloud(cloud([[1], [2]], { width: 1000, row_step: 16000 })).count).toBe(2);
+  });
+
+  test("octets may come in base64", () => {
+    const whole = cloud([[1, 2, 3]]);
+    expect(decodeCloud({ ...whole, data: btoa(String.fromCharCode(...whole.data)) }).count).toBe(1);
+  });
+
+  test("fields that do not fit are refused", () => {
+    const wide = { name: "x", offset: 14, datatype: 7 };
+    expect(() => decodeCloud(cloud([[1]], { fields: [wide, ...fields.slice(1)] }))).toThrow("field x");
+    expect(() => decodeCloud(cloud([[1]], { fields: [] }))).toThrow("no fields x and y");
+  });
+});
+
+describe("raw images", () => {
+  const image = (encoding: string, step: number, data: number[]) => {
+    return decodeImage({ width: 1, height: 1, encoding, step, is_bigendian: 0, data });
+  };
+
+  test.each([
+    ["rgb8", [1, 2, 3]],
+    ["bgr8", [3, 2, 1]],
+    ["bgra8", [3, 2, 1, 9]],
+  ])("%s", (encoding, data) => {
+    expect([...image(encoding, data.length, data).rgba]).toEqual([1, 2, 3, 255]);
+  });
+
+  test("depth is stretched over its range, near is light", () => {
+    const data = new Uint8Array(Float32Array.of(1, 2, Number.NaN).buffer);
+    const { rgba } = decodeImage({ width: 3, height: 1, encoding: "32FC1", step: 12, is_bigendian: 0, data });
+    expect([rgba[0], rgba[4], rgba[8]]).toEqual([255, 51, 0]);
+  });
+
+  test("what does not fit is refused", () => {
+    expect(() => image("rgb8", 3, [1, 2])).toThrow("too few");
+    expect(() => image("jpeg", 3, [1, 2, 3])).toThrow("jpeg");
+    expect(() =>
+      decodeImage({ width: 1e5, height: 1e5, encoding: "rgb8", step: 0, is_bigendian: 0, data: [] }),
+    ).toThrow();
+  });
+});

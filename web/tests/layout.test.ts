@@ -1,0 +1,52 @@
+// @vitest-environment happy-dom
+import { expect, test } from "vitest";
+import { readLayout, robotUrl } from "../src/app/state";
+import "../src/panels/all";
+import { en } from "../src/i18n/en";
+import { t, translate } from "../src/i18n/text";
+import { panelKinds } from "../src/panels/registry";
+
+const panel = { id: "one", kind: "topics", config: {} };
+
+test("a layout keeps the panels that this page knows, and its dock only if it knows them all", () => {
+  const dock = { grid: 1 };
+  expect(readLayout({ version: 1, panels: [panel], dock })).toEqual({ version: 1, panels: [panel], dock });
+  const unknown = { ...panel, id: "two", kind: "of the future" };
+  expect(readLayout({ version: 1, panels: [panel, unknown], dock })).toEqual({
+    version: 1,
+    panels: [panel],
+    dock: null,
+  });
+});
+
+test.each([
+  null,
+  {},
+  { version: 2, panels: [] },
+  { version: 1, panels: [{}] },
+  { version: 1, panels: [panel, panel] },
+])("what is no layout is refused: %j", (value) => expect(() => readLayout(value)).toThrow());
+
+test.each([
+  ["http://robot:9090/", null, "ws://robot:9090/"],
+  ["https://hub/robots/anna/", null, "wss://hub/robots/anna/"],
+  ["http://laptop/?robot=ws://robot:9090", "ws://other", "ws://robot:9090"],
+  ["http://laptop/?robot=javascript:alert(1)", null, "ws://laptop/"],
+  ["http://laptop/", "ws://other:9090", "ws://other:9090"],
+])("the robot of %s", (href, robot, url) => {
+  const place = new URL(href) as unknown as Location;
+  expect(robotUrl(place, { robot, layouts: [] })).toBe(url);
+});
+
+test("a translation may leave texts out, and places are filled in", () => {
+  translate({ "stop.stop": "Halt" });
+  expect([t("stop.stop"), t("stop.release")]).toEqual(["Halt", "Release"]);
+  expect(t("goal.ahead", { step: 0.5 })).toBe("0.5 m ahead");
+  translate({});
+  expect(t("stop.stop")).toBe("Stop");
+});
+
+test("every kind of panel has a title of its own", () => {
+  const titles = panelKinds().map(({ title }) => en[title]);
+  expect(new Set(titles).size).toBe(titles.length);
+});

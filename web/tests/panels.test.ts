@@ -1,0 +1,146 @@
+// @vitest-environment happy-dom
+import { describe, expect, test } from "vitest";
+import { quaternionOf } from "../src/device/sensors";
+import { wishOfKeys } from "../src/elements/teleop/controls";
+import { wishOfGamepad } from "../src/panels/drive/teleop";
+import { talks } from "../src/panels/graph/nodes";
+import { nodeOf } from "../src/panels/graph/parameters";
+import { logLevel } from "../src/panels/health/log";
+import { pausableNodes } from "../src/panels/health/player";
+import { readMetrics } from "../src/panels/health/server";
+import { Series } from "../src/panels/view/series";
+import { numberAt, numericPaths } from "../src/robot/fields";
+import { PartReader } from "../src/robot/mjpeg";
+import { placeOf } from "../src/scene/tools";
+
+describe("driving", () => {
+  test("keys that are held together add up", () => {
+    expect(wishOfKeys(["ArrowUp", "a"])).toEqual({ forward: 1, left: 0, turn: 1 });
+    expect(wishOfKeys(["w", "s", "x"])).toEqual({ forward: 0, left: 0, turn: 0 });
+  });
+
+  test("a gamepad counts only while a shoulder button is held", () => {
+    const pad = (pressed: boolean, axes: number[]) => ({
+      axes,
+      buttons: Array.from({ length: 8 }, (_, at) => ({ pressed: pressed && at === 5 }) as GamepadButton),
+    });
+    expect(wishOfGamepad(pad(false, [0, -1, 1, 0]))).toBeNull();
+    expect(wishOfGamepad(pad(true, [0.05, -1, 0.5, 0]))).toEqual({ forward: 1, left: 0, turn: -0.5 });
+  });
+});
+
+describe("values by their paths", () => {
+  const message = { pose: { x: 1.5, ok: true, name: "a" }, ranges: [1, null, 3], $points: { count: 9 } };
+
+  test.each([
+    ["pose.x", 1.5],
+    ["pose.ok", 1],
+    ["ranges.2", 3],
+    ["ranges.1", Number.NaN],
+    ["pose.name", Number.NaN],
+    ["nothing.at.all", Number.NaN],
+    ["constructor.length", Number.NaN],
+  ])("%s", (path, value) => expect(numberAt(message, path)).toBe(value));
+
+  test("what can be plotted", () => {
+    expect(numericPaths(message)).toEqual(["pose.x", "pose.ok", "ranges.0", "ranges.2"]);
+    expect(numericPaths({ list: new Float32Array(1000) }).length).toBe(32);
+  });
+});
+
+describe("series of a plot", () => {
+  test("values of different times stand side by side, and those that are no number are gaps", () => {
+    const [one, other] = [new Series(), new Series()];
+    one.push(1, 10);
+    other.push(2, 20);
+    one.push(3, Number.NaN);
+    other.push(3, 30);
+    expect(Series.together([one, other])).toEqual([
+      [1, 2, 3],
+      [10, null, null],
+      [null, 20, 30],
+    ]);
+  });
+
+  test("keeps a minute, and never more than it has room for", () => {
+    const series = new Series();
+    for (let at = 0; at < 200_000; at++) series.push(at / 1000, at);
+    expect(series.length).toBeLessThanOrEqual(65_536);
+    const [times = [], values = []] = Series.together([series]);
+    expect(values.at(-1)).toBe(199_999);
+    expect((times.at(-1) as number) - (times[0] as number)).toBeLessThanOrEqual(60);
+    expect(times.length).toBeGreaterThan(30_000);
+  });
+});
+
+describe("a stream of pictures", () => {
+  const encode = (text: string) => new TextEncoder().encode(text);
+  const part = (body: string) =>
+    encode(
+      `--edge\r\nContent-Type: image/jpeg\r\nContent-Length: ${body.length}\r\nX-Timestamp: 1.5\r\n\r\n${body}\r\n`,
+    );
+
+  test.each([1, 7, 1000])("in pieces of %i octets", (size) => {
+    const all = Uint8Array.from([...part("first"), ...part("\r\n\r\n"), ...part("")]);
+    const reader = new PartReader();
+    const bodies: string[] = [];
+    for (let at = 0; at < all.length; at += size) {
+      for (const { body, type, stamp } of reader.push(all.subarray(at, at + size))) {
+        expect([type, stamp]).toEqual(["image/jpeg", 1.5]);
+        bodies.push(new TextDecoder().decode(body));
+      }
+    }
+    expect(bodies).toEqual(["first", "\r\n\r\n", ""]);
+  });
+
+  test("a part without a length, or without an end, is refused", () => {
+    expect(() => new PartReader().push(encode("--edge\r\nContent-Type: x\r\n\r\n"))).toThrow("no length");
+    expect(() => new PartReader().push(encode(`Content-Length: 99999999999\r\n\r\n`))).toThrow("no length");
+    expect(() => new PartReader().push(new Uint8Array(10_000))).toThrow("no end");
+  });
+});
+
+test("metrics in the format of Prometheus", () => {
+  const text = '# HELP a b\na_total{topic="/x \\"y\\"",why="queue"} 3\nb 1.5e-3\nnot a metric\n';
+  expect(readMetrics(text)).toEqual([
+    { name: "a_total", labels: { topic: '/x "y"', why: "queue" }, value: 3 },
+    { name: "b", labels: {}, value: 0.0015 },
+  ]);
+});
+
+test("levels of logs of both generations", () => {
+  expect([10, 20, 30, 40, 50].map(logLevel)).toEqual([0, 1, 2, 3, 4]);
+  expect([1, 2, 4, 8, 16].map(logLevel)).toEqual([0, 1, 2, 3, 4]);
+  expect(logLevel(Number.NaN)).toBe(0);
+});
+
+test("nodes of parameters and of players", () => {
+  expect(["/robot:speed", "/ns/robot:a", "/robot/speed", "/speed"].map(nodeOf)).toEqual([
+    "/robot",
+    "/ns/robot",
+    "/robot",
+    "/",
+  ]);
+  expect(pausableNodes(["/p/toggle_paused", "/p/is_paused", "/q/pause"])).toEqual(["/p"]);
+});
+
+test("who talks to whom, without the topics that everybody has", () => {
+  const details = new Map([
+    ["/a", { publishing: ["/x", "/rosout"], subscribing: [], services: [] }],
+    ["/b", { publishing: ["/y"], subscribing: ["/x"], services: [] }],
+  ]);
+  expect(talks(details, "")).toEqual([{ topic: "/x", from: ["/a"], to: ["/b"] }]);
+  expect(talks(details, "/b").map(({ topic }) => topic)).toEqual(["/x", "/y"]);
+});
+
+test("a drag gives a direction, and a click gives none", () => {
+  expect(placeOf({ x: 1, y: 2 }, { x: 1, y: 3 })).toEqual({ x: 1, y: 2, yaw: Math.PI / 2 });
+  expect(placeOf({ x: 1, y: 2 }, { x: 1.05, y: 2 }).yaw).toBe(0);
+});
+
+test("the turn of a device: flat it is none, and alpha turns about z", () => {
+  expect(quaternionOf(0, 0, 0)).toEqual({ x: 0, y: 0, z: 0, w: 1 });
+  const { x, y, z, w } = quaternionOf(90, 0, 0);
+  expect([x, y]).toEqual([0, 0]);
+  expect([z, w]).toEqual([expect.closeTo(Math.SQRT1_2), expect.closeTo(Math.SQRT1_2)]);
+});
