@@ -9,12 +9,16 @@ from typing import TYPE_CHECKING
 from rwt_access.admission import Admission
 from rwt_access.audit import Audit
 from rwt_access.client_graph import ClientGraph
+from rwt_access.disclosure import setting_parameters
 from rwt_access.graph_view import GraphView
-from rwt_access.quotas import AddressQuotas, ClientQuotas
+from rwt_access.quotas import AddressQuotas, ClientQuotas, Work, WorkTotals
 from rwt_access.roles import Role
 from rwt_access.settings import RoleSettings
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
+from rwt_graph.program.logs import DISCLOSURES as LOGGER_DISCLOSURES
 from rwt_transports.errors import Refused
+from rwt_transports.http import is_local
+from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,6 +37,7 @@ class Access:
         admission: who comes in, and in which role.
         audit: the log of what clients do.
         nobody: a reader that sees nothing of the graph.
+        work: that all clients have caused.
 
     Args:
         graph: the robot.
@@ -53,10 +58,12 @@ class Access:
         now: Callable[[], float] = time.time,
     ) -> None:
         self._graph = graph
-        self.nobody = GraphView(graph, Role("nobody", RoleSettings()))
         self._limits = settings.limits
-        self._left_behind: dict[str, AddressQuotas] = {}
-        self._disclosures = {**PARAMETER_DISCLOSURES, **disclosures}
+        self.work = WorkTotals()
+        self.nobody = GraphView(graph, Role("nobody", RoleSettings()), self._work(0.0))
+        self._addresses: dict[str, AddressQuotas] = {}
+        self._disclosures = {**PARAMETER_DISCLOSURES, **LOGGER_DISCLOSURES, **disclosures}
+        self._setting_parameters = setting_parameters(self._disclosures)
         self.audit = Audit()
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
 
@@ -68,10 +75,25 @@ class Access:
             role: the client's.
             address: the client's; what earlier clients from there have left behind counts as its own.
         """
-        if address not in self._left_behind:
-            self._left_behind = {name: left for name, left in self._left_behind.items() if not left.is_empty}
-        quotas = ClientQuotas(self._limits, self._left_behind.setdefault(address, AddressQuotas()))
-        return ClientGraph(shared, role, quotas, self._disclosures)
+        of_address = self._quotas_of(address)
+        work = self._work(self._limits.work_per_second, of_address.work)
+        quotas = ClientQuotas(self._limits, of_address, work)
+        return ClientGraph(shared, role, quotas, self._disclosures, self._setting_parameters)
+
+    def _quotas_of(self, address: str) -> AddressQuotas:
+        """What counts for all clients of an address; this machine's own may cause any amount of work, as they
+        may have any number of connections."""
+        network = network_of(address)
+        quotas = self._addresses.get(network)
+        if quotas is None:
+            self._addresses = {name: left for name, left in self._addresses.items() if not left.is_empty}
+            bounded = address and not is_local(address)
+            work = self._work(self._limits.work_per_second if bounded else 0.0)
+            quotas = self._addresses[network] = AddressQuotas(work)
+        return quotas
+
+    def _work(self, rate: float, of_address: Work | None = None) -> Work:
+        return Work(rate, self._limits.work_burst, self.work, self._graph.clock.monotonic, of_address)
 
     def reader(self, info: PeerInfo) -> GraphView:
         """The graph as whoever sent a request without a connection may see it, by the token in the request.
@@ -82,4 +104,4 @@ class Access:
         role = self.admission.role_of(info)
         if role is None:
             raise Refused(401, "this page is for clients that authenticate by a token (auth.tokens)")
-        return GraphView(self._graph, role)
+        return GraphView(self._graph, role, self._quotas_of(info.address).work)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from rwt_access.quotas import RateLimit
@@ -100,9 +102,6 @@ class LineRate:
 class LogRate(logging.Filter):
     """Bounds how many lines each place in the program writes, whichever client causes them.
 
-    It belongs on a handler of the root logger, where the lines of all rooms come together. `rwt serve` and
-    `rwt hub` have it; a program with a log of its own adds it: ``handler.addFilter(LogRate())``.
-
     Args:
         per_second: lines of one place in the long run.
         burst: lines of one place at once.
@@ -131,3 +130,29 @@ class LogRate(logging.Filter):
             record.msg = f"{record.getMessage()} ({left_out} lines like it were left out)"
             record.args = ()
         return True
+
+
+@contextmanager
+def bounded_log() -> Iterator[None]:
+    """Bound within the block how many lines each place of this project, and of asyncio, writes, whichever
+    handlers a program has for them.
+
+    The loggers are those that there are when the block begins. The lines of a robot's own program, whose
+    loggers have names of their own, are not touched.
+    """
+    rate = LogRate()
+    loggers = [
+        logger
+        for name, logger in logging.root.manager.loggerDict.items()
+        if isinstance(logger, logging.Logger) and _OWN.match(name)
+    ]
+    for logger in loggers:
+        logger.addFilter(rate)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeFilter(rate)
+
+
+_OWN: Final = re.compile(r"(?:rwt|rwt_\w+|asyncio)(?:\.|$)")

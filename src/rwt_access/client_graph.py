@@ -6,14 +6,17 @@ only translates cannot forget a rule, and there is no other way from it to the g
 
 from __future__ import annotations
 
+from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar, Union
 
 from rwt_access.disclosure import restrict
+from rwt_access.errors import QuotaExceeded
 from rwt_access.graph_view import GraphView
 from rwt_graph.names import resolve
-from rwt_program.errors import CallFailed, NotFound, ProviderNotFound
+from rwt_graph.parameters.accounts import ACCOUNT
+from rwt_program.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Sequence
@@ -94,6 +97,26 @@ class _Call:
             self._quotas.kept.give_back(self._size)
 
 
+class _ParameterAccount:
+    """The account of one client's parameters."""
+
+    __slots__ = ("_quota",)
+
+    def __init__(self, quota: Quota) -> None:
+        self._quota = quota
+
+    def charge(self, amount: int, replaced: object) -> Charge:
+        """Keep so many bytes for the client.
+
+        Raises:
+            ParameterRejected: it has set as many as it may.
+        """
+        try:
+            return self._quota.exchange(replaced, amount)
+        except QuotaExceeded as exceeded:
+            raise ParameterRejected(str(exceeded)) from None
+
+
 class LatchedPublisher:
     """A shared publisher of a latched topic, for one client: what it keeps is charged to who published it."""
 
@@ -128,19 +151,27 @@ class ClientGraph(GraphView):
         role: the client's.
         quotas: how much the client may hold.
         disclosures: what services reveal, by the name of their type.
+        setting_parameters: types of services whose calls set parameters.
     """
 
     def __init__(
-        self, shared: SharedGraph, role: Role, quotas: ClientQuotas, disclosures: Disclosures
+        self,
+        shared: SharedGraph,
+        role: Role,
+        quotas: ClientQuotas,
+        disclosures: Disclosures,
+        setting_parameters: frozenset[str],
     ) -> None:
-        super().__init__(shared.graph, role)
+        super().__init__(shared.graph, role, quotas.work)
         self._shared = shared
         self._disclosures = disclosures
+        self._setting_parameters = setting_parameters
         self._advertised: dict[str, dict[Hashable, Charge]] = {}
         self._services: dict[str, tuple[Registration, Charge]] = {}
         self._actions: dict[str, tuple[Registration, Charge]] = {}
         self._calls: set[_Call] = set()
         self._quotas = quotas
+        self._parameters = _ParameterAccount(quotas.parameters)
         self._subscriptions: list[Charge] = []
 
     def take_role(self, role: Role) -> None:
@@ -217,11 +248,25 @@ class ClientGraph(GraphView):
         if dropped and not marks:
             del self._advertised[name]
 
-    def publisher(self, topic: str, type: str | None, qos: QoS | None = None) -> ClientPublisher:
+    def publisher(
+        self,
+        topic: str,
+        type: str | None,
+        mark: Hashable = None,
+        qos: QoS | None = None,
+        lacks: Lacks | None = None,
+    ) -> ClientPublisher:
         """What publishes on a topic, for a client that may not have advertised it (UNA-05).
 
         The right to publish is decided here and not for each message: whoever keeps the publisher drops it
         after :meth:`take_role` and :meth:`unadvertise`.
+
+        Args:
+            topic: its name.
+            type: its type's name; None takes the one that the graph knows.
+            mark: under which the client can take back what it advertises thereby (UNA-06); None: not before
+                it leaves.
+            qos, lacks: as of :meth:`advertise`.
 
         Raises:
             NotAllowed: the role may not publish on the topic.
@@ -230,8 +275,8 @@ class ClientGraph(GraphView):
         """
         name = self.require("publish", topic)
         marks = self._advertised.get(name)
-        mark = next(iter(marks)) if marks else _IMPLICIT
-        shared = self._acquire(name, self._type_of(name, type), mark, qos)
+        known = next(iter(marks)) if marks else _IMPLICIT if mark is None else mark
+        shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)
         return LatchedPublisher(shared, self._quotas.kept) if shared.keeps_samples else shared
 
     def _acquire(
@@ -337,7 +382,14 @@ class ClientGraph(GraphView):
         call = _Call(self._calls, quotas, size, on_reply, filtered)
         self._calls.add(call)
         self._shared.counters.calls += 1
-        call.pending = self._shared.participant.call_service(name, payload, call, timeout)
+        send = self._shared.participant.call_service
+        if info.type.name in self._setting_parameters:
+            # Whatever answers it, at once or in a task, sets them on the client's account.
+            context = copy_context()
+            context.run(ACCOUNT.set, self._parameters)
+            call.pending = context.run(send, name, payload, call, timeout)
+        else:
+            call.pending = send(name, payload, call, timeout)
 
     def advertise_service(
         self, service: str, type: str, on_call: Callable[[ServiceType, ServiceCall], None]
@@ -430,7 +482,9 @@ class ClientGraph(GraphView):
         """Offer a service or an action; the client's own of the same name gives way to it."""
         absolute = self.require("provide", name)
         present = find(absolute)
-        if present is not None and present.node != self._shared.participant.name:
+        gateway = self._shared.participant.name
+        # All clients act as the gateway's node, whose own services are below its name.
+        if present is not None and (present.node != gateway or absolute.startswith(f"{gateway}/")):
             self.role.require("displace", absolute)
         previous = offers.get(absolute)
         charge = self._quotas.advertisements.take() if previous is None else previous[1]

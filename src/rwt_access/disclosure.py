@@ -15,7 +15,7 @@ import msgspec
 
 from rwt_access.errors import NotAllowed
 from rwt_access.graph_view import canonical
-from rwt_graph.disclosure import AsksAbout, Disclosure, Kind, Lists, ListsProviders, Reads
+from rwt_graph.disclosure import AsksAbout, Disclosure, Kind, Lists, ListsProviders, Reads, Writes
 from rwt_graph.names import namespace_of
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.names import two_part
@@ -98,6 +98,13 @@ def restrict(
         return _without(view, lists, service, outcome) if lists else outcome
 
     return request, filtered
+
+
+def setting_parameters(disclosures: Disclosures) -> frozenset[str]:
+    """The types of the services whose calls set parameters."""
+    return frozenset(
+        type for type, parts in disclosures.items() if any(isinstance(part, Writes) for part in parts)
+    )
 
 
 def _sees(view: GraphView, kind: Kind, name: str) -> bool:

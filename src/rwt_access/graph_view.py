@@ -8,6 +8,7 @@ from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 
 if TYPE_CHECKING:
+    from rwt_access.quotas import Work
     from rwt_access.roles import Act, Role
     from rwt_graph.api import ActionInfo, Graph, NodeInfo, ServiceInfo, TopicInfo
     from rwt_graph.clock import Clock
@@ -22,13 +23,15 @@ class GraphView:
 
     Attributes:
         role: what decides.
+        work: that the server does for whoever has this view.
         distro: of the graph.
         registry: the interfaces that the graph knows.
         clock: of the graph.
     """
 
-    def __init__(self, graph: Graph, role: Role) -> None:
+    def __init__(self, graph: Graph, role: Role, work: Work) -> None:
         self.role = role
+        self.work = work
         self._graph = graph
         self._node_names: frozenset[str] = frozenset()
         self._named_at = -1

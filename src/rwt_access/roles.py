@@ -54,6 +54,7 @@ class Role:
     Attributes:
         name: as in the settings.
         unrestricted: whether it may do everything.
+        globs: what it may do, by act: globs of absolute names.
         answers: the last answer of each service that lists the graph: as given, and as the role sees it.
 
     Args:
@@ -61,15 +62,15 @@ class Role:
         settings: its globs.
     """
 
-    __slots__ = ("_decisions", "_patterns", "_subscribes_to_all", "answers", "name", "unrestricted")
+    __slots__ = ("_decisions", "_patterns", "_subscribes_to_all", "answers", "globs", "name", "unrestricted")
 
     def __init__(self, name: str, settings: RoleSettings) -> None:
         self.name = name
-        globs = {act: _globs(act, settings) for act in ACTS}
-        self.unrestricted = all("*" in globs[act] for act in ACTS)
-        self._patterns = {act: _pattern(globs[act]) for act in ACTS}
+        self.globs: Mapping[Act, tuple[str, ...]] = {act: _globs(act, settings) for act in ACTS}
+        self.unrestricted = all("*" in self.globs[act] for act in ACTS)
+        self._patterns = {act: _pattern(self.globs[act]) for act in ACTS}
         self._subscribes_to_all = any(
-            glob.removeprefix("/").strip("*") == "" for glob in globs["subscribe"] if glob
+            glob.removeprefix("/").strip("*") == "" for glob in self.globs["subscribe"]
         )
         self._decisions: dict[tuple[Act, str], bool] = {}
         self.answers: dict[str, tuple[Payload, Payload]] = {}
@@ -140,10 +141,10 @@ def _globs(act: Act, settings: RoleSettings) -> tuple[str, ...]:
     given: tuple[str, ...] = getattr(settings, act)
     if settings.read_only:
         given += _READ_ONLY.get(act, ())
-    return given + _ALWAYS_CALLED if act == "call" else given
+    given = given + _ALWAYS_CALLED if act == "call" else given
+    return tuple(glob if glob.startswith(("/", "*")) else f"/{glob}" for glob in given)
 
 
 def _pattern(globs: Iterable[str]) -> re.Pattern[str]:
     """One pattern for all; one that matches nothing where there are none."""
-    absolute = (glob if glob.startswith(("/", "*")) else f"/{glob}" for glob in globs)
-    return re.compile("|".join(fnmatch.translate(glob) for glob in absolute) or r"(?!)")
+    return re.compile("|".join(map(fnmatch.translate, globs)) or r"(?!)")

@@ -49,9 +49,28 @@ class ClientLimits(Table):
         Bytes,
         Field(
             description="bytes kept for one client: requests under way, and samples of its latched topics,"
-            " also after it has left"
+            " also after it has left; clients of one address together four times as many"
         ),
     ] = 64 * MIB
+    parameter_bytes: Annotated[
+        Bytes,
+        Field(
+            description="bytes of parameters that one client may have set, until they are deleted or set by"
+            " others; clients of one address together twice as many"
+        ),
+    ] = 2 * MIB
+    work_per_second: Annotated[
+        SecondsOrNone,
+        Field(
+            description="seconds of one processor's work that a client may cause each second in the long run,"
+            " and all clients of an address that is not this machine's: its messages with all that they set"
+            " off, pages and pictures. Beyond it they wait behind the work for others, and pages are refused;"
+            " 0 for any number"
+        ),
+    ] = 0.5
+    work_burst: Annotated[
+        SecondsOrNone, Field(description="seconds of work at once before their rate counts")
+    ] = 0.5
 
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,256}")

@@ -11,8 +11,10 @@ from rwt_access.access import Access
 from rwt_access.errors import AccessError
 from rwt_access.settings import SettingsError
 from rwt_bridge.ops import actions, auth, services, topics
+from rwt_bridge.ops.offers import Offers
 from rwt_bridge.peer import Peer
 from rwt_bridge.pending_auth import PendingAuth
+from rwt_bridge.turns import Turns
 from rwt_delivery.shared_graph import SharedGraph
 from rwt_interfaces.payload import Payload
 from rwt_program.errors import RobotError
@@ -33,15 +35,20 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph, Participant, Publisher
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
+    from rwt_protocol.dispatcher import Steps
     from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 
 
-HANDLERS: Final[Mapping[type[ops.Op], Callable[[Peer, Never], None]]] = {
+HANDLERS: Final[Mapping[type[ops.Op], Callable[[Peer, Never], Steps | None]]] = {
     **topics.HANDLERS,
     **services.HANDLERS,
     **actions.HANDLERS,
     **auth.HANDLERS,
 }
+
+
+GATEWAY_NODE: Final = "/rosbridge_websocket"
+"""The node as which all clients act."""
 
 
 class Bridge:
@@ -53,6 +60,9 @@ class Bridge:
         shared: the part in the graph that all clients share, as the node `/rosbridge_websocket`.
         dispatcher: which handler does which op.
         orphans: running goals of clients that have gone.
+        service_offers: the services that clients offer.
+        action_offers: the actions that clients offer.
+        turns: of clients that cause more work than they may.
 
     Args:
         graph: the robot.
@@ -68,17 +78,20 @@ class Bridge:
         self.access = access or Access(graph, settings)
         self.shared = SharedGraph(
             graph,
-            "/rosbridge_websocket",
+            GATEWAY_NODE,
             settings.unregister_timeout,
             partial(self.access.audit.write, logging.INFO, "%s"),
         )
         self.orphans = actions.OrphanedGoals()
+        self.service_offers: Offers[services.Asked] = Offers()
+        self.action_offers: Offers[actions.Accepted] = Offers()
+        self.turns = Turns(graph.clock)
         self._connected = ConnectedClients(self.shared.participant, graph.registry, graph.clock)
         self._codec = _exclusive_codec(settings)
         self._peers: dict[int, Peer] = {}
         self._count = 0
         self.dispatcher: Dispatcher[Peer] = Dispatcher(
-            HANDLERS, on_error=self._log_error, refusals=(RobotError, AccessError)
+            HANDLERS, on_error=self._log_error, refusals=(RobotError, AccessError), later=Peer.work
         )
 
     @property

@@ -4,35 +4,52 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from typing import TYPE_CHECKING, Final, Protocol
+from contextlib import suppress
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
+from rwt_access.errors import AccessError
 from rwt_access.quotas import RateLimit
 from rwt_bridge.ops.actions import Actions
 from rwt_bridge.ops.services import Services
 from rwt_bridge.ops.topics import Topics
 from rwt_bridge.reply import Replies
+from rwt_bridge.turns import SHARE
 from rwt_delivery.counters import UNKNOWN
+from rwt_program.errors import RobotError
+from rwt_protocol.errors import ProtocolError
 from rwt_protocol.ops import OPS, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal
 from rwt_transports.errors import Refused
-from rwt_transports.websocket.close_codes import POLICY
+from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rwt_access.access import Access
     from rwt_access.client_graph import ClientGraph
     from rwt_access.credentials import Rosauth
     from rwt_access.roles import Role
+    from rwt_bridge.ops import actions, services
     from rwt_bridge.ops.actions import OrphanedGoals
+    from rwt_bridge.ops.offers import Offers
     from rwt_bridge.settings import BridgeSettings
+    from rwt_bridge.turns import Turns
     from rwt_protocol.codecs import Encoding
-    from rwt_protocol.dispatcher import Dispatcher
+    from rwt_protocol.dispatcher import Dispatcher, Steps
     from rwt_protocol.session import Session
     from rwt_protocol.transport import PeerInfo, Sink
     from rwt_transports.api import FlowControl
 
 
-SHARE: Final = 0.005
-"""Seconds of one turn of the event loop that the messages of one client may take; the rest waits its turn."""
+_SMALL: Final = 4096
+"""Bytes of a message that is read in a turn of the event loop which is full already."""
+
+
+class _Work(NamedTuple):
+    """What is left to do of one message."""
+
+    op: Op
+    steps: Steps
 
 
 class Gateway(Protocol):
@@ -42,6 +59,9 @@ class Gateway(Protocol):
     access: Access
     dispatcher: Dispatcher[Peer]
     orphans: OrphanedGoals
+    service_offers: Offers[services.Asked]
+    action_offers: Offers[actions.Accepted]
+    turns: Turns
 
     def encoding_of(self, compression: str) -> Encoding:
         """How a client that asks for `compression` gets its samples."""
@@ -89,8 +109,15 @@ class Peer:
         self._is_held = False
         self._over = False
         self._received = 0
-        self._began = 0.0
-        self._waiting: deque[Op | Refusal | tuple[bytes, bool]] = deque()
+        self._work = graph.work
+        self._turns = bridge.turns
+        self._worked = 0.0  # seconds, in all
+        self._counted = 0.0  # of them, as work that it has caused
+        self._turn_began = 0.0  # when it had worked so long
+        self._is_beyond = self._work.excess > 0.0  # its rate of work
+        self._began = 0.0  # with the frame or message at hand
+        self._unfinished: Op | None = None
+        self._waiting: deque[Op | Refusal | _Work | tuple[bytes, bool]] = deque()
         self._session = session
         self._monotonic = graph.clock.monotonic
         self._dispatch = bridge.dispatcher.dispatch
@@ -103,8 +130,14 @@ class Peer:
             number, sink, info, session, limits.outgoing_message_bytes, bridge.access.audit, self._monotonic
         )
         self.topics = Topics(graph, self.replies, bridge.encoding_of, limits.data_bytes)
-        self.services = Services(graph, self.replies, settings.default_call_service_timeout)
-        self.actions = Actions(graph, self.replies, info.address, bridge.orphans)
+        self.services = Services(
+            graph,
+            self.replies,
+            info.address,
+            bridge.service_offers,
+            settings.default_call_service_timeout,
+        )
+        self.actions = Actions(graph, self.replies, info.address, bridge.action_offers, bridge.orphans)
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Hold this client back by `flow_control` while its messages wait their turn."""
@@ -113,35 +146,67 @@ class Peer:
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one frame from the wire, run what it holds, and answer what is refused.
 
-        Beyond the client's share of a turn of the event loop the rest waits for the next turn.
+        Beyond the client's share of a turn of the event loop, or where all have had theirs, the rest waits
+        for a later turn, and beyond its rate of work until no other such client has the turn.
         """
-        now = self._monotonic()
         received = self.sink.received
         if received != self._received:
             self._received = received
-            self._began = now
-        if self._waiting or now - self._began > SHARE:
+            self._turn_began = self._worked
+        if (
+            self._is_held or self._is_beyond or self._turns.is_full or self._worked - self._turn_began > SHARE
+        ) and self._must_wait(len(data)):
             self._wait((data if type(data) is bytes else bytes(data), binary))
-        else:
-            self._read(data, binary, now)
+            return
+        now = self._began = self._monotonic()
+        # As _read does it, written out: this runs for each message.
+        self.messages += 1
+        if self._rate is None or self._may_send(now):
+            items = self._session.decode(data, binary, now)
+            if len(items) == 1:
+                self._do(items[0])
+            else:
+                self._do_all(items, now)
+        self._worked += self._monotonic() - now
+        if self._worked - self._counted > SHARE:
+            self._count_work()
 
     def _read(self, data: bytes, binary: bool, now: float) -> None:
-        if not self._may_send(now):
-            return
-        items = self._session.decode(data, binary, now)
+        self.messages += 1
+        if self._rate is None or self._may_send(now):
+            self._do_all(self._session.decode(data, binary, now), now)
+
+    def _do_all(self, items: Sequence[Op | Refusal], now: float) -> None:
+        """Run the messages of one frame, the first of which is counted already."""
         for number, item in enumerate(items):
             if number:
-                if self._monotonic() - self._began > SHARE:
+                if self._waiting or self._worked - self._turn_began + self._monotonic() - now > SHARE:
                     for later in items[number:]:
                         self._wait(later)
                     return
-                if not self._may_send(now):
+                self.messages += 1
+                if self._rate is not None and not self._may_send(now):
                     return
             self._do(item)
 
+    def _count_work(self) -> None:
+        """Charge the work since the last time, which is not done for each message."""
+        seconds = self._worked - self._counted
+        self._counted = self._worked
+        self._work.add(seconds, "messages")
+        self._turns.note(seconds)
+        self._is_beyond = self._work.excess > 0.0
+
+    def _must_wait(self, size: int) -> bool:
+        """Whether a message of `size` bytes waits, where one may have to."""
+        worked = self._worked - self._turn_began
+        if self._waiting or worked > SHARE or (self._turns.is_full and (worked or size > _SMALL)):
+            return True
+        self._is_beyond = self._work.excess > 0.0
+        return self._is_beyond and not self._turns.take(self)
+
     def _may_send(self, now: float) -> bool:
-        """Count one message: each of a frame, and each frame that holds none."""
-        self.messages += 1
+        """Whether one message more is within the rate: each of a frame, and each frame that holds none."""
         if self._rate is None or self._rate.take(now):
             return True
         self._rate_exceeded()
@@ -152,55 +217,113 @@ class Peer:
         if isinstance(item, Refusal):
             self.graph.counters.refuse(item.op if item.op in OPS else UNKNOWN)
             self.replies.log(logging.WARNING, item.reason, item.id)
+            self._end_what_waits(item)
             if item.answer is not None:
                 self.replies.send(item.answer)
         else:
             answer = self._dispatch(self, item)
-            if answer is not None:
-                self.graph.counters.refuse(item.op)
-                self.replies.refuse(answer)
-            elif self._session.level == "info" and not isinstance(item, CallService | SendActionGoal):
-                # Success, for ops that have no reply of their own (STA-04).
-                self.replies.send(Status(level="info", msg=f"{item.op}: done", id=item.id))
+            if answer is not None or self._session.level == "info":
+                self._after(item, answer)
 
-    def _wait(self, what: Op | Refusal | tuple[bytes, bool]) -> None:
-        """Let a frame or a message wait for a later turn; meanwhile nothing is read from this client."""
+    def _end_what_waits(self, refusal: Refusal) -> None:
+        """End what waits for an answer of this client that is malformed."""
+        ends = {
+            "service_response": self.services.answer_malformed,
+            "action_result": self.actions.result_malformed,
+        }
+        end = ends.get(refusal.op) if refusal.name else None
+        if end is not None:
+            with suppress(
+                ProtocolError, RobotError, AccessError
+            ):  # It names nothing that waits, and is refused either way.
+                end(refusal.name, refusal.id, refusal.reason)
+
+    def work(self, op: Op, steps: Steps) -> Op | None:
+        """Take steps of a message whose handler has returned them, and the rest of them in later turns.
+
+        Returns:
+            What reports the refusal of the message.
+        """
+        left = self._bridge.dispatcher.go_on(self, op, steps, self._has_time)
+        if isinstance(left, Op):
+            return left
+        if left is not None:
+            self._unfinished = op
+            self._wait(_Work(op, left))
+        return None
+
+    def _has_time(self) -> bool:
+        return self._worked - self._turn_began + self._monotonic() - self._began <= SHARE
+
+    def _after(self, op: Op, answer: Op | None) -> None:
+        """Say what has become of a message."""
+        if answer is not None:
+            self.graph.counters.refuse(op.op)
+            self.replies.refuse(answer)
+        elif self._session.level == "info" and not (
+            op is self._unfinished or isinstance(op, CallService | SendActionGoal)
+        ):
+            # Success, for ops that have no reply of their own (STA-04).
+            self.replies.send(Status(level="info", msg=f"{op.op}: done", id=op.id))
+
+    def _wait(self, what: Op | Refusal | _Work | tuple[bytes, bool]) -> None:
+        """Let a frame or a message wait for a later turn, or the rest of one; until then nothing is read from
+        this client."""
         self._waiting.append(what)
         if not self._is_held:
             self._is_held = True
             if self._flow_control is not None:
                 self._flow_control.pause()
-            self.graph.clock.call_later(0.0, self._go_on)
+            self._ask_for_turn()
+
+    def _ask_for_turn(self) -> None:
+        if self._is_beyond:
+            self._work.note_wait()
+        self._turns.wait(self._go_on)
 
     def _go_on(self) -> None:
         """Take this turn's share of what waits."""
         waiting, self._waiting = self._waiting, deque()
-        self._began = self._monotonic()
+        self._turn_began = self._worked
         try:
-            while waiting and not (self._waiting or self._over):
+            while waiting and not (self._waiting or self._over or self._worked - self._turn_began > SHARE):
                 what = waiting.popleft()
-                if isinstance(what, tuple):
+                now = self._began = self._monotonic()
+                if isinstance(what, _Work):
+                    self._unfinished = None
+                    answer = self.work(what.op, what.steps)
+                    if answer is not None or self._session.level == "info":
+                        self._after(what.op, answer)
+                elif isinstance(what, tuple):
                     data, binary = what
-                    self._read(data, binary, self._began)
-                elif self._may_send(self._began):
-                    self._do(what)
-                if self._monotonic() - self._began > SHARE:
-                    break
+                    self._read(data, binary, now)
+                else:
+                    self.messages += 1
+                    if self._may_send(now):
+                        self._do(what)
+                self._worked += self._monotonic() - now
         finally:
             if not self._over:
                 self._waiting += waiting
+                self._count_work()
             if self._waiting:
-                self.graph.clock.call_later(0.0, self._go_on)
+                self._ask_for_turn()
             else:
                 self._is_held = False
                 if self._flow_control is not None:
                     self._flow_control.resume()
 
-    def oversized(self, size: int, limit: int) -> None:
-        """A message was too large to be taken from the wire; its bytes were skipped."""
-        reason = f"a message of {size} bytes was skipped: max_message_size is {limit}"
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
+        """A message is too large to be taken from the wire. It is refused if its head tells what it is, and
+        under which id; otherwise the connection is closed, since its sender would wait for ever (CFG-06).
+        """
+        reason = f"a message of {size} bytes: the limit is {limit} (max_message_size)"
+        refusal = self._session.refuse_skipped(head, reason)
+        if refusal is not None:
+            self._do(refusal)
+            return
         self.replies.log(logging.WARNING, reason)
-        self.replies.send(Status(level="error", msg=reason))
+        self.sink.close(TOO_BIG, reason)
 
     def _rate_exceeded(self) -> None:
         """Too many messages: the client has to go, since reading on would serve it before all others."""
@@ -213,10 +336,14 @@ class Peer:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
         self._over = True
         self._waiting.clear()
+        now = self._monotonic()
         self.topics.close()
+        self.services.close()
         self.actions.close()
         self.graph.close()
         self._bridge.left(self)
+        self._worked += self._monotonic() - now
+        self._count_work()
         left_out = self.replies.log_lines_left_out
         if left_out:
             reason += f" ({left_out} lines about it were left out)"

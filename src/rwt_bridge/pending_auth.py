@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from rwt_access.admission import Admission
     from rwt_access.roles import Role
     from rwt_bridge.peer import Peer
-    from rwt_graph.clock import Clock, Timer
+    from rwt_graph.clock import Clock
+    from rwt_program.timers import Timer
     from rwt_protocol.session import Session
     from rwt_protocol.transport import PeerInfo, Sink
 
@@ -54,7 +55,7 @@ class PendingAuth:
         if not self._shut:
             self._first(data, binary)
 
-    def oversized(self, size: int, limit: int) -> None:
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
         """A message was too large to be taken from the wire."""
         self._turn_away("this server wants `auth` as the first message")
 

@@ -35,8 +35,8 @@ class BridgeLimits(ClientLimits):
     structure_bytes: Annotated[
         Bytes,
         Field(
-            description="bytes of one message in CBOR beside its long strings and typed arrays; brackets of"
-            " one in JSON"
+            description="bytes of one message in CBOR or BSON beside its long strings and typed arrays;"
+            " brackets of one in JSON, unless its payload has every field of its type as ROS writes it"
         ),
     ] = 256 * 1024
     fragmented_messages: Annotated[

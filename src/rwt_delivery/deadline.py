@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from rwt_graph.clock import Clock, Timer
+    from rwt_graph.clock import Clock
+    from rwt_program.timers import Timer
 
 SHORTEST: Final = 0.01
 """Seconds; a deadline below it is watched as if it were this one."""

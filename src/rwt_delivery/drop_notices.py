@@ -9,7 +9,8 @@ from rwt_protocol.transport import DropReason
 
 if TYPE_CHECKING:
     from rwt_delivery.counters import Counters, TopicCounts
-    from rwt_graph.clock import Clock, Timer
+    from rwt_graph.clock import Clock
+    from rwt_program.timers import Timer
 
 NOTICE_SECONDS: Final = 1.0
 LOG_SECONDS: Final = 60.0

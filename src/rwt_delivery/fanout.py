@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Final
 
 from rwt_graph.errors import TypeConflict
-from rwt_protocol.transport import Frame
+from rwt_protocol.transport import Burst, Frame
 
 if TYPE_CHECKING:
     from rwt_delivery.counters import EncodingCounts, TopicCounts
@@ -14,7 +15,14 @@ if TYPE_CHECKING:
     from rwt_graph.api import Participant, Sample, Subscription
     from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.codecs import Encoding, PublishEncoder
+    from rwt_protocol.codecs import Encoding, Form, PublishEncoder
+
+
+SHARE: Final = 0.0015
+"""Seconds of one turn of the event loop in which a sample's forms are made; the rest waits its turn."""
+
+_MOST_LATE: Final = 8
+"""Samples of one topic that wait for their forms; if there are more, they are made at once."""
 
 
 class _Encoded:
@@ -44,25 +52,40 @@ class EncodedStream:
     Attributes:
         counts: what went through, together with the topic's other channels of this encoding; up to date
             after :meth:`settle`.
+        form: what is encoded from.
+        steps: makes the frame of a sample in steps, before it is delivered; None where that is quick.
     """
 
     def __init__(
-        self, encode: PublishEncoder, counts: EncodingCounts, monotonic: Callable[[], float]
+        self,
+        encode: PublishEncoder,
+        counts: EncodingCounts,
+        monotonic: Callable[[], float],
+        form: Form = "json",
     ) -> None:
         self._encode = encode
+        self.steps: Callable[[Sample], Iterator[None]] | None = getattr(encode, "steps", None)
         self._monotonic = monotonic
         self._sent_at = float("-inf")
         self._open_since: dict[Throttle, int] = {}
         self._sendings = 0
         self.counts = counts
+        self.form = form
         self._gates: list[Throttle] = []
-        self._direct: tuple[Callable[[Frame], None], ...] = ()
+        self._direct: tuple[tuple[Callable[[Burst], bool], Callable[[Frame], None]], ...] = ()
+        self._burst: Burst | None = None
+        self._apart: list[Callable[[Frame], None]] = []
         self._gated: tuple[Throttle, ...] = ()
         self._encoded = 0
         self._encoded_bytes = 0
 
     def __len__(self) -> int:
         return len(self._gates)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether every sample goes to somebody."""
+        return bool(self._direct)
 
     def add(self, gate: Throttle) -> None:
         """Let a gate take part from the next sample on."""
@@ -79,7 +102,8 @@ class EncodedStream:
         """Divide the gates into open and throttled ones, after one has joined, left or changed."""
         self.settle()
         self._note_sendings()
-        self._direct = tuple(gate.send for gate in self._gates if gate.is_open)
+        self._end_burst()
+        self._direct = tuple((gate.join, gate.send) for gate in self._gates if gate.is_open)
         self._gated = tuple(gate for gate in self._gates if not gate.is_open)
 
     def _note_sendings(self) -> None:
@@ -107,6 +131,7 @@ class EncodedStream:
     def deliver(self, sample: Sample) -> None:
         """Send one sample through every gate."""
         if sample.expires_ns:
+            self._end_burst()
             self._offer(_Encoded(self, sample), self._gates)
             return
         frame: Frame | None = None
@@ -117,10 +142,41 @@ class EncodedStream:
             self._encoded += 1
             self._encoded_bytes += frame.size
             self._sent_at = self._monotonic()
-            for send in direct:
-                send(frame)
+            burst = self._burst
+            if burst is not None and burst.add(frame):
+                for send in self._apart:
+                    send(frame)
+            else:
+                self._begin_burst(frame)
         if self._gated:
             self._offer(_Encoded(self, sample, frame), self._gated)
+
+    def _begin_burst(self, frame: Frame) -> None:
+        """Send a frame to every open gate, in a burst that later ones of this turn are added to.
+
+        A burst of one frame costs more than the frame. So all gates share one only while the last one grew;
+        otherwise the first gate alone has one, which shows whether it would have grown.
+        """
+        all_share = self._burst is not None and len(self._burst) > 1
+        self._end_burst()
+        burst = Burst(frame)
+        apart = []
+        for join, send in self._direct if all_share else self._direct[:1]:
+            if not join(burst):
+                send(frame)
+                apart.append(send)
+        if not all_share:
+            for _, send in self._direct[1:]:
+                send(frame)
+                apart.append(send)
+        self._apart = apart
+        if len(apart) < len(self._direct):
+            self._burst = burst
+
+    def _end_burst(self) -> None:
+        burst, self._burst = self._burst, None
+        if burst is not None:
+            burst.seal()
 
     def _offer(self, encoded: _Encoded, gates: Iterable[Throttle]) -> None:
         for gate in gates:
@@ -128,6 +184,7 @@ class EncodedStream:
 
     def replay(self, sample: Sample, gate: Throttle) -> None:
         """Send one kept sample to one gate (SUB-13)."""
+        self._end_burst()
         gate.offer(_Encoded(self, sample))
 
 
@@ -153,6 +210,9 @@ class Fanout:
         self.counts = counts
         self._channels: dict[tuple[str, str], EncodedStream] = {}
         self._active: tuple[EncodedStream, ...] = ()
+        self._is_stepped = False
+        self._late: deque[tuple[Sample, Iterator[None]]] = deque()
+        self._goes_on = False
         self.subscription: Subscription = participant.subscribe(topic, self._deliver, type)
 
     @property
@@ -184,13 +244,17 @@ class Fanout:
 
     def join(self, gate: Throttle, name: str, encoding: Encoding) -> EncodedStream:
         """Add a gate to the channel of that spelling and encoding."""
+        self._catch_up()  # What it missed is replayed to it.
         key = (name, encoding.name)
         channel = self._channels.get(key)
         if channel is None:
             channel = self._channels[key] = EncodedStream(
-                encoding.publish_encoder(name), self.counts.encoding(encoding.name), self._clock.monotonic
+                encoding.publish_encoder(name),
+                self.counts.encoding(encoding.name),
+                self._clock.monotonic,
+                encoding.form,
             )
-            self._active = tuple(self._channels.values())
+            self._note_channels()
         channel.add(gate)
         return channel
 
@@ -201,12 +265,59 @@ class Fanout:
         channel.remove(gate)
         if not channel:
             del self._channels[key]
-            self._active = tuple(self._channels.values())
+            self._note_channels()
+
+    def _note_channels(self) -> None:
+        self._active = tuple(self._channels.values())
+        self._is_stepped = any(channel.steps is not None for channel in self._active)
 
     def close(self) -> None:
         """Leave the graph's topic."""
+        self._late.clear()
         self.subscription.close()
 
     def _deliver(self, sample: Sample) -> None:
+        if sample.payload.is_long or self._late or self._is_stepped:
+            self._prepare(sample)
+            return
+        for channel in self._active:
+            channel.deliver(sample)
+
+    def _prepare(self, sample: Sample) -> None:
+        """Deliver a sample that takes long to encode, and what comes behind it: when its forms are made."""
+        self._late.append((sample, self._steps(sample)))
+        if len(self._late) > _MOST_LATE:
+            self._catch_up()
+        elif not self._goes_on:
+            self._go_on()
+
+    def _steps(self, sample: Sample) -> Iterator[None]:
+        channels = [channel for channel in self._active if channel.is_open]
+        if sample.payload.is_long:
+            yield from sample.payload.prepare({channel.form for channel in channels})
+        for channel in channels:
+            if channel.steps is not None:
+                yield from channel.steps(sample)
+
+    def _go_on(self) -> None:
+        """Make forms for as long as a turn's share, and the rest in later turns."""
+        self._goes_on = False
+        until = self._clock.monotonic() + SHARE
+        while self._late:
+            sample, steps = self._late[0]
+            for _ in steps:
+                if self._clock.monotonic() > until:
+                    self._goes_on = True
+                    self._clock.call_later(0.0, self._go_on)
+                    return
+            self._late.popleft()
+            self._send(sample)
+
+    def _catch_up(self) -> None:
+        """Deliver at once what is late."""
+        while self._late:
+            self._send(self._late.popleft()[0])
+
+    def _send(self, sample: Sample) -> None:
         for channel in self._active:
             channel.deliver(sample)

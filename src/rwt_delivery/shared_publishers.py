@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 
     from rwt_delivery.counters import Counters
     from rwt_graph.api import Participant, Publisher
-    from rwt_graph.clock import Clock, Timer
+    from rwt_graph.clock import Clock
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
+    from rwt_program.timers import Timer
 
     Lacks = Callable[[QoS], str]
     """Which of the policies that a client asks for a publisher does not offer, in words; empty if none."""
@@ -120,7 +121,7 @@ class SharedPublisher:
         self._publish(payload)
         if self._startup is not None:
             sample = Sample(self.topic, payload, self._clock.time_ns(), self._node)
-            self._startup.add(sample, payload.size)
+            self._startup.add(sample, payload.kept_size)
 
     def end_startup(self) -> None:
         """Keep nothing for late readers: the first second is over, or all users have left."""

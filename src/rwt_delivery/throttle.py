@@ -12,11 +12,16 @@ from rwt_protocol.transport import DropReason
 if TYPE_CHECKING:
     from rwt_delivery.deadline import DeadlineWatch
     from rwt_graph.api import Sample
-    from rwt_graph.clock import Clock, Timer
-    from rwt_protocol.transport import Flow, Frame
+    from rwt_graph.clock import Clock
+    from rwt_program.timers import Timer
+    from rwt_protocol.transport import Burst, Flow, Frame
 
 #: Two clock readings this close, in seconds, are the same moment: sums of floats round.
 _SAME_MOMENT = 1e-6
+
+
+def _refuse(_burst: Burst) -> bool:
+    return False
 
 
 class Encoded(Protocol):
@@ -97,6 +102,11 @@ class Throttle:
     def send(self) -> Callable[[Frame], None]:
         """Where the frames of an open gate go."""
         return self._send_pieces if self._piece else self._flow.send
+
+    @property
+    def join(self) -> Callable[[Burst], bool]:
+        """Lets a burst of an open gate go; where messages are sent in pieces, each goes by itself."""
+        return _refuse if self._piece else self._flow.join
 
     def cut_to(self, size: int) -> None:
         """Send what is longer than `size` characters in pieces; 0 sends everything whole (FRG-20)."""

@@ -4,7 +4,7 @@ Robot programs use :class:`MemoryGraph` and :class:`Node`; :mod:`rwt_graph.api` 
 """
 
 from rwt_graph.api import Graph, Sample
-from rwt_graph.clock import Clock, SimulatedClock, SteadyClock, Timer, WallClock
+from rwt_graph.clock import Clock, SimulatedClock, SteadyClock, WallClock
 from rwt_graph.errors import (
     GraphError,
     InvalidGraphName,
@@ -15,6 +15,7 @@ from rwt_graph.errors import (
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
 from rwt_graph.program.node import ActionServer, Node, ServiceServer
+from rwt_program.timers import Timer
 
 __all__ = [
     "MemoryGraph",

@@ -21,25 +21,15 @@ from typing import Final
 import anyio
 
 from rwt_interfaces.times import NANOSECONDS
+from rwt_program.timers import LONGEST_DELAY, Timer
 
 logger = logging.getLogger(__name__)
 
 #: A heap is rebuilt without its cancelled timers when they are this many and more than half of it.
 COMPACT_AT = 64
 
-#: Seconds, some thirty years: a timer that is due later is due then, so that no sum of times overflows.
-LONGEST_DELAY: Final = 1e9
-
 #: ROS time ends here, in nanoseconds: messages have 32 bits for its seconds, one of them for the sign.
 END_OF_TIME_NS: Final = 2**31 * NANOSECONDS
-
-
-class Timer(ABC):
-    """A callback that is due at some time."""
-
-    @abstractmethod
-    def cancel(self) -> None:
-        """Drop the callback; may be called twice, and after the timer has run."""
 
 
 class HeapTimer(Timer):
@@ -164,9 +154,8 @@ class SteadyClock(Clock):
         """ROS time, nanoseconds since the epoch."""
         return time.monotonic_ns() + self._offset_ns
 
-    def monotonic(self) -> float:
-        """`time.monotonic`."""
-        return time.monotonic()
+    #: The function itself: each message asks for it.
+    monotonic = staticmethod(time.monotonic)
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now; nothing runs before the graph does."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final, Generic, Never, TypeVar, cast
 
 from rwt_protocol.errors import IncompleteDispatcher, Refused
 from rwt_protocol.ops import SPEC_OF, Direction, Op, ReplyTo, inbound
 
 C = TypeVar("C")
+
+Steps = Iterator[None]
+"""What a handler has still to do, in short steps. Its end is the end of the op."""
 
 INTERNAL_ERROR: Final = "internal error"
 """What a peer hears of an exception that is not a `Refused`."""
@@ -19,24 +22,28 @@ class Dispatcher(Generic[C]):
 
     Args:
         handlers: a handler for each op that may arrive, by the op's type: called with the context that
-            :meth:`dispatch` was given, and the op. It refuses by raising `Refused`.
+            :meth:`dispatch` was given, and the op. It refuses by raising `Refused`. One that has long work to
+            do may return it in steps, for `later`.
         on_error: called with the context, the op and any other exception, within the `except` block; it must
             not raise.
         refusals: exceptions that refuse, of layers that know no ops; their text goes to the peer.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
+        later: called with the context, the op and the steps that its handler has returned, to take them by
+            :meth:`go_on`; returns what :meth:`dispatch` is to return. None takes all of them at once.
 
     Raises:
         IncompleteDispatcher: a handler is missing, or is there for something that does not arrive.
     """
 
-    __slots__ = ("_handlers", "_on_error", "_refusals")
+    __slots__ = ("_handlers", "_later", "_on_error", "_refusals")
 
     def __init__(
         self,
-        handlers: Mapping[type[Op], Callable[[C, Never], None]],
+        handlers: Mapping[type[Op], Callable[[C, Never], Steps | None]],
         on_error: Callable[[C, Op, Exception], None],
         refusals: tuple[type[Exception], ...] = (),
         direction: Direction = Direction.TO_SERVER,
+        later: Callable[[C, Op, Steps], Op | None] | None = None,
     ) -> None:
         expected = inbound(direction)
         missing, extra = expected - set(handlers), set(handlers) - expected
@@ -44,10 +51,11 @@ class Dispatcher(Generic[C]):
             raise IncompleteDispatcher(_disagreement(missing, extra, direction))
         # Each handler takes the type that it is filed under, which a mapping's type cannot say.
         self._handlers = {
-            model: cast("Callable[[C, Op], None]", handler) for model, handler in handlers.items()
+            model: cast("Callable[[C, Op], Steps | None]", handler) for model, handler in handlers.items()
         }
         self._on_error = on_error
         self._refusals = refusals
+        self._later = later
 
     def dispatch(self, context: C, op: Op) -> Op | None:
         """Run the handler of `op`, which is one that `Session.decode` gave.
@@ -56,15 +64,40 @@ class Dispatcher(Generic[C]):
             None, or the op that reports the refusal to the sender.
         """
         try:
-            self._handlers[type(op)](context, op)
-        except Refused as refused:
-            return SPEC_OF[type(op)].refuse(ReplyTo.of(op), refused.reason, refused.level)
-        except self._refusals as refused:
-            return SPEC_OF[type(op)].refuse(ReplyTo.of(op), f"{op.op}: {refused}", "error")
+            steps = self._handlers[type(op)](context, op)
         except Exception as error:
-            self._on_error(context, op, error)
-            return SPEC_OF[type(op)].refuse(ReplyTo.of(op), INTERNAL_ERROR, "error")
+            return self._refused(context, op, error)
+        if steps is None:
+            return None
+        return (self._later or self._at_once)(context, op, steps)
+
+    def _at_once(self, context: C, op: Op, steps: Steps) -> Op | None:
+        left = self.go_on(context, op, steps, lambda: True)
+        return left if isinstance(left, Op) else None
+
+    def go_on(self, context: C, op: Op, steps: Steps, may_go_on: Callable[[], bool]) -> Op | Steps | None:
+        """Take steps of an op as long as `may_go_on` says so, and at least one.
+
+        Returns:
+            The steps if some are left; else what :meth:`dispatch` returns.
+        """
+        try:
+            for _ in steps:
+                if not may_go_on():
+                    return steps
+        except Exception as error:
+            return self._refused(context, op, error)
         return None
+
+    def _refused(self, context: C, op: Op, error: Exception) -> Op:
+        """The op that reports an exception to the sender; called within the `except` block."""
+        refuse = SPEC_OF[type(op)].refuse
+        if isinstance(error, Refused):
+            return refuse(ReplyTo.of(op), error.reason, error.level)
+        if isinstance(error, self._refusals):
+            return refuse(ReplyTo.of(op), f"{op.op}: {error}", "error")
+        self._on_error(context, op, error)
+        return refuse(ReplyTo.of(op), INTERNAL_ERROR, "error")
 
 
 def _disagreement(missing: frozenset[type[Op]], extra: set[type[Op]], direction: Direction) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Literal, Protocol, Self
 
@@ -31,7 +32,10 @@ _KIND_BY_TYPE: Final[Mapping[type, JsonKind]] = {
     type(None): "null",
 }
 
-_encode: Final = msgspec.json.Encoder().encode
+FEW_BYTES: Final = 64 * 1024
+"""Frames of no more bytes than this are decoded whatever they hold, arrays in them to lists: what they can
+cost is little."""
+
 _TRUE, _FALSE, _NAN = object(), object(), object()
 
 
@@ -61,8 +65,10 @@ class Encodable(Protocol):
         """
 
 
-def _plain(value: Encodable | str) -> object:
-    return value if isinstance(value, str) else value.plain()
+def _plain(value: object) -> object:
+    # A model that was made by `model_construct`, unvalidated, holds what it was given.
+    plain: Callable[[], object] | None = getattr(value, "plain", None)
+    return value if plain is None else plain()
 
 
 def _as_json(value: object) -> object:
@@ -88,10 +94,13 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
             looked at on arrival (see :mod:`rwt_protocol.codecs.head_tail_split`): a strict decoder of a
             message type validates them by decoding, and all other readers call :meth:`validated` or
             :meth:`json`.
+        dense: why the bytes may not be decoded as plain values, where they hold too many objects and arrays
+            for that; empty where they may. A decoder that makes no object of each may still read them.
     """
 
     data: Buffer
     validate: Callable[[], bytes] | None = None
+    dense: str = ""
 
     @property
     def size(self) -> int:
@@ -116,7 +125,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
         full parse would have found, with the tokens ``NaN`` and ``Infinity`` turned into null.
 
         Raises:
-            MalformedPayload: the message is not JSON, or not UTF-8.
+            MalformedPayload: the message is not JSON, not UTF-8, or :attr:`dense`.
         """
         return self if self.validate is None else RawJson(self.validate())
 
@@ -124,7 +133,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
         """The bytes, checked (see :meth:`validated`).
 
         Raises:
-            MalformedPayload: the message is not JSON, or not UTF-8.
+            MalformedPayload: the message is not JSON, not UTF-8, or :attr:`dense`.
         """
         return self.data if self.validate is None else self.validate()
 
@@ -147,8 +156,8 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
     def __hash__(self) -> int:
         return hash(comparable(self.plain()))
 
-    def __reduce__(self) -> tuple[type[RawJson], tuple[bytes, Callable[[], bytes] | None]]:
-        return RawJson, (bytes(self.data), self.validate)
+    def __reduce__(self) -> tuple[type[RawJson], tuple[bytes, Callable[[], bytes] | None, str]]:
+        return RawJson, (bytes(self.data), self.validate, self.dense)
 
     def __copy__(self) -> Self:
         return self
@@ -169,13 +178,25 @@ EMPTY: Final = RawJson(b"{}")
 """What an absent payload means: an object without members (PUB-04, SRV-02, ACT-11)."""
 
 
+def _as_list(value: object) -> object:
+    """A numpy array as a list."""
+    if not _is_array(value):
+        raise TypeError(f"{type(value).__name__} is not of JSON")
+    to_list: Callable[[], object] = value.tolist  # type: ignore[attr-defined]  # numpy is not imported here
+    return to_list()
+
+
+_encode: Final = msgspec.json.Encoder(enc_hook=_as_list).encode
+
+
 class Decoded(msgspec.Struct, frozen=True, eq=False):
     """A payload of an encoding whose frames are decoded as a whole (CBOR, BSON): objects of no checked type.
 
     Attributes:
-        value: dict, list, str, bytes, int, float, bool or None; typed arrays are lists, octets are bytes, and
-            NaN is kept. What else a sender put there (a date, a key that is no text) is left as the library
-            read it, for the check against a message type to refuse.
+        value: dict, list, str, bytes, int, float, bool or None; octets are bytes, other typed arrays are
+            lists, long ones numpy arrays that cannot be written to, and NaN is kept. What else a sender put
+            there (a date, a key that is no text) is left as the library read it, for the check against a
+            message type to refuse.
         size: bytes of the message that it came in, envelope included, for those who count; not compared.
     """
 
@@ -194,7 +215,7 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
     @property
     def kind(self) -> JsonKind:
         """The kind of value, in JSON's words."""
-        return _KIND_BY_TYPE.get(type(self.value), "number")
+        return "array" if _is_array(self.value) else _KIND_BY_TYPE.get(type(self.value), "number")
 
     def json(self) -> bytes:
         """The value as JSON: bytes in base64, NaN and infinities as null.
@@ -208,8 +229,21 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
             raise MalformedPayload(f"not a value that JSON has: {error}") from None
 
     def plain(self) -> object:
-        """The value itself."""
-        return self.value
+        """The value, its numpy arrays as lists."""
+        return self.value if self.size <= FEW_BYTES else _listed(self.value)
+
+
+def _is_array(value: object) -> bool:
+    array = getattr(sys.modules.get("numpy"), "ndarray", None)
+    return array is not None and isinstance(value, array)
+
+
+def _listed(value: object) -> object:
+    if isinstance(value, dict):
+        return {name: _listed(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_listed(each) for each in value]
+    return _as_list(value) if _is_array(value) else value
 
 
 RawPayload = RawJson | Decoded
@@ -256,6 +290,8 @@ def comparable(value: object) -> object:
         return frozenset((name, comparable(each)) for name, each in value.items())
     if isinstance(value, list):
         return tuple(comparable(each) for each in value)
+    if _is_array(value):
+        return comparable(_as_list(value))
     if isinstance(value, bool):
         return _TRUE if value else _FALSE
     if isinstance(value, float) and math.isnan(value):

@@ -72,7 +72,7 @@ ROS1: Final = Profile(
     "ros1",
     _ALL - _ACTION_OPS,
     StatusRule.FROM_THE_START,
-    _without(advertise="qos", publish="type", subscribe="qos", call_service="type timeout"),
+    _without(advertise="qos", publish="type qos", subscribe="qos", call_service="type timeout"),
     _EITHER_WAY,
 )
 """The text of the branch ros1."""
@@ -81,7 +81,7 @@ ROS2_2024: Final = Profile(
     "ros2-2024",
     _ALL - {"auth"},
     StatusRule.FROM_THE_START,
-    _without(advertise="qos", publish="type", subscribe="qos", call_service="type timeout"),
+    _without(advertise="qos", publish="type qos", subscribe="qos", call_service="type timeout"),
     _EITHER_WAY,
 )
 """The text of the branch ros2 in 2024."""
@@ -91,7 +91,11 @@ V2_0_0: Final = Profile(
     _ALL - {"auth", "set_level", "status"},
     StatusRule.NEVER,
     _without(
-        advertise="qos", subscribe="qos", call_service="type compression", send_action_goal="compression"
+        advertise="qos",
+        publish="qos",
+        subscribe="qos",
+        call_service="type compression",
+        send_action_goal="compression",
     ),
 )
 """The text numbered 2.0.0, of 2026."""

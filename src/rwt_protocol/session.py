@@ -11,10 +11,12 @@ from pydantic import ValidationError
 
 from rwt_protocol.codecs import BINARY_CODECS, JSON, png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitLimits
+from rwt_protocol.codecs.head_tail_split import head_members
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
 from rwt_protocol.ops import ALIASES, OPS, Direction, Fragment, Op, Png, ReplyTo, SetLevel, Status
+from rwt_protocol.ops.base import MOST_MARK
 from rwt_protocol.payloads import Encodable
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
@@ -129,6 +131,21 @@ class Session:
         """
         codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
         return self._decode(data, codec, now)
+
+    def refuse_skipped(self, head: bytes, reason: str) -> Refusal | None:
+        """Refuse a message of which only the head was read.
+
+        Args:
+            head: the first bytes of its JSON text.
+            reason: why it is refused.
+
+        Returns:
+            None where the head tells no `op` that arrives here, or no `id`: nobody could be answered.
+        """
+        members = head_members(head)
+        op = members.get("op")
+        known = isinstance(op, str) and (op in self._readers or ALIASES.get(op) in self._readers)
+        return self._refusal(members, f"{op}: {reason}") if known and "id" in members else None
 
     def _decode(self, data: bytes, codec: Codec, now: float) -> Sequence[Op | Refusal]:
         if len(data) > self._max_size:
@@ -263,7 +280,7 @@ def _reply_to(members: Members) -> ReplyTo:
     """Where to answer a message, as far as that can be read."""
     op, mark = members.get("op"), members.get("id")
     name = members.get("service", members.get("action"))
-    known = isinstance(mark, str) or (
+    known = (isinstance(mark, str) and len(mark) <= MOST_MARK) or (
         isinstance(mark, int) and not isinstance(mark, bool) and -(2**63) <= mark < 2**64
     )
     return ReplyTo(

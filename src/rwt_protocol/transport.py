@@ -69,6 +69,87 @@ class Frame:
         return f"<Frame {kind} {self.size} bytes>"
 
 
+class BurstMember(Protocol):
+    """A queue that took in a burst."""
+
+    def sealed(self, frames: int, size: int) -> None:
+        """The burst takes no more: beside its first frame it has so many, of that size together."""
+
+
+class Burst:
+    """The frames of one stream that leave together: every receiver's queue holds the same object, so that a
+    frame that is added costs the same for one receiver and for a thousand.
+
+    It takes frames until somebody asks for its bytes, usually at the end of the event loop's turn, or until
+    it is large.
+
+    Attributes:
+        size: bytes of its frames.
+        members: the queues that hold it; they are told what was added once it is sealed.
+    """
+
+    __slots__ = ("_first", "_framed", "_frames", "_framing", "_others", "_sealed", "members", "size")
+
+    LARGE = 8 * 1024
+    """Bytes after which a burst takes no more: what a queue may hold that it does not count yet."""
+
+    def __init__(self, frame: Frame) -> None:
+        self._frames = [frame]
+        self._first = self.size = frame.size
+        self.members: list[BurstMember] = []
+        self._sealed = False
+        self._framing: object = None
+        self._framed = b""
+        self._others: dict[object, bytes] | None = None
+
+    def __len__(self) -> int:
+        """How many frames it has."""
+        return len(self._frames)
+
+    def add(self, frame: Frame) -> bool:
+        """Take one more frame; False, and nothing is taken, when it is sealed or would be too large."""
+        size = self.size + frame.size
+        if self._sealed or size > Burst.LARGE:
+            return False
+        self._frames.append(frame)
+        self.size = size
+        return True
+
+    def seal(self) -> None:
+        """Take no more."""
+        if self._sealed:
+            return
+        self._sealed = True
+        members, self.members = self.members, []
+        added = len(self._frames) - 1
+        if added:
+            size = self.size - self._first
+            for member in members:
+                member.sealed(added, size)
+
+    def framed(self, framing: Callable[[Frame], bytes]) -> bytes:
+        """The bytes of all frames on a wire with that `framing`; joined once for all that ask. Seals it."""
+        if self._framing is framing:
+            return self._framed
+        self.seal()
+        if self._framing is None:
+            self._framing = framing
+            self._framed = self._join(framing)
+            return self._framed
+        if self._others is None:
+            self._others = {}
+        framed = self._others.get(framing)
+        if framed is None:
+            framed = self._others[framing] = self._join(framing)
+        return framed
+
+    def _join(self, framing: Callable[[Frame], bytes]) -> bytes:
+        frames = self._frames
+        if len(frames) == 1:
+            return frames[0].framed(framing)
+        return b"".join([frame.framed(framing) for frame in frames])
+
+
 class DropReason(StrEnum):
     """Why a message of the data lane was not sent."""
 
@@ -110,6 +191,10 @@ class Flow(Protocol):
 
     def send(self, frame: Frame) -> None:
         """Queue one message of one frame."""
+
+    def join(self, burst: Burst) -> bool:
+        """Queue what a burst holds and will hold when it is sealed. False, and nothing is queued, where each
+        of its frames has to be sent by itself."""
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Queue one message in one or more frames: all of them are sent in the end, or none.

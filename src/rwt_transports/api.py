@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from ssl import SSLContext
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 from anyio.abc import TaskGroup
 
@@ -65,12 +65,19 @@ class Link(Protocol):
         """Read from the peer again after :meth:`pause`."""
 
 
+HEAD_BYTES: Final = 1024
+"""What is kept of a message that is skipped, so that it can be told which."""
+
+
 class WireEvents(Protocol):
     """What a wire reports while it is fed."""
 
     def oversized(self, size: int) -> bool:
         """A message larger than the limit has begun; `size` in bytes as far as known. True: skip it and go
-        on."""
+        on; then :meth:`oversized_head` is called once."""
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        """The first bytes of a message that is skipped, at most :data:`HEAD_BYTES`."""
 
     def answer(self, data: bytes) -> None:
         """The protocol itself owes the peer these bytes: the reply to a close."""
@@ -104,6 +111,9 @@ class Wire(Protocol):
     def buffer_updated(self, count: int) -> None:
         """`count` bytes were received into the buffer that :meth:`get_buffer` gave."""
 
+    def give_up(self, reason: str) -> None:
+        """Drop what has come of a message whose end has not, and end the connection."""
+
     def close(self, code: int, reason: str) -> bytes:
         """Begin to close: later messages are not reported. Returns what to send, perhaps nothing."""
 
@@ -115,8 +125,9 @@ class Wire(Protocol):
 class OversizeAware(Protocol):
     """An endpoint that wants to answer a message which was too large to take."""
 
-    def oversized(self, size: int, limit: int) -> None:
-        """A message of at least `size` bytes was skipped; `limit` is the setting. Never raises."""
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
+        """A message of at least `size` bytes is skipped; `limit` is the setting, and `head` what it begins
+        with, at most :data:`HEAD_BYTES`. Never raises."""
 
 
 class FlowControl(Protocol):

@@ -260,6 +260,7 @@ class Connection:
     def lost(self) -> None:
         """The link is gone."""
         self._state.detach(self)
+        self._state.buffers.release(self._wire)
         self._ending = True
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
@@ -310,11 +311,13 @@ class Connection:
 
     def oversized(self, size: int) -> bool:
         """A message larger than the limit has begun."""
+        return isinstance(self._endpoint, OversizeAware)
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        """What a message begins with that is skipped."""
         endpoint: object = self._endpoint
-        if not isinstance(endpoint, OversizeAware):
-            return False
-        endpoint.oversized(size, self._state.limits.message_bytes)
-        return True
+        if isinstance(endpoint, OversizeAware):
+            endpoint.oversized(size, self._state.limits.message_bytes, head)
 
     def answer(self, data: bytes) -> None:
         """Send bytes of the protocol itself."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import fnmatch
 import ipaddress
 import re
+from base64 import b64encode
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Literal, NamedTuple, Protocol
+from hashlib import sha256
+from typing import Final, Literal, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 TEXT = "text/plain; charset=utf-8"
@@ -60,8 +62,25 @@ Handler = Callable[[HttpRequest], HttpResponse | Awaitable[HttpResponse]]
 """A route: a plain function, or a coroutine function, which then runs in a task of its own."""
 
 
+class Work(Protocol):
+    """The work that a server does for the clients of an address, which has a rate."""
+
+    @property
+    def excess(self) -> float:
+        """Seconds until they are within their rate again; 0.0 where they are."""
+
+    def add(self, seconds: float, kind: Literal["pages", "pictures"]) -> None:
+        """Count seconds of one processor that were worked for them: pages by themselves are counted already,
+        so this is for what goes on after them, and in threads."""
+
+
 class Reader(Protocol):
-    """Who asks for a page, as far as pages need to know: what of the robot they may see."""
+    """Who asks for a page, as far as pages need to know: what of the robot they may see, and what they
+    cost."""
+
+    @property
+    def work(self) -> Work:
+        """What is counted of the reader's address."""
 
     def may_subscribe(self, topic: str) -> bool:
         """Whether the reader may subscribe to `topic`, an absolute name without remappings to follow."""
@@ -126,6 +145,26 @@ class HttpExtension:
     routes: tuple[Route, ...] = ()
     section: Callable[[HttpRequest, Reader], str] | None = None
     metrics: Callable[[], Iterable[MetricFamily]] | None = None
+
+
+def page_policy(script: str = "") -> Mapping[str, str]:
+    """The header by which a page of HTML is kept from doing more than it was made for (CSP Level 3).
+
+    It shows itself and pictures and videos of this server. No name in it can become a script, and no other
+    site can put it in a frame.
+
+    Args:
+        script: the text of its one script, if it has one.
+    """
+    digest = b64encode(sha256(script.encode()).digest()).decode()
+    scripts = f"script-src 'sha256-{digest}'; " if script else ""
+    return {"Content-Security-Policy": f"default-src 'none'; {scripts}{_PAGE_POLICY}"}
+
+
+_PAGE_POLICY: Final = (
+    "style-src 'unsafe-inline'; img-src 'self'; media-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
 
 
 class Routes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from email.utils import formatdate
 from http import HTTPStatus
 
@@ -54,6 +54,7 @@ class HttpConnection:
         self._refused: HttpResponse | None = None  # what answers every request
         self._taken = 0  # bytes that the network had taken when the time-outs were checked last
         self._over = False
+        self._half_closed = False  # the peer sends nothing more
         self._served = False
         self._deadline: float | None = None
         self._stalled: float | None = None  # until when the network must take something of what waits
@@ -90,6 +91,7 @@ class HttpConnection:
     def eof(self) -> None:
         """The peer will send nothing more. An answer under way is still sent; a stream is ended, since a
         browser that leaves it half-closes the connection and no more."""
+        self._half_closed = True
         if not self._busy or self._streaming:
             self._end()
 
@@ -177,12 +179,21 @@ class HttpConnection:
                     self._fail(431)
             elif isinstance(event, h11.Data):
                 self._body += event.data
-                if len(self._body) > self._limits.http_body_bytes:
+                if len(self._body) > self._most_body():
                     self._fail(413)
             elif isinstance(event, h11.EndOfMessage) and self._request is not None:
                 self._requested(self._request)
             else:
                 self._end()
+
+    def _most_body(self) -> int:
+        """Bytes of body that the request may have: few, where nothing would be done with them."""
+        assert self._request is not None
+        method, path = self._request.method.decode("latin-1"), self._request.target.decode("latin-1")
+        wanted = method not in ("GET", "HEAD") and not isinstance(
+            self._routes.find(method, path.partition("?")[0]), HttpResponse
+        )
+        return self._limits.http_body_bytes if wanted else self._limits.http_header_bytes
 
     def _continue_if_asked(self) -> None:
         if self._h11.they_are_waiting_for_100_continue:
@@ -280,13 +291,30 @@ class HttpConnection:
     def _respond(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         if isinstance(response, HttpResponse) and isinstance(response.body, bytes):
             self._send_whole(response, response.body)
-            self._responded()
+            if self.outbox.room > 0 and not self._h11.trailing_data[0]:
+                self._responded()
+            else:
+                # What follows on the connection waits, so that nobody makes more answers than they take, and
+                # requests that came together do not keep the event loop together.
+                self._busy = True
+                self.outbox.when_empty(self._taken_whole)
         else:
             tasks = self._state.tasks
             if tasks is None:
                 raise RuntimeError("the listener is not open")
             self._busy = True
             tasks.start_soon(self._respond_in_scope, response)
+
+    def _taken_whole(self) -> None:
+        """The network has taken an answer: go on with what came behind its request."""
+        self._busy = False
+        self._ahead = 0
+        try:
+            self._responded()
+            self._take_requests()
+        except Exception:
+            log_exception("a route failed; cutting %s", self)
+            self.abort()
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         """Respond, in a task that ends with the connection."""
@@ -305,6 +333,8 @@ class HttpConnection:
             response = await _awaited(response)
         if isinstance(response.body, bytes):
             self._send_whole(response, response.body)
+            if self.outbox.room <= 0:
+                await self._drained()
         else:
             await self._stream(response, response.body)
         self._busy = False
@@ -327,7 +357,7 @@ class HttpConnection:
             self._send(h11.EndOfMessage())
         finally:
             self._streaming = False
-            await _close_iterator(chunks)
+            await close_iterator(chunks)
 
     async def _drained(self) -> None:
         """Wait until everything sent so far has been taken."""
@@ -382,7 +412,8 @@ class HttpConnection:
         self._deadline = None
         if self._over:
             return
-        if self._h11.our_state is h11.DONE and self._h11.their_state is h11.DONE:
+        done = self._h11.our_state is h11.DONE and self._h11.their_state is h11.DONE
+        if done and not (self._half_closed and not self._h11.trailing_data[0]):
             self._h11.start_next_cycle()
         else:
             self._end()
@@ -437,7 +468,9 @@ async def _awaited(response: Awaitable[HttpResponse]) -> HttpResponse:
         return _INTERNAL_ERROR
 
 
-async def _close_iterator(chunks: AsyncIterator[bytes]) -> None:
-    """Let a generator run its clean-up now, and not when it is collected."""
-    if isinstance(chunks, AsyncGenerator):
-        await chunks.aclose()
+async def close_iterator(chunks: AsyncIterator[bytes]) -> None:
+    """Let a generator, or what else has an `aclose`, run its clean-up now, and not when it is collected."""
+    close: Callable[[], Awaitable[object]] | None = getattr(chunks, "aclose", None)
+    if close is not None:
+        with anyio.CancelScope(shield=True):
+            await close()

@@ -22,6 +22,8 @@ class Limits:
         message_bytes: largest incoming message. A larger one is skipped without being kept, and the
             endpoint is informed (:class:`~rwt_transports.api.OversizeAware`); one that takes no such report
             is closed with 1009.
+        incoming_bytes: what all connections of a listener together may hold of messages whose end has not
+            come. Beyond it the connection whose message began first is closed with 1008.
         strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
             default: the endpoint gets the bytes as they came and answers, so that one bad message does not
             cost the connection.
@@ -49,6 +51,7 @@ class Limits:
     """
 
     message_bytes: int = 64 * MIB
+    incoming_bytes: int = 64 * MIB
     strict_utf8: bool = False
     connections: int = 1024
     connections_per_address: int = 128
@@ -73,8 +76,7 @@ class AddressCount:
     """How many connections are open from each address, over all listeners that share it.
 
     From the first byte on: handshakes in TLS, plain HTTP and streams count like every other. This machine's
-    own addresses are not counted. A network of 64 bits counts as one IPv6 address, since whoever has one of
-    its addresses has all of them.
+    own addresses are not counted; what counts as one is :func:`network_of` it.
 
     Args:
         most: connections of one address; 0 for any number.
@@ -115,9 +117,15 @@ class AddressCount:
     def _key(self, address: str) -> str:
         if not self._most or not address or is_local(address) or address in self._proxies:
             return ""
-        if ":" not in address:
-            return address
-        try:
-            return str(ipaddress.ip_network((address.partition("%")[0], 64), strict=False))
-        except ValueError:
-            return address
+        return network_of(address)
+
+
+def network_of(address: str) -> str:
+    """What counts as one address: a network of 64 bits for IPv6, since whoever has one of its addresses has
+    all of them."""
+    if ":" not in address:
+        return address
+    try:
+        return str(ipaddress.ip_network((address.partition("%")[0], 64), strict=False))
+    except ValueError:
+        return address

@@ -20,6 +20,7 @@ from rwt_transports.http_connection import HttpConnection
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.schemes import parse_listen_url
 from rwt_transports.websocket.close_codes import GOING_AWAY
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 
 class OpenListener:
@@ -98,6 +99,7 @@ async def listen(
         idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,
         max_message_size=scheme.max_message_size,
         addresses=addresses,
+        buffers=ReceiveBufferPool(max(chosen.incoming_bytes, 2 * chosen.message_bytes)),
         proxies=proxies,
         access_log=access_log,
         hosts=Hosts(hosts, loopback=is_local(target.address.host)),

@@ -14,8 +14,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from time import time_ns
+from typing import cast
 
-from rwt_protocol.transport import AS_MANY_AS_FIT, Buffer, DropReason, FlowRules, Frame, Traffic
+from rwt_protocol.transport import AS_MANY_AS_FIT, Buffer, Burst, DropReason, FlowRules, Frame, Traffic
 from rwt_transports.api import Framing
 from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.limits import Limits
@@ -60,6 +61,23 @@ class OutboxFlow:
         else:
             outbox.send_at_once(frame)
 
+    def join(self, burst: Burst) -> bool:
+        """Let a burst go out with the ready bytes, if there is room for them."""
+        outbox = self._outbox
+        room = outbox.room
+        size = burst.size
+        if room <= 0 or size >= outbox.burst_bytes:
+            return False
+        ready = outbox.ready
+        if not ready:
+            outbox.wake()
+        ready.append(burst)
+        outbox.bursts = True
+        outbox.room = room - size
+        outbox.messages += 1
+        burst.members.append(outbox)
+        return True
+
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         """Queue one message in one or more frames."""
         outbox = self._outbox
@@ -94,18 +112,20 @@ class Outbox:
         overflow: called once with a reason when the control lane is full.
 
     Attributes:
-        ready: bytes that go out next.
+        ready: bytes that go out next, and bursts of which some may still grow.
+        bursts: whether some of them are bursts.
         room: bytes that may still join them; none while anything waits in a lane.
         messages: frames that have been made ready so far.
         received: bytes that came the other way; the connection counts them here, beside what it sends.
         small: frames below this many bytes are one piece that every connection shares.
+        burst_bytes: frames below this many bytes may begin a burst.
         whole: makes that piece.
     """
 
     __slots__ = (
         "_closed", "_control", "_control_bytes", "_current", "_data", "_framing", "_large",
-        "_limits", "_on_empty", "_overflow", "_taken", "messages", "ready", "received", "room",
-        "small", "wake", "whole",
+        "_limits", "_on_empty", "_overflow", "_taken", "burst_bytes", "bursts", "messages", "ready",
+        "received", "room", "small", "wake", "whole",
     )  # fmt: skip
 
     def __init__(
@@ -119,9 +139,12 @@ class Outbox:
         self._framing = framing
         self.whole = framing.whole
         self.small = min(ALONE_BYTES, limits.outgoing_bytes + 1) if framing.shared else 0
+        # What is added to a burst is not looked at here.
+        self.burst_bytes = self.small if self.small > Burst.LARGE else 0
         self.wake = wake
         self._overflow = overflow
-        self.ready: list[Buffer] = []
+        self.ready: list[Buffer | Burst] = []
+        self.bursts = False
         self._large = 0  # how many of them are not to be joined
         self.room = READY_BYTES
         self._current: memoryview | None = None
@@ -166,6 +189,12 @@ class Outbox:
         self.room -= frame.size
         self.messages += 1
 
+    def sealed(self, frames: int, size: int) -> None:
+        """A burst among the ready bytes has grown since it was put there; satisfies
+        :class:`rwt_protocol.transport.BurstMember`."""
+        self.messages += frames
+        self.room -= size
+
     def is_too_large(self, queue: Queue, frame: Frame) -> bool:
         """Whether a frame of the data lane is too large to be sent; if so, that is counted and reported."""
         if frame.size <= self._limits.outgoing_bytes:
@@ -193,7 +222,8 @@ class Outbox:
     def backlog(self) -> int:
         """Bytes queued and not yet handed to the network."""
         current = 0 if self._current is None else len(self._current)
-        return current + sum(map(len, self.ready)) + self._control_bytes + self._data.size
+        ready = sum(piece.size if type(piece) is Burst else len(piece) for piece in self.ready)
+        return current + ready + self._control_bytes + self._data.size
 
     @property
     def traffic(self) -> Traffic:
@@ -272,6 +302,7 @@ class Outbox:
     def stop_sending(self) -> None:
         """Let nothing follow what is ready: the lanes are emptied."""
         self._discard_lanes()
+        self._settle_bursts()
         self._closed = True
         self.room = 0
 
@@ -307,13 +338,28 @@ class Outbox:
                     self._empty()
                     return None
             if self._large:
-                data = self._take_mixed(ready)
+                data = self._take_mixed(self._settle_bursts())
             else:
-                data = ready[0] if len(ready) == 1 else b"".join(ready)
+                if len(ready) == 1:
+                    piece = ready[0]
+                    data = piece.framed(self.whole) if type(piece) is Burst else cast("Buffer", piece)
+                else:
+                    data = b"".join(self._settle_bursts())
                 ready.clear()
+                self.bursts = False
                 self._make_room()
         self._taken += len(data)
         return data
+
+    def _settle_bursts(self) -> list[Buffer]:
+        """The ready bytes, with the bytes of each burst in its place; the same list."""
+        ready = self.ready
+        if self.bursts:
+            self.bursts = False
+            for at, piece in enumerate(ready):
+                if type(piece) is Burst:
+                    ready[at] = piece.framed(self.whole)
+        return cast("list[Buffer]", ready)
 
     def _take_mixed(self, ready: list[Buffer]) -> Buffer:
         """The small pieces up to the first large one, joined; or that one, by itself and in slices."""

@@ -24,6 +24,7 @@ from rwt_graph import MemoryGraph, Node
 from rwt_graph.api import GoalEvents, Graph
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
+from rwt_graph.program.logs import DISCLOSURES as LOGGERS
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
@@ -176,7 +177,9 @@ class Asker:
 def _about(graph: Graph) -> list[str]:
     """The services that are about the graph: rosapi's, and those of every node's parameters."""
     return [
-        info.name for info in graph.services() if info.type.name in {**DISCLOSURES, **PARAMETER_DISCLOSURES}
+        info.name
+        for info in graph.services()
+        if info.type.name in {**DISCLOSURES, **PARAMETER_DISCLOSURES, **LOGGERS}
     ]
 
 
@@ -323,5 +326,6 @@ async def test_without_a_token_no_page_but_the_health_check_answers(graph: Memor
 @pytest.mark.anyio
 async def test_metrics_are_for_those_who_may_subscribe_to_every_topic(graph: MemoryGraph) -> None:
     for globs, shown in ((["*"], True), (["/*"], True), (["/[!c]*"], False), (["/open*", "/?*"], False)):
-        reader = GraphView(graph, _access(graph, {"subscribe": globs}).admission.roles["guest"])
+        access = _access(graph, {"subscribe": globs})
+        reader = GraphView(graph, access.admission.roles["guest"], access.nobody.work)
         assert reader.sees_every_topic is shown, globs

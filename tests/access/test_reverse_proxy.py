@@ -142,7 +142,7 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         caplog.set_level("INFO", "rwt_transports.access")
         robot = stack.enter_context(server)
         port, process = stack.enter_context(nginx(tmp_path, server.urls[0]))
-        status, kind, page = get(port, trust, "/robot/")
+        status, kind, page = get(port, trust, "/robot/index")
         assert (status, kind) == (200, "text/html; charset=utf-8")
         assert f"wss://127.0.0.1:{port}/robot".encode() in page
         assert b'href="/' not in page
@@ -168,4 +168,5 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         renewed = certify(tmp_path, 2)
         process.send_signal(1)  # SIGHUP
         assert get(port, renewed, "/robot/healthz")[0] == 200
-        assert answers(first)
+        assert [answers(client) for client in (first, second, other)] == [True] * 3
+        assert process.poll() is None

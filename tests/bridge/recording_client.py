@@ -9,7 +9,16 @@ from typing import Any
 
 from rwt_bridge.bridge import Bridge
 from rwt_bridge.peer import Peer
-from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, Frame, PeerInfo, Traffic
+from rwt_protocol.transport import (
+    AS_MANY_AS_FIT,
+    Burst,
+    DropReason,
+    Endpoint,
+    FlowRules,
+    Frame,
+    PeerInfo,
+    Traffic,
+)
 
 Message = dict[str, Any]
 
@@ -29,6 +38,9 @@ class RecordingFlow:
 
     def send(self, frame: Frame) -> None:
         self._client.frames.append((frame, self.topic))
+
+    def join(self, burst: Burst) -> bool:
+        return False
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         self.expiries.append(expires_ns)

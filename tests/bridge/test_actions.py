@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from rwt_bridge.bridge import Bridge
 from rwt_graph.memory.graph import MemoryGraph
 from tests.bridge.recording_client import Client
 
@@ -29,7 +30,7 @@ def test_a_goal_with_feedback_succeeds(client: Client, other: Client) -> None:
         "op": "send_action_goal",
         "id": "action_goal:/fibonacci:1",
         "action": "/fibonacci",
-        "action_type": "example_interfaces/action/Fibonacci",
+        "action_type": "example_interfaces/Fibonacci",
         "args": {"order": 3},
         "feedback": True,
     }
@@ -48,6 +49,33 @@ def test_a_goal_with_feedback_succeeds(client: Client, other: Client) -> None:
             "id": "g",
         },
     ]
+
+
+@pytest.mark.parametrize("spelling", ["example_interfaces/Fibonacci", "example_interfaces/action/Fibonacci"])
+def test_a_provider_gets_the_type_as_it_spelt_it(client: Client, other: Client, spelling: str) -> None:
+    other.say("advertise_action", action="/fibonacci", type=spelling)
+    assert _send_goal(client, other)["action_type"] == spelling
+
+
+@pytest.mark.parametrize("address", ["192.0.2.7", "127.0.0.1"])
+def test_feedback_and_result_may_come_over_another_connection_of_the_provider(
+    bridge: Bridge, client: Client, other: Client, address: str
+) -> None:
+    other.say("advertise_action", **FIBONACCI)
+    answer = {"action": "/fibonacci", "id": _send_goal(client, other, feedback=True)["id"]}
+    another = Client(bridge, address)
+    another.say("action_feedback", **answer, values={"sequence": [0]})
+    another.say("action_result", **answer, values={"sequence": [0, 1]}, status=4, result=True)
+    heard = [each["op"] for each in client.heard()]
+    assert heard == (["action_feedback", "action_result"] if address == "127.0.0.1" else [])
+
+
+def test_a_malformed_result_ends_the_goal_that_it_names(client: Client, other: Client) -> None:
+    other.say("advertise_action", **FIBONACCI)
+    request = _send_goal(client, other)
+    other.say("action_result", action="/fibonacci", id=request["id"], values={}, status="done")
+    (result,) = client.heard()
+    assert (result["id"], result["status"]) == ("g", 6)
 
 
 def test_no_feedback_unless_asked(client: Client, other: Client) -> None:

@@ -239,7 +239,7 @@ def test_anything_but_a_valid_auth_closes_and_does_nothing(
 
 def test_an_oversized_message_before_auth_closes(graph: MemoryGraph) -> None:
     _, client = _guarded(graph)
-    client.endpoint.oversized(10**9, 10**6)  # type: ignore[attr-defined]  # a transport asks for it at run time
+    client.endpoint.oversized(10**9, 10**6, b"{")  # type: ignore[attr-defined]  # a transport asks for it at run time
     assert client.close_code == 1008
 
 

@@ -50,15 +50,27 @@ def test_what_lingers_is_charged_to_the_address_until_it_ends(
     graph: MemoryGraph, clock: SimulatedClock
 ) -> None:
     bridge = _bridge(graph)
-    for letter in "ab":
+    for letter in "abcd":
         client = _client(bridge)
         for number in range(3):
             assert _latched(client, f"/{letter}{number}") == "[]"
         client.leave()
-    assert "(limits.kept_bytes)" in _latched(_client(bridge), "/again")
+    client = _client(bridge)
+    assert "(limits.kept_bytes)" in _latched(client, "/more") + _latched(client, "/again")
     assert _latched(_client(bridge, "192.0.2.2"), "/elsewhere") == "[]"
     clock.advance(11)
     assert _latched(_client(bridge), "/later") == "[]"
+
+
+def test_clients_of_one_address_share_what_is_kept(graph: MemoryGraph) -> None:
+    bridge = _bridge(graph)
+    clients = [_client(bridge) for _ in range(5)]
+    for number, client in enumerate(clients[:4]):
+        assert [_latched(client, f"/t{number}/{each}") for each in range(3)] == ["[]"] * 3
+    assert "clients of this address have" in _latched(clients[4], "/more") + _latched(clients[4], "/again")
+    clients[0].say("unadvertise", topic="/t0/0")
+    clients[0].leave()
+    assert _latched(_client(bridge, "192.0.2.2"), "/elsewhere") == "[]"
 
 
 def test_publishers_that_linger_count_as_advertisements(graph: MemoryGraph, clock: SimulatedClock) -> None:
@@ -104,11 +116,15 @@ def test_goals_that_run_on_are_charged_to_the_address(graph: MemoryGraph) -> Non
     provider.say("advertise_action", action="/a", type="tf2_msgs/LookupTransform")
 
     def send(client: Client, id_: str) -> str:
-        goal = {"action": "/a", "action_type": "tf2_msgs/LookupTransform", "args": {"target_frame": LONG}}
+        goal = {
+            "action": "/a",
+            "action_type": "tf2_msgs/LookupTransform",
+            "args": {"target_frame": LONG[:600]},
+        }
         client.say("send_action_goal", id=id_, **goal)
         return str(client.heard())
 
-    for _ in range(2):
+    for _ in range(4):
         client = _client(bridge)
         assert [send(client, str(number)) for number in range(3)] == ["[]"] * 3
         client.leave()

@@ -129,7 +129,7 @@ SCENES: dict[str, Scene] = {
     "publish": Scene(
         _op("publish", topic="/t", type=TEXT, msg={"data": "x"}),
         {"id": "p", "topic": "/u", "type": "std_msgs/Int32", "msg": {"data": 5}, "latch": True,
-         "queue_size": 1},
+         "queue_size": 1, "qos": {"durability": "transient_local"}},
         before=[HEARS_ALL],
         after=[0.1, _it("subscribe", topic="/t", type=TEXT), *LATE],
     ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import urllib.request
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import anyio.to_thread
@@ -16,11 +16,12 @@ from rwt import Server, Settings
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import PrometheusText
 from rwt.pages import routes
+from rwt_access.quotas import WORK_KINDS
 from rwt_bridge.bridge import Bridge
-from rwt_delivery.counters import MOST_TOPICS, Counters
+from rwt_delivery.counters import MOST_TOPICS, Counters, TopicCounts
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_protocol.transport import DropReason, Traffic
+from rwt_protocol.transport import DropReason, PeerInfo, Traffic
 from rwt_transports.http import HttpRequest, HttpResponse
 from tests.bridge.recording_client import Client
 
@@ -190,6 +191,45 @@ def test_topics_that_clients_invent_are_not_remembered_for_ever() -> None:
     assert counters.topics["/used"] is used
 
 
+def test_the_topic_longest_out_of_use_is_forgotten_first() -> None:
+    counters = Counters()
+    for number in range(MOST_TOPICS):
+        counters.release_topic(counters.use_topic(f"/{number}"))
+    again = counters.use_topic("/0")
+    counters.use_topic("/new")
+    assert "/1" not in counters.topics
+    assert counters.topics["/0"] is again
+    counters.release_topic(again)
+    for number in range(MOST_TOPICS - 2):
+        counters.use_topic(f"/newer{number}")
+    assert "/0" in counters.topics
+    counters.use_topic("/newest")
+    assert "/0" not in counters.topics
+
+
+class Counting(dict[str, TopicCounts]):
+    """A table that notes when somebody walks through it."""
+
+    walks = 0
+
+    def items(self) -> Any:
+        self.walks += 1
+        return super().items()
+
+    def __iter__(self) -> Iterator[str]:
+        self.walks += 1
+        return super().__iter__()
+
+
+def test_a_new_topic_among_many_in_use_costs_no_walk_through_them() -> None:
+    counters = Counters()
+    table = counters.topics = Counting()
+    for number in range(3 * MOST_TOPICS):
+        counters.use_topic(f"/{number}")
+    assert len(table) == 3 * MOST_TOPICS
+    assert table.walks == 0
+
+
 def _get(url: str) -> tuple[Mapping[str, str], bytes]:
     with urllib.request.urlopen(url.replace("ws", "http", 1) + "/metrics", timeout=10) as response:
         return dict(response.headers), response.read()
@@ -228,3 +268,40 @@ async def test_health_follows_the_graph(anyio_backend: str) -> None:
     async with graph:
         assert ask() == (200, "ok")
     assert ask() == (503, "stopped")
+
+
+def test_work_is_told_by_kind_and_by_client(bridge: Bridge, page: Callable[[], Page]) -> None:
+    client = Client(bridge)
+    client.peer.graph.work.add(0.25, "messages")
+    bridge.access.reader(PeerInfo("http", "192.0.2.1")).work.add(0.5, "pictures")
+    bridge.access.work.waits, bridge.access.work.refused = 3, 4
+    read = page()
+    kinds = {kind: read.value("rwt_work_seconds_total", kind=kind) for kind in WORK_KINDS}
+    assert kinds == {"messages": 0.25, "pages": 0.0, "pictures": 0.5}
+    assert read.value("rwt_client_work_seconds_total", client="1") == 0.25
+    assert (read.value("rwt_work_waits_total"), read.value("rwt_work_refusals_total")) == (3, 4)
+
+
+def test_pages_say_how_busy_the_server_is(
+    bridge: Bridge, metrics: ServerMetrics, clock: SimulatedClock
+) -> None:
+    found = routes(bridge, metrics)
+
+    def ask(path: str) -> bytes:
+        handler = found.find("GET", path)
+        assert callable(handler)
+        response = handler(HttpRequest("GET", path))
+        assert isinstance(response, HttpResponse) and isinstance(response.body, bytes)
+        return response.body
+
+    client = Client(bridge)
+    clock.advance(100.0)
+    assert b"takes 0% of a processor.</p>" in ask("/")
+    client.peer.graph.work.add(3.0, "messages")
+    health = json.loads(ask("/healthz"))
+    assert health["work"] == pytest.approx(0.3, rel=0.1)
+    assert health["clients_beyond_rate"] == 1
+    assert b"of a processor; 1 beyond limits.work_per_second wait for each other.</p>" in ask("/")
+    clock.advance(100.0)
+    health = json.loads(ask("/healthz"))
+    assert (health["work"], health["clients_beyond_rate"]) == (0.0, 0)

@@ -311,11 +311,11 @@ async def test_the_page_of_the_port_shows_what_its_reader_may_see() -> None:
     }
     async with _served(**tables) as url:
         host = url.removeprefix("ws://")
-        anonymous = await _get(host, "/")
+        anonymous = await _get(host, "/index")
         assert anonymous.startswith("HTTP/1.1 401 ")
         assert "/rosout" not in anonymous
-        assert (await _get(host, "/?token=wrong")).startswith("HTTP/1.1 401 ")
-        page = await _get(host, f"/?token={TOKEN}")
+        assert (await _get(host, "/index?token=wrong")).startswith("HTTP/1.1 401 ")
+        page = await _get(host, f"/index?token={TOKEN}")
         assert page.startswith("HTTP/1.1 200 ")
         assert "A robot is here" in page
         assert "Content-Security-Policy: default-src 'none'; " in page and "<script" not in page
@@ -417,7 +417,7 @@ async def test_pages_of_nodes_may_be_read_by_pages_that_may_connect(
 
 async def _index_of(url: str, *headers: bytes) -> bytes:
     """The index page as it comes, for a request with these headers."""
-    return await _answer(url, b"/", *headers)
+    return await _answer(url, b"/index", *headers)
 
 
 async def _answer(url: str, target: bytes, *headers: bytes) -> bytes:

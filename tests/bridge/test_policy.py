@@ -287,3 +287,20 @@ async def test_who_may_do_everything_sees_everything(robot: Node) -> None:
     client = Client(Bridge(robot.graph, Settings()))
     topics = (await _ask(client, "/rosapi/topics"))["values"]["topics"]
     assert {"/open", "/secret", "/secret2"} <= set(topics)
+
+
+def test_the_services_of_the_node_as_which_clients_act_are_not_theirs_to_replace() -> None:
+    graph = MemoryGraph()
+    settings = Settings.model_validate(
+        {"roles": {"operator": {"provide": ["*"], "call": ["*"]}}, "auth": {"default_role": "operator"}}
+    )
+    bridge = Bridge(graph, settings)
+    client = Client(bridge)
+    Node(graph, "/rosbridge_websocket")
+    client.say("set_level", level="error")
+    for service, type in (("get_parameters", "GetParameters"), ("new", "GetParameters")):
+        name = f"/rosbridge_websocket/{service}"
+        client.say("advertise_service", service=name, type=f"rcl_interfaces/{type}")
+    (refusal,) = client.heard()
+    assert "/rosbridge_websocket/get_parameters" in refusal["msg"]
+    assert "displace" in refusal["msg"]

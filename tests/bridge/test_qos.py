@@ -280,3 +280,48 @@ def test_several_subscriptions_get_what_the_most_demanding_asks(client: Client) 
     client.say("unsubscribe", id="c", topic="/n")
     client.say("unsubscribe", id="b", topic="/n")
     assert client.flows["/n"].rules == FlowRules(2)
+
+
+# -- publish -----------------------------------------------------------------------------------------------
+
+
+def test_publish_with_qos_makes_the_publisher_with_it(client: Client, graph: MemoryGraph) -> None:
+    client.say(
+        "publish", topic="/n", type=INT, msg={"data": 1}, qos={"depth": 7, "durability": "TRANSIENT_LOCAL"}
+    )
+    assert (_offered(graph).depth, _offered(graph).durability) == (7, Durability.TRANSIENT_LOCAL)
+
+
+def test_publish_with_qos_is_held_against_the_publisher_that_is_there(
+    client: Client, other: Client, graph: MemoryGraph
+) -> None:
+    for each in (client, other):
+        each.say("set_level", level="error")
+    _advertise(other, depth=3)
+    other.say("subscribe", topic="/n")
+    client.say("publish", topic="/n", msg={"data": 1}, qos={"depth": 7})
+    assert "other policies: depth 3 where 7 is asked for" in client.heard()[0]["msg"]
+    client.say("publish", topic="/n", msg={"data": 2}, qos={"depth": 3})
+    client.say("publish", topic="/n", msg={"data": 3}, qos={"depth": 8})
+    assert len(client.heard()) == 1
+    assert _numbers(other) == [2]
+
+
+def test_publish_with_other_qos_replaces_a_publisher_that_only_its_client_uses(
+    client: Client, graph: MemoryGraph
+) -> None:
+    client.say("publish", topic="/n", type=INT, msg={"data": 1})
+    client.say("publish", topic="n", msg={"data": 2}, qos={"depth": 7})
+    client.say("subscribe", topic="/n", qos={"durability": "volatile"})
+    client.heard()
+    client.say("publish", topic="/n", msg={"data": 3})
+    assert _offered(graph).depth == 7
+    assert _numbers(client) == [3]
+
+
+@pytest.mark.parametrize("qos", [{"depth": -1}, {"history": "last"}, "reliable"])
+def test_publish_with_what_is_no_policy_is_refused(client: Client, graph: MemoryGraph, qos: object) -> None:
+    client.say("set_level", level="error")
+    client.say("publish", topic="/n", type=INT, msg={"data": 1}, qos=qos)
+    assert "publish.qos" in client.heard()[0]["msg"]
+    assert graph.topic("/n") is None

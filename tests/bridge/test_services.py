@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from rwt.settings.models import Settings
+from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_program.errors import ServiceFailed
@@ -165,16 +167,75 @@ def test_a_providers_failure_ends_the_call(
     assert text in reply["values"]
 
 
-def test_only_the_provider_may_answer(client: Client, other: Client) -> None:
+@pytest.mark.parametrize("address", ["192.0.2.7", "127.0.0.1"])
+def test_only_the_provider_may_answer_and_over_any_of_its_connections(
+    bridge: Bridge, client: Client, other: Client, address: str
+) -> None:
     other.say("advertise_service", **ADD)
     client.say("call_service", id="x", service="/add_two_ints")
-    stolen = {"service": "/add_two_ints", "id": _request(other)["id"], "values": {"sum": 9}, "result": True}
-    client.say("service_response", **stolen)
-    client.say("unadvertise_service", service="/add_two_ints")
+    answer = {"service": "/add_two_ints", "id": _request(other)["id"], "values": {"sum": 9}, "result": True}
+    another = Client(bridge, address)
+    another.say("service_response", **{**answer, "service": "/other"})
+    another.say("service_response", **{**answer, "id": "service_request:/add_two_ints:2"})
+    another.say("unadvertise_service", service="/add_two_ints")
     assert client.heard() == []
-    other.say("service_response", **stolen)
+    another.say("service_response", **answer)
+    if address != "127.0.0.1":
+        assert client.heard() == []
+        other.say("service_response", **answer)
     (reply,) = client.heard()
     assert reply["values"] == {"sum": 9}
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "takes"),
+    [("operator", "operator", True), ("operator", "admin", False), ("operator", "watcher", False)],
+)
+def test_an_answer_over_another_connection_needs_the_same_role_which_may_provide(
+    graph: MemoryGraph, first: str, second: str, takes: bool
+) -> None:
+    roles = {
+        "operator": {"provide": ["/add_*"]},
+        "watcher": {"subscribe": ["*"]},
+        "driver": {"call": ["*"]},
+    }
+    tokens = {role: {"token": f"{role}-0123456789abcdef", "role": role} for role in (*roles, "admin")}
+    bridge = Bridge(graph, Settings.model_validate({"roles": roles, "auth": {"tokens": tokens}}))
+
+    def connect(role: str) -> Client:
+        return Client(bridge, headers={"authorization": f"Bearer {role}-0123456789abcdef"})
+
+    caller, provider, answering = connect("driver"), connect(first), connect(second)
+    provider.say("advertise_service", **ADD)
+    caller.say("call_service", id="x", service="/add_two_ints")
+    answer = {
+        "service": "/add_two_ints",
+        "id": _request(provider)["id"],
+        "values": {"sum": 9},
+        "result": True,
+    }
+    answering.say("service_response", **answer)
+    assert [reply["values"] for reply in caller.heard()] == ([{"sum": 9}] if takes else [])
+
+
+def test_a_malformed_answer_ends_the_call_that_it_names(client: Client, other: Client) -> None:
+    other.say("advertise_service", **ADD)
+    client.say("call_service", id="x", service="/add_two_ints")
+    other.say("service_response", service="/add_two_ints", id=_request(other)["id"], values={}, result="yes")
+    (reply,) = client.heard()
+    assert (reply["id"], reply["result"]) == ("x", False)
+    assert "malformed" in reply["values"]
+    assert "result" in reply["values"]
+
+
+def test_a_client_that_is_not_the_provider_ends_nothing_by_a_malformed_answer(
+    bridge: Bridge, client: Client, other: Client
+) -> None:
+    other.say("advertise_service", **ADD)
+    client.say("call_service", id="x", service="/add_two_ints")
+    stranger = Client(bridge, "192.0.2.7")
+    stranger.say("service_response", service="/add_two_ints", id=_request(other)["id"], result="yes")
+    assert client.heard() == []
 
 
 @pytest.mark.parametrize("how", ["leave", "unadvertise", "replace"])

@@ -338,3 +338,22 @@ def test_the_publisher_counts_in_ros_1(client: Client, other: Client, frame_id: 
         publisher.say("publish", topic="/point", type="geometry_msgs/PointStamped", msg=message)
     heard = [each["msg"]["header"] for each in other.heard()]
     assert heard == [{"seq": n, "stamp": stamp, "frame_id": frame_id} for n in (1, 2, 3, 4)]
+
+
+def test_the_id_of_a_publish_that_advertises_takes_it_back(client: Client, graph: MemoryGraph) -> None:
+    client.say("set_level", level="warning")
+    client.say("publish", id="p", topic="/x", type="std_msgs/String", msg={"data": "a"})
+    client.say("publish", id="q", topic="/x", msg={"data": "b"})
+    client.say("unadvertise", id="q", topic="/x")
+    assert graph.topic("/x") is not None
+    client.say("unadvertise", id="p", topic="/x")
+    client.heard()
+    client.say("unadvertise", id="p", topic="/x")
+    assert "does not advertise" in client.heard()[0]["msg"]
+
+
+def test_a_publish_without_id_that_advertises_does_so_until_its_client_leaves(client: Client) -> None:
+    client.say("set_level", level="warning")
+    client.say("publish", topic="/x", type="std_msgs/String", msg={"data": "a"})
+    client.say("unadvertise", topic="/x")
+    assert "does not advertise" in client.heard()[0]["msg"]

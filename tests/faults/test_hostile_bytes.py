@@ -110,7 +110,7 @@ class Told:
     def closed(self, code: int, reason: str) -> None:
         """Nothing to give back."""
 
-    def oversized(self, size: int, limit: int) -> None:
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
         self.oversizes.append(size)
 
 

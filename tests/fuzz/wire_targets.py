@@ -33,6 +33,10 @@ class _Heard:
         self.answers = bytearray()
         self.ends: list[tuple[int, str, bool]] = []
         self.oversizes = 0
+        self.heads: list[bytes] = []
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        self.heads.append(head)
 
     def oversized(self, size: int) -> bool:
         self.oversizes += 1

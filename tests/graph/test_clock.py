@@ -14,10 +14,10 @@ from rwt_graph.clock import (
     Clock,
     SimulatedClock,
     SteadyClock,
-    Timer,
     TimerHeap,
     WallClock,
 )
+from rwt_program.timers import Timer
 
 
 def test_simulated_timers_run_in_order_each_at_its_own_time() -> None:

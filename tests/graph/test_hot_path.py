@@ -10,13 +10,13 @@ import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_graph.api import GoalEvents, PendingCall, Sample, ServiceCall
-from rwt_graph.clock import Timer
 from rwt_graph.memory import topics
 from rwt_graph.memory.graph import MemoryParticipant
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
 from rwt_program.goals import ReceivedGoal
 from rwt_program.messages import Message
+from rwt_program.timers import Timer
 
 
 class CountingClock(SimulatedClock):

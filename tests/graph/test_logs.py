@@ -5,6 +5,7 @@ import logging
 import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
+from rwt_program.errors import ServiceFailed
 from rwt_program.messages import Message
 
 
@@ -43,3 +44,26 @@ def test_a_late_console_sees_the_last_ten_seconds(graph: MemoryGraph, clock: Sim
     lines: list[Message] = []
     node.subscribe("/rosout", lines.append)
     assert [line.msg for line in lines] == ["new"]
+
+
+@pytest.mark.anyio
+async def test_a_node_of_ros_1_has_a_logger_whose_level_is_set_over_the_graph(noetic: MemoryGraph) -> None:
+    async with noetic:
+        node, other = Node(noetic, "talker"), Node(noetic, "other")
+        lines: list[str] = []
+        node.subscribe("/rosout", lambda line: lines.append(line.msg))
+        listed = await other.call("/talker/get_loggers")
+        assert [(each.name, each.level) for each in listed.loggers] == [("rosout", "debug")]
+        await other.call("/talker/set_logger_level", {"logger": "rosout", "level": "Warn"})
+        node.log.info("quiet")
+        node.log.warning("loud")
+        assert lines == ["loud"]
+        (logger,) = (await other.call("/talker/get_loggers")).loggers
+        assert logger.level == "warn"
+        with pytest.raises(ServiceFailed, match="its levels are debug, info, warn, error, fatal"):
+            await other.call("/talker/set_logger_level", {"logger": "rosout", "level": "loud"})
+
+
+def test_a_node_of_ros_2_has_none(graph: MemoryGraph) -> None:
+    Node(graph, "talker")
+    assert graph.service("/talker/get_loggers") is None

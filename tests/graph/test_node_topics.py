@@ -237,3 +237,20 @@ async def test_what_outlived_its_lifespan_in_a_queue_is_not_delivered(
     publisher.publish({"data": 2})
     clock.advance(0.8)
     assert (await anext(waiting)).data == 2
+
+
+async def test_kept_messages_that_nobody_reads_are_kept_in_one_form(graph: MemoryGraph) -> None:
+    node = Node(graph, "talker")
+    text = "x" * 5_000_000
+    kept = []
+    for number in range(8):
+        publisher = node.advertise(f"/kept{number}", "std_msgs/String", qos=LATCHED)
+        payload = Payload.from_json(publisher.type, b'{"data":"%b"}' % text.encode())
+        publisher.publish(payload)
+        subscription = graph.participant("/reader").subscribe(f"/kept{number}", lambda sample: None)
+        (sample,) = subscription.history()
+        sample.payload.cbor()
+        kept.append(sample.payload)
+    assert [payload._forms is not None for payload in kept] == [False] * 5 + [True] * 3
+    assert kept[0].cbor() == kept[-1].cbor()
+    assert getattr(kept[0].value(), "data") == text  # noqa: B009  # not typed

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from rwt_graph import GraphError, MemoryGraph, Node
 from rwt_graph.parameters.values import ParameterType, coerce, decode, encode, type_of
+from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_program.errors import CallTimeout, NotFound, ParameterRejected
@@ -313,8 +314,14 @@ async def test_on_ros_1_parameters_live_in_the_tree(noetic: MemoryGraph) -> None
             "/demo_robot/gains/p",
             "/demo_robot/max_speed",
             "/demo_robot/preset",
+            "/rosdistro",
+            "/rosversion",
+            "/run_id",
         )
-        assert noetic.services() == ()
+        assert {each.type.name for each in noetic.services()} == {
+            "roscpp/GetLoggers",
+            "roscpp/SetLoggerLevel",
+        }
         await other.params.delete("/demo_robot/max_speed")
         with pytest.raises(NotFound):
             node.parameters.get("max_speed")
@@ -322,3 +329,28 @@ async def test_on_ros_1_parameters_live_in_the_tree(noetic: MemoryGraph) -> None
         node.close()
         await other.params.set("/demo_robot/max_speed", "anything now")
         assert heard == []
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(("value", "warned"), [(False, 1), (True, 0)])
+async def test_use_sim_time_can_be_set_and_a_contradiction_is_logged(
+    graph: MemoryGraph, value: bool, warned: int
+) -> None:
+    async with graph:
+        node, other = Node(graph, "talker"), Node(graph, "other")
+        lines: list[str] = []
+        other.subscribe("/rosout", lambda line: lines.append(line.msg))
+        await other.params.set("/talker:use_sim_time", value)
+        assert node.parameters.get("use_sim_time") is value
+        assert len([line for line in lines if "use_sim_time is false now" in line]) == warned
+
+
+def test_ros_1s_core_says_what_it_is_and_gives_each_run_an_id(noetic: MemoryGraph) -> None:
+    assert noetic.parameters.get("/rosdistro") == "noetic\n"
+    assert noetic.parameters.get("/rosversion") == "1.17.0\n"
+    another = MemoryGraph(Registry(DISTROS["noetic"]))
+    assert noetic.parameters.get("/run_id") != another.parameters.get("/run_id")
+
+
+def test_ros_2_has_no_such_parameters(graph: MemoryGraph) -> None:
+    assert graph.parameters.names() == ()

@@ -34,7 +34,8 @@ def _members(scalars: st.SearchStrategy[Any]) -> dict[str, st.SearchStrategy[Any
     return {
         "a string": st.text(max_size=8),
         "true or false": st.booleans(),
-        "a string or a 64-bit integer": st.text(max_size=8) | st.integers(-(2**63), 2**63 - 1),
+        "a string of at most 4096 characters or a 64-bit integer": st.text(max_size=8)
+        | st.integers(-(2**63), 2**63 - 1),
         "a whole number": st.integers(-MOST, MOST),
         "a whole number, zero or more": st.integers(0, MOST),
         "a whole number, one or more": st.integers(1, MOST),

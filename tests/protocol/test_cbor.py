@@ -116,7 +116,9 @@ def test_small_items_are_bounded_in_bytes_and_long_strings_are_not(item: bytes) 
     most = WireLimits(split=SplitLimits(max_structure=90_000))
     (found,) = Session(limits=most).decode(data, True, 0.0)
     assert isinstance(found, Refusal)
-    assert found.reason == "more than 90000 bytes beside long strings and typed arrays (structure_bytes)"
+    assert (
+        found.reason == "more than 90000 bytes beside long strings and typed arrays (limits.structure_bytes)"
+    )
     assert isinstance(one(data), Publish)
     octets = {"a": bytes(200_000), "b": cbor2.CBORTag(70, bytes(200_000))}
     (found,) = Session(limits=most).decode(

@@ -252,13 +252,19 @@ def test_a_large_member_beside_the_payload_is_refused_by_name(value: str, payloa
 
 def test_the_brackets_of_a_frame_are_bounded() -> None:
     limits = WireLimits(split=SplitLimits(max_structure=100_000))
-    for count, taken in ((49_997, True), (50_001, False)):
+    reason = "more than 100000 brackets (limits.structure_bytes)"
+    for count, allowed in ((49_997, True), (50_001, False)):
         arrays = "[]," * (count - 3) + "[]"
         text = f'{{"op":"publish","topic":"/a","msg":{{"data":[{arrays}]}}}}'
         (found,) = Session(limits=limits).decode(text.encode(), False, 0.0)
-        assert isinstance(found, Publish) is taken
-        if isinstance(found, Refusal):
-            assert found.reason == "more than 100000 brackets (structure_bytes)"
+        assert isinstance(found, Publish)
+        assert text_of(found.msg).dense == ("" if allowed else reason)
+        if not allowed:
+            for look in (text_of(found.msg).validated, found.msg.json, found.msg.plain):
+                with pytest.raises(MalformedPayload, match="structure_bytes"):
+                    look()
+    (found,) = Session(limits=limits).decode(text.replace("msg", "no").encode(), False, 0.0)
+    assert isinstance(found, Refusal) and found.reason == reason
 
 
 def test_a_piece_of_a_message_may_be_large() -> None:

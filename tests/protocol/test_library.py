@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
+from rwt_protocol import AnyOp
 from rwt_protocol.ops import OPS, CallService, Op, Publish, ServiceResponse, SetLevel
 from rwt_protocol.payloads import EMPTY, Decoded, RawJson
 from tests.protocol.wire_examples import EXAMPLES, Example
@@ -170,3 +171,44 @@ def test_a_large_payload_that_was_not_looked_at_travels_between_processes(size: 
     data = b'{"a":"' + b"x" * size + b'"}'
     op = Publish(topic="/a", msg=RawJson(memoryview(b" " + data)[1:]))
     assert pickle.loads(pickle.dumps(op)) == copy.deepcopy(op) == op
+
+
+class Recorded(BaseModel):
+    """A model of a program that has an op in it."""
+
+    op: AnyOp
+    others: list[AnyOp] = []
+
+
+@pytest.mark.parametrize("example", VALID, ids=lambda each: str(each.name))
+def test_an_op_within_another_model(example: Example) -> None:
+    given = {"op": example.message, "others": [example.message]}
+    recorded = Recorded.model_validate(given)
+    assert recorded.others == [recorded.op]
+    assert type(recorded.op) is model_of(example)
+    assert Recorded.model_validate_json(json.dumps(given)) == recorded
+    assert Recorded.model_validate_json(recorded.model_dump_json()) == recorded
+    assert Recorded.model_validate(recorded.model_dump()) == recorded
+    assert copy.deepcopy(recorded) == pickle.loads(pickle.dumps(recorded)) == recorded
+
+
+def test_an_op_within_another_model_is_told_apart_by_its_name() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Recorded.model_json_schema()
+    with pytest.raises(ValidationError) as caught:
+        Recorded.model_validate({"op": {"op": "teleport"}})
+    assert [error["type"] for error in caught.value.errors()] == ["union_tag_invalid"]
+
+
+@pytest.mark.parametrize("example", VALID, ids=lambda each: str(each.name))
+def test_an_op_made_without_validation_is_dumped_as_it_was_given(example: Example) -> None:
+    """`model_construct` leaves the payload what it is."""
+    op = model_of(example).model_construct(**example.message)
+    given = {name: value for name, value in example.message.items() if name in type(op).model_fields}
+    with warnings.catch_warnings():
+        # Of other members pydantic may say that they are not of their type, as of every such model.
+        warnings.simplefilter("ignore", UserWarning)
+        assert op.model_dump(exclude_unset=True) == given
+        assert json.loads(op.model_dump_json(exclude_unset=True)) == given
+    assert copy.deepcopy(op).model_fields_set == op.model_fields_set

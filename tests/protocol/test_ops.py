@@ -73,11 +73,12 @@ def test_id_is_kept_unchanged(given: str | int) -> None:
     assert type(op.id) is type(given)
 
 
-@pytest.mark.parametrize("given", [1.0, True, [], {}, 2**64, -(2**63) - 1])
+@pytest.mark.parametrize("given", [1.0, True, [], {}, 2**64, -(2**63) - 1, "x" * 4097])
 def test_id_of_another_kind_is_refused(given: object) -> None:
     refusal = one({"op": "subscribe", "topic": "/a", "id": given})
     assert isinstance(refusal, Refusal)
-    assert refusal.reason.startswith("subscribe.id: expected a string or a 64-bit integer, got ")
+    expected = "a string of at most 4096 characters or a 64-bit integer"
+    assert refusal.reason.startswith(f"subscribe.id: expected {expected}, got ")
     assert refusal.id is None
 
 

@@ -11,7 +11,7 @@ import sys
 import zlib
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -172,3 +172,22 @@ def test_a_server_takes_pictures_where_the_text_lets_clients_send_them(profile: 
 def test_what_repeats_becomes_small() -> None:
     text = _TEXTS["many matches"]
     assert len(text) / png.encode(Frame(text)).size > 70
+
+
+@given(st.sampled_from(["map", "é", "random"]), st.integers(0, 300_000))
+@settings(max_examples=20, deadline=None)
+def test_in_steps_it_is_the_same_picture(kind: str, size: int) -> None:
+    chance = random.Random(size)
+    text = {"map": "0,1," * size, "é": "é" * size, "random": chance.randbytes(size).hex()}[kind][:size]
+    frame = Frame(json.dumps({"op": "publish", "x": text}, ensure_ascii=False).encode())
+    steps, count = png.encode_in_steps(frame), 0
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            made: Frame = end.value
+            break
+        count += 1
+    assert made.data == png.encode(frame).data
+    assert count >= frame.size // 40_000
+    assert json.loads(png.decode(data_of(made), LIMIT)) == json.loads(frame.data)

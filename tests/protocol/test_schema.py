@@ -17,6 +17,8 @@ from rwt_protocol.schema import main, protocol_asyncapi, protocol_schema
 from tests.protocol.test_library import INVALID, VALID
 from tests.protocol.wire_examples import EXAMPLES, Example
 
+ROOT = Path(__file__).parents[2]
+
 
 def document(profile: Profile = COMPAT) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(json.dumps(protocol_schema(profile)))
@@ -91,6 +93,16 @@ def test_asyncapi_says_who_sends_what(profile: Profile) -> None:
     for name, side in (("receive", "client to server"), ("send", "server to client")):
         ops = {message["$ref"].rpartition("/")[2] for message in whole["operations"][name]["messages"]}
         assert ops == {op for op in profile.ops if profile.direction(op).value in (side, "both")}
+
+
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: str(profile.name))
+def test_asyncapi_fits_the_schema_that_asyncapi_publishes(profile: Profile) -> None:
+    whole: dict[str, Any] = json.loads(json.dumps(protocol_asyncapi(profile, "1.2.3")))
+    published = ROOT / "tests/clients/node/node_modules/@asyncapi/specs/schemas" / f"{whole['asyncapi']}.json"
+    validator = jsonschema.Draft7Validator(json.loads(published.read_text(encoding="utf-8")))
+    assert [error.message for error in validator.iter_errors(whole)] == []
+    whole["operations"]["receive"]["action"] = "hear"
+    assert not validator.is_valid(whole)
 
 
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: str(profile.name))

@@ -14,11 +14,12 @@ from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 from rwt_transports.api import Attach, BindAddress, Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.anyio_stream import AnyioDriver
+from rwt_transports.drivers.sockets import Handshakes
 from rwt_transports.errors import Refused
 from rwt_transports.http import HttpRequest, HttpResponse, Routes
 from rwt_transports.http_connection import HttpConnection
 from rwt_transports.limits import AddressCount, Limits
-from rwt_transports.relay.hub import Hub
+from rwt_transports.relay.hub import Hub, hub_routes
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp
 from tests.contract.transports import test_listen
@@ -46,9 +47,12 @@ def _page(request: HttpRequest) -> HttpResponse:
     return HttpResponse(b"x" * 600_000 if request.query == "large" else b"a page\n")
 
 
-def _http(addresses: AddressCount, limits: Limits | None = None) -> ListenerState:
-    routes = Routes()
-    routes.get("/", _page)
+def _http(
+    addresses: AddressCount, limits: Limits | None = None, routes: Routes | None = None
+) -> ListenerState:
+    if routes is None:
+        routes = Routes()
+        routes.get("/", _page)
     http = partial(HttpConnection, routes)
     return ListenerState(_accept, websocket_server, limits or Limits(), http, "ws", addresses=addresses)
 
@@ -132,6 +136,13 @@ def test_every_answer_keeps_its_type_and_its_address() -> None:
     assert b"referrer-policy: no-referrer\r\n" in answer
 
 
+def test_the_page_of_a_hub_can_become_no_script_and_is_in_no_frame() -> None:
+    browser = _comes(_http(AddressCount(), routes=hub_routes(Hub())).attach, NEAR, GET)
+    answer = browser.receive()
+    assert b"Content-Security-Policy: default-src 'none'; style-src" in answer and b"<script" not in answer
+    assert b"frame-ancestors 'none'" in answer
+
+
 def test_a_hub_counts_clients_and_not_the_connections_that_serve_them() -> None:
     addresses = AddressCount(1)
     hub = Hub(addresses=addresses)
@@ -192,3 +203,37 @@ async def test_handshakes_in_tls_count_and_end(kind: str, certificate: Path, any
             addresses.enter("127.0.0.1")
         addresses.check("127.0.0.1")
     assert not state.connections
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("kind", ["own", "streams"])
+async def test_the_oldest_handshake_in_tls_gives_way(
+    kind: str, certificate: Path, anyio_backend_name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if kind == "own" and anyio_backend_name != "asyncio":
+        pytest.skip("asyncio's own sockets")
+    monkeypatch.setattr(Handshakes.__init__, "__defaults__", (2,))
+    driver = _asyncio_driver() if kind == "own" else AnyioDriver()
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate)
+    bound = BindAddress("127.0.0.1", 0, tls=context, handshake_seconds=60.0)
+    state = _http(AddressCount())
+    async with driver.serve(bound, state.attach) as port:
+        waiting = [socket.create_connection(("127.0.0.1", port)) for _ in range(4)]
+        for each in waiting[:2]:
+            each.settimeout(20)
+            assert await anyio.to_thread.run_sync(each.recv, 1) == b""
+        for each in waiting[2:]:
+            each.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                each.recv(1)
+        trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+        stream = await anyio.connect_tcp(
+            "127.0.0.1", port, ssl_context=trusting, tls_standard_compatible=False
+        )
+        await stream.send(GET)
+        assert (await stream.receive()).startswith(b"HTTP/1.1 200 ")
+        await stream.aclose()
+        for each in waiting:
+            each.close()

@@ -23,7 +23,11 @@ class Events:
     def __init__(self, aware: bool = True) -> None:
         self.aware = aware
         self.sizes: list[int] = []
+        self.heads: list[bytes] = []
         self.end: tuple[int, str] | None = None
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        self.heads.append(head)
 
     def oversized(self, size: int) -> bool:
         self.sizes.append(size)

@@ -275,3 +275,33 @@ async def test_a_peer_that_has_sent_everything_gets_its_answer_but_no_stream(str
         browser.pipe.send_eof()
         assert browser.hung_up is streamed
     assert browser.sent.endswith(b"slow\n") is not streamed
+
+
+@pytest.mark.parametrize("line", ["GET /", "POST /", "POST /nowhere", "PUT /set"])
+def test_a_body_that_nothing_is_done_with_may_not_be_large(line: str) -> None:
+    body = bytes(1001)
+    limits = Limits(http_header_bytes=1000, http_body_bytes=2000)
+    browser = Browser(limits=limits)
+    assert browser.get(request(line, "Content-Length: 1001", body=body))[0] == 413
+    assert Browser(limits=limits).get(request("POST /set", "Content-Length: 1001", body=body))[2] == body
+
+
+def test_requests_behind_a_large_answer_wait_until_it_is_taken() -> None:
+    asked: list[str] = []
+
+    def page(request: HttpRequest) -> HttpResponse:
+        asked.append(request.query)
+        return HttpResponse(bytes(1_000_000))
+
+    routes = Routes()
+    routes.get("/page", page)
+    browser = Browser(routes)
+    browser.pipe.stalled = True
+    browser.pipe.send(b"".join(request(f"GET /page?{number}") for number in range(5)))
+    for number in range(5):
+        assert asked == [str(each) for each in range(number + 1)]
+        browser.pipe.take(6)
+    browser.pipe.send_eof()
+    browser.pipe.stalled = False
+    assert len(browser.pipe.receive()) > 5_000_000
+    assert browser.hung_up

@@ -22,10 +22,14 @@ class Heard:
     def __init__(self, *, skip: bool = False, limit: int = LIMIT) -> None:
         self.messages: list[bytes] = []
         self.sizes: list[int] = []
+        self.heads: list[bytes] = []
         self.ends: list[tuple[int, str]] = []
         self.skip = skip
         self.wire = JsonStreamWire(self, max_size=limit, framing=PLAIN)
         self.wire.message = lambda data, binary: self.messages.append(data)
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        self.heads.append(head)
 
     def oversized(self, size: int) -> bool:
         self.sizes.append(size)

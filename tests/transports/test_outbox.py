@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, Flow, FlowRules, Frame
+from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, Flow, FlowRules, Frame
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import READY_BYTES, SLICE_BYTES, Outbox
 from rwt_transports.websocket.wire import SERVER_FRAMING
@@ -497,3 +497,64 @@ def test_a_sample_that_is_too_large_is_left_out(most: int, busy: bool) -> None:
     box.topic("/x").send_message((fits, large))
     assert drain(box) == framed(*([FILLER] if busy else []), fits.data)
     assert box.drops == {("/x", DropReason.SIZE): 3}
+
+
+def burst_in(*boxes: Box, topic: str = "/a", frame: bytes = b"1") -> Burst:
+    burst = Burst(Frame(frame))
+    assert all(box.topic(topic).join(burst) for box in boxes)
+    return burst
+
+
+def test_a_burst_is_one_object_for_all_and_takes_frames_until_it_is_sent() -> None:
+    boxes = [outbox() for _ in range(3)]
+    burst = burst_in(*boxes)
+    assert burst.add(Frame(b"2"))
+    taken = [box.take() for box in boxes]
+    assert taken == [framed(b"1", b"2")] * 3
+    assert taken[0] is taken[1] is taken[2]
+    assert not burst.add(Frame(b"3"))
+    assert [box.traffic.messages for box in boxes] == [2] * 3
+    assert [box.take() for box in boxes] == [None] * 3
+
+
+def test_a_burst_keeps_its_place_among_other_frames() -> None:
+    box = outbox()
+    box.send(Frame(b"before"))
+    burst = burst_in(box)
+    box.send(Frame(b"x" * SLICE_BYTES))
+    burst.add(Frame(b"2"))
+    assert drain(box) == framed(b"before", b"1", b"2", b"x" * SLICE_BYTES)
+
+
+def test_what_a_burst_has_grown_by_is_counted_when_it_is_sealed() -> None:
+    fast, slow = outbox(), outbox()
+    burst = burst_in(fast, slow)
+    room = slow.room
+    frame = Frame(b"y" * 1000)
+    while burst.add(frame):
+        pass
+    assert Burst.LARGE - 1000 < burst.size <= Burst.LARGE
+    assert slow.room == room
+    drain(fast)
+    assert slow.room == room - burst.size + 1
+    assert slow.backlog == burst.size
+
+
+def test_a_slow_reader_joins_no_burst_once_its_ready_bytes_are_full() -> None:
+    box = stalled()
+    assert not box.topic("/a").join(Burst(Frame(b"1")))
+    data(box, "/a", b"1")
+    assert drain(box).endswith(framed(b"1"))
+
+
+def test_a_connection_that_closes_gets_nothing_more_of_a_burst() -> None:
+    box = outbox()
+    burst = burst_in(box)
+    box.finish(b"bye")
+    assert not burst.add(Frame(b"2"))
+    assert drain(box) == framed(b"1") + b"bye"
+
+
+def test_frames_too_large_for_a_client_are_not_added_behind_its_back() -> None:
+    box = Box(Limits(outgoing_bytes=10))
+    assert not box.topic("/a").join(Burst(Frame(b"1")))

@@ -15,6 +15,7 @@ from websockets.protocol import State
 from websockets.uri import parse_uri
 
 from rwt_protocol.transport import Frame
+from rwt_transports.api import HEAD_BYTES
 from rwt_transports.websocket.wire import CLIENT_FRAMING, SERVER_FRAMING, WebSocketWire
 
 KEY = bytes.fromhex("37fa213d")
@@ -29,9 +30,13 @@ class Heard:
         self.answers: list[bytes] = []
         self.ends: list[tuple[int, str, bool]] = []
         self.sizes: list[int] = []
+        self.heads: list[bytes] = []
         self.skip = skip
         self.wire = WebSocketWire(self, max_size=LIMIT, server=server, strict_utf8=strict)
         self.wire.message = lambda data, binary: self.messages.append((data, binary))
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        self.heads.append(head)
 
     def oversized(self, size: int) -> bool:
         self.sizes.append(size)
@@ -315,7 +320,21 @@ def test_too_large_a_message_is_skipped(data: bytes) -> None:
         feed(heard.wire, data + frame(0x81, b"after") + frame(0x01, b"a") + frame(0x80, b"b"))
         assert heard.messages == [(b"after", False), (b"ab", False)]
         assert len(heard.sizes) == 1 and heard.sizes[0] > LIMIT
+        assert heard.heads == [b"x" * HEAD_BYTES]
         assert not heard.ends
+
+
+@pytest.mark.parametrize("cut", [1, 10, 100, 2000])
+def test_the_head_of_what_is_skipped_is_handed_over_once_however_it_comes(cut: int) -> None:
+    text = b'{"op":"publish"}' + bytes(range(256)) * (LIMIT // 256 + 1)
+    heard = Heard(skip=True)
+    data = frame(0x01, text[:300]) + frame(0x80, text[300:])
+    for at in range(0, 3000, cut):
+        heard.wire.feed(data[at : min(3000, at + cut)])
+    assert heard.heads == [text[:HEAD_BYTES]]
+    heard.wire.feed(data[3000:] + frame(0x81, b"after"))
+    assert heard.messages == [(b"after", False)]
+    assert len(heard.heads) == 1
 
 
 @pytest.mark.parametrize("data", TOO_LARGE, ids=["one frame", "last fragment", "middle fragment"])

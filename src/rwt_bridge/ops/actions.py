@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final, Never, Protocol
 
+from rwt_bridge.ops.offers import Offer, Offers
 from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_bridge.ops.services import split_suffix
 from rwt_graph.api import GoalEvents
@@ -131,30 +132,33 @@ class SentGoal:
         )
 
 
-class _Provided:
+Accepted = tuple["ActionType", "ServerGoal"]
+
+
+class _Provided(Offer[Accepted]):
     """One action that a client offers, and the goals it works on."""
 
-    __slots__ = ("_count", "_graph", "_name", "_replies", "goals")
+    __slots__ = ("_count", "_name", "_replies", "_type")
 
-    def __init__(self, graph: ClientGraph, replies: Replies, name: str) -> None:
-        self._graph = graph
+    def __init__(self, op: AdvertiseAction, graph: ClientGraph, address: str, replies: Replies) -> None:
+        super().__init__(op.action, graph, address)
         self._replies = replies
-        self._name = name
+        self._name = op.action
+        self._type = op.type  # As the client spells it: it compares.
         self._count = 0
-        self.goals: dict[str, tuple[ActionType, ServerGoal]] = {}
 
     def take(self, type: ActionType, goal: ServerGoal) -> None:
         """Accept every goal and send it to the client under an id of its own (ACT-12, ACT-13)."""
         self._count += 1
         id_ = f"action_goal:{self._name}:{self._count}"
-        self.goals[id_] = (type, goal)
+        self.pending[id_] = (type, goal)
         goal.on_cancel = lambda: self._cancel(id_)
         goal.on_end = lambda _: self._forget(id_)
         goal.accept()
         sent = self._replies.send(
             SendActionGoal(
                 action=self._name,
-                action_type=self._graph.registry.type_name(type),
+                action_type=self._type,
                 args=goal.goal,
                 feedback=True,
                 id=id_,
@@ -167,7 +171,7 @@ class _Provided:
         self._replies.send(CancelActionGoal(action=self._name, id=id_))
 
     def _forget(self, id_: str) -> None:
-        self.goals.pop(id_, None)
+        self.pending.pop(id_, None)
 
 
 def abort(type: ActionType, goal: ServerGoal, reason: str) -> None:
@@ -187,16 +191,25 @@ class Actions:
         graph: see above.
         replies: see above.
         address: the client's.
+        offers: what all clients offer.
         orphans: the goals of clients that have gone.
     """
 
-    __slots__ = ("_address", "_orphans", "_provided", "_sent", "graph", "now", "replies")
+    __slots__ = ("_address", "_offers", "_orphans", "_provided", "_sent", "graph", "now", "replies")
 
-    def __init__(self, graph: ClientGraph, replies: Replies, address: str, orphans: OrphanedGoals) -> None:
+    def __init__(
+        self,
+        graph: ClientGraph,
+        replies: Replies,
+        address: str,
+        offers: Offers[Accepted],
+        orphans: OrphanedGoals,
+    ) -> None:
         self.graph = graph
         self.replies = replies
         self.now = graph.clock.time_ns
         self._address = address
+        self._offers = offers
         self._orphans = orphans
         self._sent: set[SentGoal] = set()
         self._provided: dict[str, _Provided] = {}
@@ -244,28 +257,32 @@ class Actions:
 
     def advertise(self, op: AdvertiseAction) -> None:
         """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
-        provided = _Provided(self.graph, self.replies, op.action)
-        self._provided[self.graph.advertise_action(op.action, op.type, provided.take)] = provided
+        provided = _Provided(op, self.graph, self._address, self.replies)
+        name = self.graph.advertise_action(op.action, op.type, provided.take)
+        self._forget(name)
+        self._provided[name] = provided
+        self._offers.add(provided)
 
     def unadvertise(self, op: UnadvertiseAction) -> None:
         """Withdraw an action of this client; its running goals are aborted (ACT-18)."""
         if not self.graph.withdraw_action(op.action):
             raise Refused(f"unadvertise_action: this client does not advertise {op.action}", level="warning")
-        del self._provided[resolve(op.action)]
+        self._forget(resolve(op.action))
+
+    def _forget(self, name: str) -> None:
+        provided = self._provided.pop(name, None)
+        if provided is not None:
+            self._offers.remove(provided)
 
     def feedback(self, op: ActionFeedback) -> None:
         """Pass on the feedback of a client that offers the action (ACT-14)."""
-        goals = self._goals(op.op, op.action)
-        type, goal = _goal(goals.get(op.id) if isinstance(op.id, str) else None, op.op, op.action, op.id)
+        type, goal = self._goal(op.op, op.action, op.id)
         values = object_or_empty(op.values)
         goal.feedback(payload_of(type.feedback, values, "action_feedback.values", self.now))
 
     def result(self, op: ActionResult) -> None:
         """End a goal with the result of the client that offers the action (ACT-15, ACT-16)."""
-        goals = self._goals(op.op, op.action)
-        type, goal = _goal(
-            goals.pop(op.id, None) if isinstance(op.id, str) else None, op.op, op.action, op.id
-        )
+        type, goal = self._goal(op.op, op.action, op.id)
         if not op.result:
             abort(type, goal, failure_text(op.values, "the action failed and gave no reason"))
             return
@@ -282,26 +299,40 @@ class Actions:
             # "canceled" without a cancel request: the state machine has no such step.
             goal.finish(GoalStatus.ABORTED, result)
 
-    def _goals(self, op: str, action: str) -> dict[str, tuple[ActionType, ServerGoal]]:
-        """The goals of an action that this client offers."""
-        provided = self._provided.get(resolve(action))
+    def result_malformed(self, action: str, id: str | int | None, reason: str) -> None:
+        """Abort the goal that a result names which is not valid otherwise, so that its sender need not wait.
+
+        Raises:
+            Refused: it names none.
+        """
+        type, goal = self._goal("action_result", action, id)
+        abort(type, goal, f"the provider's result is malformed: {reason}")
+
+    def _goal(self, op: str, action: str, id: str | int | None) -> Accepted:
+        """A goal that this client works on; it may say so over another connection than that which advertises.
+
+        Raises:
+            Refused: there is none of that id.
+        """
+        name = resolve(action)
+        provided: Offer[Accepted] | None = self._provided.get(name)
+        found = provided.pending.get(id) if provided and isinstance(id, str) else None
+        if found is None and isinstance(id, str):
+            elsewhere = self._offers.asked(name, id, self.graph, self._address)
+            found = elsewhere.pending[id] if elsewhere else None
+        if found is not None:
+            return found
         if provided is None:
             raise Refused(f"{op}: this client does not advertise {action}")
-        return provided.goals
+        raise Refused(f"{op}: no goal of {action} runs under id {id!r}", level="warning")
 
     def close(self) -> None:
         """Let the goals run on; they can still be cancelled from the same address (ACT-19)."""
+        for name in tuple(self._provided):
+            self._forget(name)
         for goal in self._sent:
             goal.orphan()
             self._orphans.add(goal, self._address)
-
-
-def _goal(
-    found: tuple[ActionType, ServerGoal] | None, op: str, action: str, id_: str | int | None
-) -> tuple[ActionType, ServerGoal]:
-    if found is None:
-        raise Refused(f"{op}: no goal of {action} runs under id {id_!r}", level="warning")
-    return found
 
 
 class _HasActions(Protocol):

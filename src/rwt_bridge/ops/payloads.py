@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Generator
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
@@ -15,6 +15,10 @@ from rwt_protocol.payloads import EMPTY, Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
+
+
+IN_STEPS: Final = 64 * 1024
+"""Bytes from which a payload is checked in steps."""
 
 
 def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:
@@ -32,11 +36,32 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
     try:
         if isinstance(raw, Decoded):
             return _of_object(type, raw, where, now)
-        return Payload.from_json(type, raw.data if isinstance(raw, RawJson) else raw.json(), now)
+        if not isinstance(raw, RawJson):
+            return Payload.from_json(type, raw.json(), now)
+        if raw.dense:
+            return _of_dense(type, raw, where, now)
+        return Payload.from_json(type, raw.data, now)
     except InvalidMessage as error:
         if isinstance(raw, RawJson) and not raw.is_validated:
             # A large payload was cut out of its frame unseen; only a full parse says what is wrong with it.
-            return payload_of(type, raw.validated(), where, now)
+            validated = raw.validated()
+            if validated.data != raw.data:
+                return payload_of(type, validated, where, now)
+        raise _refused(where, error) from None
+
+
+def payload_in_steps(
+    type: MessageType, raw: RawJson, where: str, now: Callable[[], int]
+) -> Generator[None, None, Payload]:
+    """As :func:`payload_of`, in steps of about a millisecond at most."""
+    try:
+        if not raw.dense:
+            return (yield from Payload.from_json_in_steps(type, raw.data, now))
+        dense = yield from Payload.from_dense_json_in_steps(type, raw.data, now)
+        return _complete(dense, type, raw, where)
+    except InvalidMessage as error:
+        if not raw.is_validated and (validated := raw.validated()).data != raw.data:
+            return (yield from payload_in_steps(type, validated, where, now))
         raise _refused(where, error) from None
 
 
@@ -44,6 +69,19 @@ def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], in
     if raw.kind != "object":
         raise Refused(f"{where}: expected an object, got {describe_kind(raw)}")
     return Payload.from_value(type, raw.value, now)
+
+
+def _of_dense(type: MessageType, raw: RawJson, where: str, now: Callable[[], int]) -> Payload:
+    return _complete(Payload.from_dense_json(type, raw.data, now), type, raw, where)
+
+
+def _complete(payload: Payload | None, type: MessageType, raw: RawJson, where: str) -> Payload:
+    if payload is None:
+        raise Refused(
+            f"{where}: {raw.dense}: so many are taken only in a message that has every field of {type.name},"
+            " each as ROS writes it"
+        )
+    return payload
 
 
 def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:

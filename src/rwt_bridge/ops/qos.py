@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _DEFAULT = QoS()
 
 
-def publisher_qos(op: ops.Advertise) -> QoS | None:
+def publisher_qos(op: ops.Advertise | ops.Publish) -> QoS | None:
     """What a new publisher gets: `qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
     if op.qos is None:
         return LATCHED if op.latch else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final, Never, Protocol
 
+from rwt_bridge.ops.offers import Offer, Offers
 from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
 from rwt_graph.names import resolve
 from rwt_program.errors import CallFailed, ProviderNotFound
@@ -31,29 +32,32 @@ def split_suffix(name: str) -> tuple[str, str | None]:
     return (base, suffix) if hash_ else (name, None)
 
 
-class _Provided:
+Asked = tuple["ServiceType", "ServiceCall"]
+
+
+class _Provided(Offer[Asked]):
     """One service that a client offers, and the calls that wait for its answers."""
 
-    __slots__ = ("_count", "_name", "_replies", "waiting")
+    __slots__ = ("_count", "_name", "_replies")
 
-    def __init__(self, replies: Replies, name: str) -> None:
+    def __init__(self, name: str, graph: ClientGraph, address: str, replies: Replies) -> None:
+        super().__init__(name, graph, address)
         self._replies = replies
         self._name = name
         self._count = 0
-        self.waiting: dict[str, tuple[ServiceType, ServiceCall]] = {}
 
     def ask(self, type: ServiceType, call: ServiceCall) -> None:
         """Send one request to the client, under an id of its own (SVP-01, SVP-02)."""
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
-        self.waiting[id_] = (type, call)
+        self.pending[id_] = (type, call)
         call.on_end = lambda: self._forget(id_)
         reason = self._replies.request(self._name, call.request, id_)
         if reason is not None:
             call.fail(f"the provider cannot be asked: {reason}")
 
     def _forget(self, id_: str) -> None:
-        self.waiting.pop(id_, None)
+        self.pending.pop(id_, None)
 
 
 class Services:
@@ -62,14 +66,20 @@ class Services:
     Args:
         graph: the graph as the client may see it.
         replies: how the client is answered.
+        address: the client's.
+        offers: what all clients offer.
         timeout: seconds that a call may take whose caller says nothing; 0 waits without end (SRV-10).
     """
 
-    __slots__ = ("_graph", "_now", "_provided", "_replies", "_timeout")
+    __slots__ = ("_address", "_graph", "_now", "_offers", "_provided", "_replies", "_timeout")
 
-    def __init__(self, graph: ClientGraph, replies: Replies, timeout: float) -> None:
+    def __init__(
+        self, graph: ClientGraph, replies: Replies, address: str, offers: Offers[Asked], timeout: float
+    ) -> None:
         self._graph = graph
         self._replies = replies
+        self._address = address
+        self._offers = offers
         self._timeout = timeout
         self._now = graph.clock.time_ns
         self._provided: dict[str, _Provided] = {}
@@ -101,8 +111,11 @@ class Services:
 
     def advertise(self, op: AdvertiseService) -> None:
         """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
-        provided = _Provided(self._replies, op.service)
-        self._provided[self._graph.advertise_service(op.service, op.type, provided.ask)] = provided
+        provided = _Provided(op.service, self._graph, self._address, self._replies)
+        name = self._graph.advertise_service(op.service, op.type, provided.ask)
+        self._forget(name)
+        self._provided[name] = provided
+        self._offers.add(provided)
 
     def unadvertise(self, op: UnadvertiseService) -> None:
         """Withdraw a service of this client; its waiting calls fail (SVP-08 … SVP-10)."""
@@ -110,19 +123,24 @@ class Services:
             raise Refused(
                 f"unadvertise_service: this client does not advertise {op.service}", level="warning"
             )
-        del self._provided[resolve(op.service)]
+        self._forget(resolve(op.service))
+
+    def _forget(self, name: str) -> None:
+        provided = self._provided.pop(name, None)
+        if provided is not None:
+            self._offers.remove(provided)
+
+    def close(self) -> None:
+        """Forget what the client offered; it is withdrawn with the client's graph (DIS-04)."""
+        for name in tuple(self._provided):
+            self._forget(name)
 
     def answer(self, op: ServiceResponse) -> None:
-        """Hand a provider's answer to the caller; only the provider itself may give it (SVP-03 … SVP-08)."""
-        provided = self._provided.get(resolve(op.service))
-        if provided is None:
-            raise Refused(f"service_response: this client does not advertise {op.service}")
-        asked = provided.waiting.pop(op.id, None) if isinstance(op.id, str) else None
-        if asked is None:
-            raise Refused(
-                f"service_response: no call of {op.service} waits under id {op.id!r}", level="warning"
-            )
-        type, call = asked
+        """Hand a provider's answer to the caller; only the provider itself may give it (SVP-03 … SVP-08).
+
+        It may give it over another connection than that which advertises: rosbridgecpp opens one for each.
+        """
+        type, call = self._asked(op.service, op.id)
         if not op.result:
             call.fail(failure_text(op.values, "the service failed and gave no reason"))
             return
@@ -133,6 +151,33 @@ class Services:
             call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
             raise
         call.reply(response)
+
+    def answer_malformed(self, service: str, id: str | int | None, reason: str) -> None:
+        """End the call that a response names which is not valid otherwise, so that its caller need not wait.
+
+        Raises:
+            Refused: it names none.
+        """
+        _, call = self._asked(service, id)
+        call.fail(f"the provider's answer is malformed: {reason}")
+
+    def _asked(self, service: str, id: str | int | None) -> Asked:
+        """What waits for an answer under an id, and does not any more.
+
+        Raises:
+            Refused: nothing does.
+        """
+        name = resolve(service)
+        provided: Offer[Asked] | None = self._provided.get(name)
+        asked = provided.pending.pop(id, None) if provided and isinstance(id, str) else None
+        if asked is None and isinstance(id, str):
+            elsewhere = self._offers.asked(name, id, self._graph, self._address)
+            asked = elsewhere.pending.pop(id) if elsewhere else None
+        if asked is not None:
+            return asked
+        if provided is None:
+            raise Refused(f"service_response: this client does not advertise {service}")
+        raise Refused(f"service_response: no call of {service} waits under id {id!r}", level="warning")
 
 
 class _HasServices(Protocol):

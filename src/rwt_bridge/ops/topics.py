@@ -7,22 +7,25 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, Never, Protocol
 
 from rwt_access.client_graph import UnknownTopicType
-from rwt_bridge.ops.payloads import payload_of
+from rwt_bridge.ops.payloads import IN_STEPS, payload_in_steps, payload_of
 from rwt_bridge.ops.qos import incompatible_policies, publisher_qos
 from rwt_bridge.ops.subscriptions import ClientSubscription
 from rwt_delivery.throttle import Room
 from rwt_graph.names import resolve
 from rwt_interfaces.validation.missing_fields import missing_fields
-from rwt_program.qos import LATCHED
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
+from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt_access.client_graph import ClientGraph, ClientPublisher
     from rwt_bridge.reply import Replies
     from rwt_delivery.fanout import Fanout
+    from rwt_delivery.shared_publishers import Lacks
+    from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Encoding
+    from rwt_protocol.dispatcher import Steps
 
 
 #: Names under which one client may hear of one topic: `/a`, `a`, and what careless programs make of it.
@@ -57,8 +60,7 @@ class Topics:
 
     def advertise(self, op: Advertise) -> None:
         """Make the client a publisher (ADV-01 … ADV-07)."""
-        lacks = partial(incompatible_policies, op.qos) if op.qos else None
-        name = self._graph.advertise(op.topic, op.type, op.id, publisher_qos(op), lacks)
+        name = self._graph.advertise(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
         self._forget_publisher(name)
 
     def unadvertise(self, op: Unadvertise) -> None:
@@ -68,32 +70,52 @@ class Topics:
             raise Refused(f"unadvertise: this client does not advertise {name}", level="warning")
         self._forget_publisher(name)
 
-    def publish(self, op: Publish) -> None:
-        """Check the message once and hand it to the graph (PUB-01 … PUB-09)."""
+    def publish(self, op: Publish) -> Steps | None:
+        """Check the message once and hand it to the graph (PUB-01 … PUB-09); a large one in steps."""
         publisher = self._publishers.get(op.topic)
-        if publisher is None:
-            publisher = self._publisher(op)
-            if len(self._publishers) >= _MOST_NAMES:
-                self._publishers.clear()
-            self._publishers[op.topic] = publisher
+        if publisher is None or op.qos is not None:
+            publisher = self._new_publisher(op)
         raw = op.msg
-        payload = payload_of(publisher.type, raw, "publish.msg", self._now)
+        if isinstance(raw, RawJson) and len(raw.data) >= IN_STEPS:
+            return self._publish_in_steps(op, raw, publisher.type)
+        self._publish(op, publisher, payload_of(publisher.type, raw, "publish.msg", self._now))
+        return None
+
+    def _publish_in_steps(self, op: Publish, raw: RawJson, type: MessageType) -> Steps:
+        payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
+        # Meanwhile the client's role or the topic may have become another.
+        publisher = self._publishers.get(op.topic) or self._new_publisher(op)
+        if publisher.type is not type:
+            payload = payload_of(publisher.type, raw, "publish.msg", self._now)
+        self._publish(op, publisher, payload)
+
+    def _publish(self, op: Publish, publisher: ClientPublisher, payload: Payload) -> None:
         counts = publisher.counts
         counts.received += 1
-        counts.received_bytes += raw.size
+        counts.received_bytes += op.msg.size
         publisher.publish(payload)
         if self._replies.session.wants_status("warning"):
             self._warn_of_defaults(op, publisher.type)
 
-    def _publisher(self, op: Publish) -> ClientPublisher:
-        """The shared publisher for a topic that this client publishes on for the first time so spelt."""
+    def _new_publisher(self, op: Publish) -> ClientPublisher:
+        """The shared publisher for a topic that this client publishes on for the first time so spelt, or asks
+        policies of.
+        """
         try:
-            return self._graph.publisher(op.topic, op.type, LATCHED if op.latch else None)
+            publisher = self._graph.publisher(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
         except UnknownTopicType as unknown:
             raise Refused(f"publish: {unknown}: send `advertise` first, or `type` with the message") from None
+        if op.qos is not None:
+            self._forget_publisher(publisher.topic)  # It may have taken the place of another.
+        if len(self._publishers) >= _MOST_NAMES:
+            self._publishers.clear()
+        self._publishers[op.topic] = publisher
+        return publisher
 
     def _warn_of_defaults(self, op: Publish, type: MessageType) -> None:
         """Tell a client that wants to hear it which fields it has left to their defaults (PUB-04)."""
+        if isinstance(op.msg, RawJson) and op.msg.dense:
+            return  # It would not have been taken if anything of weight were missing.
         missing = missing_fields(type, op.msg.plain())
         if missing:
             text = f"publish.msg: defaults were taken for what is missing: {', '.join(missing)}"
@@ -154,12 +176,17 @@ class Topics:
             subscription.close()
 
 
+def _lacks(op: Advertise | Publish) -> Lacks | None:
+    """Tells which of the policies that a client asks for a publisher lacks; None if it asks for none."""
+    return partial(incompatible_policies, op.qos) if op.qos else None
+
+
 class _HasTopics(Protocol):
     @property
     def topics(self) -> Topics: ...
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasTopics, Never], None]]] = {
+HANDLERS: Final[Mapping[type[Op], Callable[[_HasTopics, Never], Steps | None]]] = {
     Advertise: lambda client, op: client.topics.advertise(op),
     Unadvertise: lambda client, op: client.topics.unadvertise(op),
     Publish: lambda client, op: client.topics.publish(op),

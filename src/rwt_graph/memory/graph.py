@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import uuid
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from typing import TYPE_CHECKING, Self
 
 from rwt_graph.api import (
@@ -172,6 +173,8 @@ class MemoryGraph(Graph):
         self.distro = registry.distro
         self.clock = clock or WallClock()
         self.parameters = ParameterTree()
+        if self.distro.master_version is not None:
+            self._tell_of_master(self.distro.master_version)
         self.changes = changes = Changes()
         self.topic_table = Topics(registry, self.clock, changes)
         self.service_table = Services(self.clock, changes)
@@ -184,6 +187,12 @@ class MemoryGraph(Graph):
         self._runtime = Runtime(self.clock)
         self._participants: dict[MemoryParticipant, None] = {}
         self._system = SystemTopics(self)
+
+    def _tell_of_master(self, version: str) -> None:
+        """Set what ROS 1's core sets; the line ends are those of the commands that it asks."""
+        self.parameters.set("/rosdistro", f"{self.distro.name}\n")
+        self.parameters.set("/rosversion", f"{version}\n")
+        self.parameters.set("/run_id", str(uuid.uuid1()))
 
     def participant(self, name: str) -> MemoryParticipant:
         """Join as a node of that absolute name."""
@@ -273,19 +282,15 @@ class MemoryGraph(Graph):
 
     def _list_nodes(self) -> tuple[NodeInfo, ...]:
         topics = self.topic_table.all()
-        kinds = (
-            ((node, topic.name) for topic in topics for node in topic.publishing_nodes()),
-            ((node, topic.name) for topic in topics for node in topic.subscribing_nodes()),
-            self.service_table.by_node(),
-            self.action_table.by_node(),
-        )
-        found: dict[str, tuple[set[str], ...]] = {name: (set(), set(), set(), set()) for name in self._nodes}
-        for number, pairs in enumerate(kinds):
-            for node, name in pairs:
-                if node in found:
-                    found[node][number].add(name)
+        kinds = [
+            _by_node((end.node, topic.name) for topic in topics for end in topic.all_publishers),
+            _by_node((end.node, topic.name) for topic in topics for end in topic.all_subscribers),
+            _by_node(self.service_table.by_node()),
+            _by_node(self.action_table.by_node()),
+        ]
         return tuple(
-            NodeInfo(name, *(tuple(sorted(names)) for names in found[name])) for name in sorted(found)
+            NodeInfo(name, *(tuple(sorted(set(of.get(name, ())))) for of in kinds))
+            for name in sorted(self._nodes)
         )
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
@@ -322,3 +327,11 @@ class MemoryGraph(Graph):
         for participant in tuple(reversed(self._participants)):
             participant.close()
         self._system.close()
+
+
+def _by_node(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Names by the node that each comes with."""
+    found: dict[str, list[str]] = {}
+    for node, name in pairs:
+        found.setdefault(node, []).append(name)
+    return found

@@ -11,6 +11,8 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Awaitable, Callable
+from contextvars import Context, copy_context
+from functools import partial
 
 import anyio
 import anyio.abc
@@ -47,7 +49,7 @@ class Runtime:
         self._call_soon: CallSoon | None = None
         self._thread: int | None = None
         self._group: anyio.abc.TaskGroup | None = None
-        self._waiting: list[tuple[Task, str]] = []
+        self._waiting: list[tuple[Task, str, Context]] = []
         self._wake: anyio.Event | None = None
         self._over = False
 
@@ -108,6 +110,8 @@ class Runtime:
     def spawn(self, task: Task, name: str) -> None:
         """Start `task` in the graph's task group; before the graph runs it is kept until then.
 
+        It runs in a copy of the caller's context.
+
         What it raises is logged and ends nothing else.
 
         Raises:
@@ -115,7 +119,7 @@ class Runtime:
         """
         if self._over:
             raise NotRunning(f"{name} cannot start: the graph was closed")
-        self._waiting.append((task, name))
+        self._waiting.append((task, name, copy_context()))
         if self._wake is not None:
             self._wake.set()
 
@@ -127,8 +131,8 @@ class Runtime:
         """
         while True:
             waiting, self._waiting = self._waiting, []
-            for task, name in waiting:
-                group.start_soon(_guarded, task, name, name=name)
+            for task, name, context in waiting:
+                context.run(partial(group.start_soon, _guarded, task, name, name=name))
             wake = self._wake = anyio.Event()
             if not self._waiting:
                 await wake.wait()
@@ -172,7 +176,7 @@ class Runtime:
                 with anyio.CancelScope() as scope:
                     # As a task group does with what starts in it after its end: whoever waits for it hears.
                     scope.cancel()
-                    for task, name in waiting:
+                    for task, name, _ in waiting:
                         await _guarded(task, name)
 
 

@@ -19,11 +19,12 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
-from rwt_graph.clock import LONGEST_DELAY, Clock, Timer
+from rwt_graph.clock import Clock
 from rwt_graph.memory.changes import Changes
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.provider_table import ProviderTable
 from rwt_program.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
+from rwt_program.timers import LONGEST_DELAY, Timer
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

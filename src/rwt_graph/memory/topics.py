@@ -19,6 +19,7 @@ import logging
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import is_not
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
@@ -46,28 +47,72 @@ def _ignore(_sample: Sample) -> None:
     """The callback of a closed subscription, for a sample that was on its way."""
 
 
+#: Bytes of large kept messages, as they came, whose other forms stay made for the next reader.
+_READ_BYTES = 16 * 1024 * 1024
+_LARGE = 64 * 1024
+
+
+class LatelyRead:
+    """The large kept messages that were read last. The others are kept in one form alone: a message that was
+    read in every encoding takes ten times the memory that it came with."""
+
+    def __init__(self) -> None:
+        self._payloads: dict[Payload, int] = {}
+        self._size = 0
+
+    def note(self, payload: Payload) -> None:
+        """A kept message is being read, or was made."""
+        known = self._payloads.pop(payload, None)
+        if known is None:
+            known = payload.kept_size
+            if known < _LARGE:
+                return
+            self._size += known
+        self._payloads[payload] = known
+        while self._size > _READ_BYTES and len(self._payloads) > 1:
+            oldest = next(iter(self._payloads))
+            self._size -= self._payloads.pop(oldest)
+            oldest.forget_forms()
+
+    def forget(self, payload: Payload) -> None:
+        """A message is kept no more."""
+        self._size -= self._payloads.pop(payload, 0)
+
+
 class TransientLocalCache:
     """The samples that one transient-local publisher keeps for late joiners."""
 
-    def __init__(self, qos: QoS, clock: Clock) -> None:
+    def __init__(self, qos: QoS, clock: Clock, lately_read: LatelyRead | None = None) -> None:
         depth = KEEP_ALL_LIMIT if qos.history is History.KEEP_ALL else max(1, qos.depth)
         self._samples: deque[Sample] = deque(maxlen=depth)
+        self._lately_read = lately_read or LatelyRead()
         self._clock = clock
 
     def add(self, sample: Sample) -> None:
         """Keep a sample, apart from the receive buffer that it came in."""
         self._forget_expired()
-        self._samples.append(sample.detach())
+        if len(self._samples) == self._samples.maxlen:
+            self._lately_read.forget(self._samples.popleft().payload)
+        kept = sample.detach()
+        self._lately_read.note(kept.payload)
+        self._samples.append(kept)
 
     def samples(self) -> tuple[Sample, ...]:
         """The kept samples that are not older than the lifespan, oldest first."""
         self._forget_expired()
+        for sample in self._samples:
+            self._lately_read.note(sample.payload)
         return tuple(self._samples)
+
+    def clear(self) -> None:
+        """Keep nothing more."""
+        while self._samples:
+            self._lately_read.forget(self._samples.popleft().payload)
 
     def _forget_expired(self) -> None:
         samples = self._samples
         while samples and samples[0].expires_ns and samples[0].expires_ns < self._clock.time_ns():
-            samples.popleft()
+            self._lately_read.forget(samples.popleft().payload)
 
 
 @dataclass(eq=False, slots=True)
@@ -106,6 +151,34 @@ class Topic:
         self.subscribers: tuple[MemorySubscription, ...] = ()
         self.remote_publishers: tuple[RemoteEndpoint, ...] = ()
         self.remote_subscribers: tuple[RemoteEndpoint, ...] = ()
+        self._info: TopicInfo | None = None
+        self._info_of: tuple[object, ...] = ()
+
+    def info(self, registry: Registry) -> TopicInfo:
+        """A snapshot, the same object until something changes: lists of a whole robot ask for every one."""
+        parts = (
+            self.known_type,
+            self.publishers,
+            self.subscribers,
+            self.remote_publishers,
+            self.remote_subscribers,
+        )
+        if self._info is None or any(map(is_not, parts, self._info_of)):
+            self._info = self._make_info(registry)
+            self._info_of = parts
+        return self._info
+
+    def _make_info(self, registry: Registry) -> TopicInfo:
+        known = self.known_type
+        type_name = "" if known is None else registry.type_name(known)
+        publishers = tuple(EndpointInfo(p.node, type_name, p.qos) for p in self.publishers)
+        subscribers = tuple(EndpointInfo(s.node, type_name, s.qos) for s in self.subscribers)
+        return TopicInfo(
+            self.name,
+            known,
+            publishers + tuple(EndpointInfo(p.node, p.type_name, p.qos) for p in self.remote_publishers),
+            subscribers + tuple(EndpointInfo(s.node, s.type_name, s.qos) for s in self.remote_subscribers),
+        )
 
     @property
     def empty(self) -> bool:
@@ -119,13 +192,15 @@ class Topic:
             return self.type
         return next((s.type for s in self.remote_subscribers if s.type is not None), None)
 
-    def publishing_nodes(self) -> set[str]:
-        """The names of the nodes that publish the topic."""
-        return {p.node for p in self.publishers} | {p.node for p in self.remote_publishers}
+    @property
+    def all_publishers(self) -> tuple[MemoryPublisher | RemoteEndpoint, ...]:
+        """Those of this process and of others."""
+        return (*self.publishers, *self.remote_publishers)
 
-    def subscribing_nodes(self) -> set[str]:
-        """The names of the nodes that subscribe to the topic."""
-        return {s.node for s in self.subscribers} | {s.node for s in self.remote_subscribers}
+    @property
+    def all_subscribers(self) -> tuple[MemorySubscription | RemoteEndpoint, ...]:
+        """Those of this process and of others."""
+        return (*self.subscribers, *self.remote_subscribers)
 
     def establish(self, wanted: MessageType, registry: Registry) -> None:
         """Give the topic its type, or check it against the present one.
@@ -169,7 +244,9 @@ class MemoryPublisher(Publisher):
         self._now = topics.clock.time_ns
         self._lifespan_ns = round((qos.lifespan or 0) * NANOSECONDS)
         latched = qos.durability is Durability.TRANSIENT_LOCAL
-        self.cache: TransientLocalCache | None = TransientLocalCache(qos, topics.clock) if latched else None
+        self.cache: TransientLocalCache | None = (
+            TransientLocalCache(qos, topics.clock, topics.lately_read) if latched else None
+        )
         self.on_publish_remote: OnSample | None = None
 
     def publish(self, payload: Payload) -> None:
@@ -202,7 +279,9 @@ class MemoryPublisher(Publisher):
         """Leave the topic; samples kept for late joiners go with the publisher."""
         state, self._state = self._state, None
         if state is not None:
-            self.cache = None
+            if self.cache is not None:
+                self.cache.clear()
+                self.cache = None
             state.publishers = tuple(p for p in state.publishers if p is not self)
             self.owner.drop(self)
             self._topics.left(state)
@@ -282,6 +361,7 @@ class Topics:
         self.clock = clock
         self._changes = changes
         self.remote: RemoteTopics | None = None
+        self.lately_read = LatelyRead()
         self._topics: dict[str, Topic] = {}
 
     def advertise(self, name: str, interface: MessageType, qos: QoS, owner: NodeResources) -> MemoryPublisher:
@@ -365,18 +445,7 @@ class Topics:
     def info(self, name: str) -> TopicInfo | None:
         """A snapshot of one topic."""
         topic = self._topics.get(name)
-        if topic is None:
-            return None
-        known = topic.known_type
-        type_name = "" if known is None else self.registry.type_name(known)
-        publishers = tuple(EndpointInfo(p.node, type_name, p.qos) for p in topic.publishers)
-        subscribers = tuple(EndpointInfo(s.node, type_name, s.qos) for s in topic.subscribers)
-        return TopicInfo(
-            name,
-            known,
-            publishers + tuple(EndpointInfo(p.node, p.type_name, p.qos) for p in topic.remote_publishers),
-            subscribers + tuple(EndpointInfo(s.node, s.type_name, s.qos) for s in topic.remote_subscribers),
-        )
+        return None if topic is None else topic.info(self.registry)
 
     def names(self) -> list[str]:
         """Every topic's name, sorted."""

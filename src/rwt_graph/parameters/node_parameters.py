@@ -14,7 +14,8 @@ from typing import Protocol, TypeAlias, TypeVar
 
 from rwt_graph.errors import GraphError
 from rwt_graph.names import parameter_name
-from rwt_graph.parameters.tree import ParameterTree
+from rwt_graph.parameters.accounts import Charges
+from rwt_graph.parameters.tree import ParameterTree, measured
 from rwt_graph.parameters.values import ParameterType, coerce, type_of
 from rwt_program.errors import NotFound, ParameterRejected
 from rwt_program.messages import ParameterValue
@@ -94,6 +95,7 @@ class NodeStore(Store):
 
     def __init__(self, on_stored: OnStored) -> None:
         self._values: dict[str, ParameterValue] = {}
+        self._charges = Charges()
         self._on_stored = on_stored
 
     def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
@@ -107,6 +109,7 @@ class NodeStore(Store):
 
     def undeclare(self, name: str) -> None:
         """Remove a parameter."""
+        self._charges.drop(name)
         self._on_stored(name, self._values.pop(name), None)
 
     def get(self, name: str) -> ParameterValue:
@@ -116,12 +119,14 @@ class NodeStore(Store):
     def set(self, declaration: Declaration, value: ParameterValue) -> None:
         """Set a parameter. Raises :exc:`ParameterRejected`."""
         value = declaration.admitted(value)
+        self._charges.put(declaration.name, measured(value)[1])
         old, self._values[declaration.name] = self._values[declaration.name], value
         self._on_stored(declaration.name, old, value)
 
     def close(self) -> None:
         """Forget the values, without events: the parameters end with their node."""
         self._values.clear()
+        self._charges.drop_below("")
 
 
 class TreeStore(Store):

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final, TypeAlias
 
+from rwt_graph.parameters.accounts import Charges
 from rwt_graph.parameters.values import INT64_MAX, INT64_MIN
 from rwt_program.errors import NotFound, ParameterRejected
 from rwt_program.messages import ParameterValue
@@ -22,6 +23,9 @@ Watch: TypeAlias = Callable[[ParameterValue], None]
 MOST_DEPTH: Final = 32
 MOST_NAMES: Final = 20_000
 MOST_BYTES: Final = 8 * 1024 * 1024
+
+#: What each value that a client has set is charged with beside its size: so that nobody can take all names.
+_SET: Final = 256
 
 #: What a value or a key is counted with besides its text, in bytes: about what Python takes for it.
 _NODE: Final = 64
@@ -48,15 +52,15 @@ class _TooDeep(Exception):
     """A value has more levels than may be."""
 
 
-def _measured(value: ParameterValue) -> tuple[int, int]:
+def measured(value: ParameterValue) -> tuple[int, int]:
     """How many names are in a value, and how many bytes it counts."""
     if isinstance(value, dict):
-        parts = [_measured(item) for item in value.values()]
+        parts = [measured(item) for item in value.values()]
         names = sum(_NODE + _length(name) for name in value)
         return len(value) + sum(count for count, _ in parts), _NODE + names + sum(size for _, size in parts)
     if isinstance(value, list):
         # Tables in a list have keys, and no names.
-        return 0, _NODE + sum(_measured(item)[1] for item in value)
+        return 0, _NODE + sum(measured(item)[1] for item in value)
     return 0, _NODE + (_length(value) if isinstance(value, str | bytes | bytearray) else 0)
 
 
@@ -103,6 +107,7 @@ class ParameterTree:
         self._most_bytes = most_bytes
         self._root: dict[str, ParameterValue] = {}
         self._watches: dict[str, list[Watch]] = {}
+        self._charges = Charges()
 
     def _find(self, name: str) -> ParameterValue:
         value: ParameterValue = self._root
@@ -150,6 +155,10 @@ class ParameterTree:
                 watch(new)
         # Placed only now: a watch may have set something itself.
         count, size = self._require_room(parts, value)
+        full = "/" + "/".join(parts)
+        self._charges.put(full, _SET + measured({full: value})[1])
+        if self._is_branch(parts):
+            self._charges.drop_below(full.rstrip("/") + "/")
         self.names_set, self.bytes = count, size
         if not parts:
             self._root = value if isinstance(value, dict) else {}
@@ -158,6 +167,13 @@ class ParameterTree:
         for part in reversed(missing[1:]):
             value = {part: value}
         branch[missing[0]] = value
+
+    def _is_branch(self, parts: list[str]) -> bool:
+        """Whether there are values below a name."""
+        if not parts:
+            return bool(self._root)
+        branch, missing = self._deepest(parts)
+        return len(missing) == 1 and isinstance(branch.get(missing[0]), dict)
 
     def _deepest(self, parts: list[str]) -> tuple[dict[str, ParameterValue], list[str]]:
         """The last branch on the way to a name, and the part of the name that is below it."""
@@ -172,13 +188,13 @@ class ParameterTree:
     def _require_room(self, parts: list[str], value: ParameterValue) -> tuple[int, int]:
         """What the tree holds with a value: names and bytes. Raises :exc:`ParameterRejected`."""
         if not parts:
-            count, size = _measured(value)
+            count, size = measured(value)
         else:
             branch, missing = self._deepest(parts)
             old = {missing[0]: branch[missing[0]]} if missing[0] in branch else {}
             for part in reversed(missing):
                 value = {part: value}
-            (less, freed), (more, taken) = _measured(old), _measured(value)
+            (less, freed), (more, taken) = measured(old), measured(value)
             count, size = self.names_set - less + more, self.bytes - freed + taken
         for what, has, most in (("names", count, self._most_names), ("bytes", size, self._most_bytes)):
             if has > most:
@@ -213,8 +229,12 @@ class ParameterTree:
         if not parts:
             raise ParameterRejected("the root of the parameters cannot be deleted; delete what is below it")
         self._find(name)
+        full = "/" + "/".join(parts)
+        self._charges.drop(full)
+        if self._is_branch(parts):
+            self._charges.drop_below(full + "/")
         branch, (key,) = self._deepest(parts)
-        names, freed = _measured({key: branch.pop(key)})
+        names, freed = measured({key: branch.pop(key)})
         self.names_set, self.bytes = self.names_set - names, self.bytes + _NODE - freed
 
     def names(self) -> tuple[str, ...]:

@@ -15,13 +15,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt_graph.api import ClientGoal, GoalEvents, Graph, Participant, Sample, Subscription
-from rwt_graph.clock import Timer
 from rwt_graph.program.endpoints import TopicPublisher
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.times import NANOSECONDS
 from rwt_program.errors import CallFailed, GoalRejected
 from rwt_program.goals import GoalStatus
 from rwt_program.messages import Message
+from rwt_program.timers import Timer
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ActionType

@@ -4,13 +4,34 @@ from __future__ import annotations
 
 import logging
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
 
+from rwt_graph.disclosure import NOTHING, Disclosure, Writes
 from rwt_graph.program.endpoints import TopicPublisher
+from rwt_program.errors import ServiceFailed
 from rwt_program.qos import Durability, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
+    from rwt_program.messages import Message
+
+#: What ROS 1 calls the levels, in its services.
+_LEVEL_NAMES: Final = {
+    "debug": logging.DEBUG,
+    "info": logging.INFO,
+    "warn": logging.WARNING,
+    "error": logging.ERROR,
+    "fatal": logging.CRITICAL,
+}
+#: The one logger of a node, as rospy calls it.
+_LOGGER: Final = "rosout"
+
+DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
+    {"roscpp/GetLoggers": NOTHING, "roscpp/SetLoggerLevel": (Writes("logger"),)}
+)
+"""What the services about loggers reveal and change: who may set the parameter `/rosout` may set a level."""
 
 #: Python's level → the number in `rosgraph_msgs/Log` (ROS 1); `rcl_interfaces/Log` uses Python's own numbers.
 ROS_1_LEVELS = {logging.DEBUG: 1, logging.INFO: 2, logging.WARNING: 4, logging.ERROR: 8, logging.CRITICAL: 16}
@@ -32,6 +53,7 @@ class NodeLog:
         self._name = node.strip("/").replace("/", ".")
         self._distro = distro
         self._publisher = publisher
+        self._least = logging.DEBUG
         self._logger = logging.getLogger(f"ros.{self._name}")
 
     def debug(self, text: str) -> None:
@@ -56,7 +78,30 @@ class NodeLog:
         """Log a failure after which the node cannot go on."""
         self._write(logging.CRITICAL, text)
 
+    def loggers(self, _: object = None) -> Mapping[str, object]:
+        """The answer of `~get_loggers` (`roscpp/GetLoggers`): the node's one logger, and its level."""
+        level = next(name for name, number in _LEVEL_NAMES.items() if number == self._least)
+        return {"loggers": [{"name": _LOGGER, "level": level}]}
+
+    def set_level(self, request: Message) -> Mapping[str, object]:
+        """The answer of `~set_logger_level` (`roscpp/SetLoggerLevel`): lines below that level are not written
+        any more.
+
+        Raises:
+            ServiceFailed: there is no such logger or level.
+        """
+        level = _LEVEL_NAMES.get(request.level.lower())
+        if request.logger != _LOGGER or level is None:
+            raise ServiceFailed(
+                f"no logger {request.logger[:80]!r} with a level {request.level[:80]!r}: the logger is"
+                f" {_LOGGER!r}, its levels are {', '.join(_LEVEL_NAMES)}"
+            )
+        self._least = level
+        return {}
+
     def _write(self, level: int, text: str) -> None:
+        if level < self._least:
+            return
         self._logger.log(level, "%s", text)
         caller = sys._getframe(2)
         where = {

@@ -20,7 +20,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rwt_graph.api import Graph, Sample
-from rwt_graph.clock import LONGEST_DELAY, Clock, SimulatedClock, Timer
+from rwt_graph.clock import Clock, SimulatedClock
 from rwt_graph.errors import NotRunning
 from rwt_graph.names import namespace_of, node_name, resolve
 from rwt_graph.parameters.client import ParameterClient
@@ -32,7 +32,6 @@ from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
 from rwt_graph.program.goals import AcceptGoal, ActionFunction, SentGoal
 from rwt_graph.program.logs import NodeLog, rosout_qos
 from rwt_graph.program.service_handlers import ServiceFunction
-from rwt_graph.program.timers import SHORTEST_PERIOD, PeriodicTimer
 from rwt_program.api import RobotApi
 from rwt_program.blocking import (
     BlockingHandle,
@@ -43,12 +42,22 @@ from rwt_program.blocking import (
     holds,
     waits,
 )
-from rwt_program.errors import NotFound, ProviderNotFound, WrongThread
+from rwt_program.errors import NotFound, ProviderNotFound, TimedOut, WrongThread
 from rwt_program.future import USUAL, Timeout
 from rwt_program.goals import Execute, Goal
 from rwt_program.handles import Handle
-from rwt_program.messages import Message, MessageCallback, MessageLike, ServiceHandler, to_payload, type_of
+from rwt_program.messages import (
+    Message,
+    MessageCallback,
+    MessageLike,
+    ParameterValue,
+    ServiceHandler,
+    to_payload,
+    type_of,
+)
 from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, LATCHED, QoS
+from rwt_program.spelling import did_you_mean
+from rwt_program.timers import PeriodicTimer
 from rwt_program.transforms import Transforms
 
 if TYPE_CHECKING:
@@ -133,6 +142,9 @@ class Node(RobotApi):
         rosout = self.advertise("/rosout", graph.distro.rosout_type, qos=rosout_qos(graph.distro))
         self.log = NodeLog(self.name, graph.distro, rosout)
         self.parameters = self._make_parameters()
+        if graph.distro.nodes_have_loggers:
+            self.advertise_service("~/get_loggers", "roscpp/GetLoggers", self.log.loggers)
+            self.advertise_service("~/set_logger_level", "roscpp/SetLoggerLevel", self.log.set_level)
         self.params = ParameterClient(graph, self.namespace, self.name, self._call_within)
 
     def _make_parameters(self) -> NodeParameters:
@@ -144,8 +156,21 @@ class Node(RobotApi):
         parameters = NodeParameters(self.name, NodeStore(events.stored), False, self.run)
         for name, interface, handler in ParameterServices(parameters).handlers():
             self.advertise_service(f"~/{name}", interface, handler)
-        parameters.declare("use_sim_time", isinstance(self.clock, SimulatedClock), read_only=True)
+        parameters.declare(
+            "use_sim_time",
+            isinstance(self.clock, SimulatedClock),
+            description="whether the node is told to go by /clock; it goes by the clock of its graph",
+            on_change=self._on_use_sim_time,
+        )
         return parameters
+
+    def _on_use_sim_time(self, value: ParameterValue) -> None:
+        """Warn where a node is told of another time than all nodes of its graph have."""
+        simulated = isinstance(self.clock, SimulatedClock)
+        if value != simulated:
+            said, kind = ("true", "real") if value else ("false", "simulated")
+            text = f"use_sim_time is {said} now; the time is still that of the graph, which is {kind}"
+            self.log.warning(text)
 
     @property
     def clock(self) -> Clock:
@@ -193,8 +218,13 @@ class Node(RobotApi):
     def _type_of(self, topic: str) -> str:
         info = self.graph.topic(topic)
         if info is None or info.type is None:
-            raise NotFound(f"there is no topic {topic} that has a type; name its type if it will come")
+            meant = self._meant_topic(topic) or "; name its type if it will come"
+            raise NotFound(f"there is no topic {topic} that has a type{meant}")
         return info.type.name
+
+    def _meant_topic(self, topic: str) -> str:
+        """`; did you mean X?` with a topic that somebody publishes; empty if `topic` is one."""
+        return did_you_mean(topic, (each.name for each in self.graph.topics() if each.publishers))
 
     def subscribe(  # noqa: D102 - inherited
         self,
@@ -224,8 +254,11 @@ class Node(RobotApi):
         return self._subscribe(topic, type, qos, queue_size)
 
     async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:  # noqa: D102 - inherited
-        with self.topic(topic, type) as messages:
-            return await messages.get(self._patience(timeout))
+        try:
+            with self.topic(topic, type) as messages:
+                return await messages.get(self._patience(timeout))
+        except TimedOut as error:
+            raise TimedOut(f"{error}{self._meant_topic(self.resolve(topic))}") from None
 
     def _subscribe(
         self,
@@ -284,7 +317,8 @@ class Node(RobotApi):
     def _request(self, name: str, request: MessageLike | None) -> Payload:
         info = self.graph.service(name)
         if info is None:
-            raise ProviderNotFound(f"Service {name} does not exist")
+            meant = did_you_mean(name, (service.name for service in self.graph.services()))
+            raise ProviderNotFound(f"Service {name} does not exist{meant}")
         return to_payload(info.type.request, {} if request is None else request, self.clock.time_ns)
 
     # Actions
@@ -357,7 +391,8 @@ class Node(RobotApi):
         name = self.resolve(action)
         info = self.graph.action(name)
         if info is None:
-            raise ProviderNotFound(f"Action {name} does not exist")
+            meant = did_you_mean(name, (action.name for action in self.graph.actions()))
+            raise ProviderNotFound(f"Action {name} does not exist{meant}")
         payload = to_payload(info.type.goal, {} if goal is None else goal, self.clock.time_ns)
         sent = SentGoal(self.clock, name, on_feedback)
         await sent.send(self._participant, payload, goal_id)
@@ -373,27 +408,17 @@ class Node(RobotApi):
     @property
     def tf(self) -> Transforms:  # noqa: D102 - inherited
         if self._tf is None:
-            self._tf = Transforms(self.subscribe, self._timeout, self.clock.within)
+            clock = self.clock
+            self._tf = Transforms(self.subscribe, self.advertise, clock.time_ns, self._timeout, clock.within)
         return self._tf
 
     async def time_ns(self) -> int:  # noqa: D102 - inherited
         return self.clock.time_ns()
 
-    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> Timer:
-        """Call `callback` every `period` seconds of the graph's clock, first after one period.
-
-        A coroutine function runs as a task; a tick that comes while it still runs is skipped. Ticks that
-        were missed are skipped too, so the rate never catches up in a burst.
-
-        Raises:
-            ValueError: `period` is shorter than a microsecond, or longer than :data:`LONGEST_DELAY`.
-        """
-        # Written so that what is no number is refused too.
-        if not SHORTEST_PERIOD <= period <= LONGEST_DELAY:
-            raise ValueError(
-                f"a timer's period is from {SHORTEST_PERIOD:g} to {LONGEST_DELAY:g} s, which this is not"
-            )
-        timer = PeriodicTimer(self.graph, period, callback, self._timers.discard)
+    def create_timer(  # noqa: D102 - inherited
+        self, period: float, callback: Callable[[], Awaitable[None] | None]
+    ) -> PeriodicTimer:
+        timer = PeriodicTimer(self.clock, _TimerLoop(self.graph), period, callback, self._timers.discard)
         self._timers.add(timer)
         self.run(timer.start)
         return timer
@@ -474,6 +499,21 @@ class Node(RobotApi):
 
     def __exit__(self, *exc: object) -> None:
         self.close()
+
+
+class _TimerLoop:
+    """The loop of a graph, for timers; satisfies :class:`rwt_program.timers.TimerLoop`."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.spawn = graph.spawn
+        self._graph = graph
+
+    def soon(self, call: Callable[[], None]) -> None:
+        """Run a plain function on the graph's thread: at once there, soon from elsewhere."""
+        if self._graph.on_graph_thread():
+            call()
+        else:
+            self._graph.run_on_graph(call)
 
 
 class _GraphThread:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal
 
 from rwt_protocol.codecs import cbor, png
 from rwt_protocol.codecs.base import Codec, PublishEncoder
@@ -16,6 +16,10 @@ JSON: Final = JsonCodec()
 CBOR: Final = CborCodec()
 
 
+Form = Literal["json", "cbor", "serialised"]
+"""What of a message an encoding is made of: its JSON, its CBOR, or what its robot serialises."""
+
+
 @dataclass(frozen=True, slots=True)
 class Encoding:
     """One encoding of what is published, and perhaps of everything else.
@@ -24,6 +28,7 @@ class Encoding:
         name: as `compression` spells it.
         precedence: the strongest of what a client asks for on one topic wins (SUB-08).
         publish_encoder: from a topic's name, as the client spelled it, to an encoder for its samples.
+        form: what its frames are made of.
         binary: whether its frames are binary, which a transport of text cannot carry.
         raw: whether it carries the bytes that the robot serialises (CBR-10), not fields.
         codec: reads its binary frames, in a session that has not one encoding for all; None where another row
@@ -37,6 +42,7 @@ class Encoding:
     name: str
     precedence: int
     publish_encoder: Callable[[str], PublishEncoder]
+    form: Form = "json"
     binary: bool = False
     raw: bool = False
     codec: Codec | None = None
@@ -65,8 +71,8 @@ CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(
         for encoding in (
             Encoding("none", 0, JSON.publish_encoder),
             Encoding("png", 1, png.publish_encoder),
-            Encoding("cbor", 2, CBOR.publish_encoder, binary=True, codec=CBOR, first_bytes=cbor.MAPS),
-            Encoding("cbor-raw", 3, cbor.raw_publish_encoder, binary=True, raw=True),
+            Encoding("cbor", 2, CBOR.publish_encoder, "cbor", binary=True, codec=CBOR, first_bytes=cbor.MAPS),
+            Encoding("cbor-raw", 3, cbor.raw_publish_encoder, "serialised", binary=True, raw=True),
             Encoding(
                 "bson",
                 4,
@@ -108,6 +114,7 @@ __all__ = [
     "CborCodec",
     "Codec",
     "Encoding",
+    "Form",
     "JsonCodec",
     "PublishEncoder",
     "bson_codec",

@@ -11,7 +11,10 @@ from rwt_protocol.payloads import Encodable, Sample
 from rwt_protocol.transport import Frame
 
 PublishEncoder = Callable[[Sample], Frame]
-"""From a sample of one topic to its `publish` message, a frame that all subscribers share."""
+"""From a sample of one topic to its `publish` message, a frame that all subscribers share.
+
+One that takes long has a method ``steps(sample) -> Iterator[None]``, too, after which the call is quick.
+"""
 
 Members = dict[str, object]
 """The members of one message, nothing validated: scalars decoded, payloads as `msgspec.Raw`, `RawJson` or
@@ -24,8 +27,9 @@ class SplitLimits:
 
     Attributes:
         max_depth: objects and arrays that may be open at once; the message itself is the first.
-        max_structure: bytes of a frame in CBOR beside its long strings and typed arrays, and brackets of a
-            frame in JSON. Each byte can cost eighty bytes of memory once it is decoded.
+        max_structure: bytes of a frame in CBOR or BSON beside its long strings and typed arrays, and brackets
+            of a frame in JSON. Each byte can cost eighty bytes of memory once it is decoded. A payload in
+            JSON may have more of them, but only decoders of message types take it (`RawJson.dense`).
     """
 
     max_depth: int = 100

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 
 from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
-from rwt_protocol.payloads import Sample
+from rwt_protocol.payloads import FEW_BYTES, Sample
 from rwt_protocol.transport import Buffer, Frame
 
 if TYPE_CHECKING:
@@ -49,9 +49,6 @@ _NOT_CBOR: Final = (
 _READ_SIZE: Final = 1024
 """Bytes that the library reads at a time; of a longer string it reads the rest at once."""
 
-_LARGE: Final = 64 * 1024
-"""Frames of no more bytes than this may be anything: what they can cost is little."""
-
 _FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
 """Tags that the library would turn into dates, patterns, shared references and so on, which ROS has not."""
 
@@ -63,7 +60,7 @@ class CborCodec(ObjectCodec):
         """The message in one binary frame. Never raises."""
         import cbor2  # only for those who use it
 
-        large = len(data) > _LARGE
+        large = len(data) > FEW_BYTES
         counted = _Stream(data, limits.max_structure) if large else None
         stream = counted or BytesIO(data)
         # Among hundreds of thousands of new objects the collector finds nothing, and takes most of the time.
@@ -86,7 +83,7 @@ class CborCodec(ObjectCodec):
             most = limits.max_structure
             return (
                 DecodeFailure(
-                    f"more than {most} bytes beside long strings and typed arrays (structure_bytes)"
+                    f"more than {most} bytes beside long strings and typed arrays (limits.structure_bytes)"
                 ),
             )
         finally:
@@ -197,6 +194,10 @@ def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:
     data = tag.value
     if code is None or not isinstance(data, bytes) or len(data) % struct.calcsize(code):
         raise cbor2.CBORDecodeError("not a typed array")
+    if len(data) > FEW_BYTES and code != "<B":
+        import numpy as np  # heavy, and few messages need it
+
+        return np.frombuffer(data, code)
     return array_elements(code, data)
 
 

@@ -61,10 +61,28 @@ _TAIL: Final = re.compile(
 )
 
 
-def split_large(data: bytes, max_depth: int) -> Members | None:
+_LEADING: Final = re.compile(
+    rb"[ \t\r\n]*+\{[ \t\r\n]*+((?:" + _KEY + _VALUE + rb"[ \t\r\n]*+,[ \t\r\n]*+)*+)", re.DOTALL
+)
+
+
+def head_members(head: bytes) -> Members:
+    """The members that a message begins with and that are whole, of one whose rest is not there."""
+    leading = _LEADING.match(head)
+    if leading is None:
+        return {}
+    return _read_envelope(b"{" + leading[1].rstrip(b" \t\r\n,") + b"}") or {}
+
+
+def split_large(data: bytes, max_depth: int, dense: str = "") -> Members | None:
     """The members of the message in a large frame, its payload not validated; None if they cannot be found.
 
     The nesting of the payload is not looked at either: the type that it is decoded as bounds it.
+
+    Args:
+        data: the frame.
+        max_depth: of the message, once it is looked at.
+        dense: why its payload may not be decoded as plain values, if it may not.
     """
     head = _HEAD.match(data, 0, 2 * LARGE)
     if head is None:
@@ -83,8 +101,8 @@ def split_large(data: bytes, max_depth: int) -> Members | None:
     op = members.get("op")
     if not isinstance(op, str) or name not in PAYLOADS.get(op, ()):
         return None
-    validate = partial(_validate, data, name, envelope, max_depth)
-    members[name] = RawJson(memoryview(data)[begin:end], validate)
+    validate = partial(_refuse, dense) if dense else partial(_validate, data, name, envelope, max_depth)
+    members[name] = RawJson(memoryview(data)[begin:end], validate, dense)
     return members
 
 
@@ -97,6 +115,15 @@ def _read_envelope(envelope: bytes) -> Members | None:
         return DECODER.decode(envelope)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
+
+
+def _refuse(reason: str) -> bytes:
+    """Stands where the payload would be decoded.
+
+    Raises:
+        MalformedPayload: always.
+    """
+    raise MalformedPayload(reason)
 
 
 def _validate(data: bytes, name: str, envelope: bytes, max_depth: int) -> bytes:

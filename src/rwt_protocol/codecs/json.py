@@ -49,11 +49,14 @@ class JsonCodec:
                 return split_whole(data, max_depth)
         if size > LARGE:
             most = limits.max_structure
+            dense = ""
             if size > most and _has_more_brackets(data, most // 2):
-                return (DecodeFailure(f"more than {most} brackets (structure_bytes)"),)
-            members = split_large(data, max_depth)
+                dense = f"more than {most} brackets (limits.structure_bytes)"
+            members = split_large(data, max_depth, dense)
             if members is not None:
                 return (members,)
+            if dense:
+                return (DecodeFailure(dense),)
         return split_whole(data, max_depth)
 
     def encode(self, op: Op) -> Frame:

@@ -11,12 +11,11 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
 from functools import cache
 from io import BytesIO
-from typing import Final
+from typing import Final, Protocol
 
-from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.errors import Refused
 from rwt_protocol.payloads import Sample
@@ -39,30 +38,69 @@ _MANY_MATCHES: Final = 12
 _SOME_MATCHES: Final = 4
 """How many times smaller the sample becomes, from which a long or a short search for matches pays."""
 
+_STEP: Final = 32 * 1024
+"""Bytes that are compressed in one step."""
+
 _BEYOND_ASCII: Final = re.compile(r"[^\x00-\x7f]+")
 
 
-def encode(frame: Frame) -> Frame:
-    """The JSON message `frame` as a `png` message.
+class _Packer(Protocol):
+    def compress(self, data: bytes, /) -> bytes: ...
+    def flush(self) -> bytes: ...
 
-    It is done at once, on the thread that asks, so that a topic keeps its order: a thread of its own would
-    have to queue what follows. How hard the text is compressed follows from how well a sample of it does, and
-    from its size: what compresses well takes about 5 ms for each megabyte, and what does not up to 14 ms, or
-    9 ms with the extra `fast`. That is two to three times as long as it took to write the message as JSON.
+
+def encode(frame: Frame) -> Frame:
+    """The JSON message `frame` as a `png` message, made at once.
+
+    How hard the text is compressed follows from how well a sample of it does, and from its size: what
+    compresses well takes about 5 ms for each megabyte, and what does not up to 14 ms, or 9 ms with the extra
+    `fast`. That is two to three times as long as it took to write the message as JSON.
     """
+    steps = encode_in_steps(frame)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            made: Frame = end.value
+            return made
+
+
+def encode_in_steps(frame: Frame) -> Generator[None, None, Frame]:
+    """The same in steps of a millisecond at most, between which others may be served."""
     import pybase64  # only for those who use it
 
-    return Frame(_HEAD, pybase64.b64encode(_picture(_ascii(frame.data))), _END)
+    text = yield from _ascii(frame.data)
+    picture = yield from _picture(text)
+    return Frame(_HEAD, pybase64.b64encode(picture), _END)
 
 
-def publish_encoder(topic: str) -> PublishEncoder:
-    """An encoder for the samples of `topic`: the JSON message in the pixels of a picture (PNG-01)."""
-    prefix = publish_prefix(topic)
+class PictureEncoder:
+    """An encoder for the samples of one topic: the JSON message in the pixels of a picture (PNG-01)."""
 
-    def in_picture(sample: Sample) -> Frame:
-        return encode(publish_frame(prefix, sample.payload.json()))
+    __slots__ = ("_prefix", "_ready")
 
-    return in_picture
+    def __init__(self, prefix: bytes) -> None:
+        self._prefix = prefix
+        self._ready: tuple[Sample, Frame] | None = None
+
+    def __call__(self, sample: Sample) -> Frame:
+        """The frame of a sample, which subscribers share."""
+        ready, self._ready = self._ready, None
+        if ready is not None and ready[0] is sample:
+            return ready[1]
+        return encode(publish_frame(self._prefix, sample.payload.json()))
+
+    def steps(self, sample: Sample) -> Iterator[None]:
+        """Make the frame of a sample in steps; the next call has it, if it is for this sample."""
+        text = sample.payload.json()
+        yield
+        frame = yield from encode_in_steps(publish_frame(self._prefix, text))
+        self._ready = (sample, frame)
+
+
+def publish_encoder(topic: str) -> PictureEncoder:
+    """An encoder for the samples of `topic`."""
+    return PictureEncoder(publish_prefix(topic))
 
 
 def decode(data: str, max_size: int) -> bytes:
@@ -95,75 +133,103 @@ def decode(data: str, max_size: int) -> bytes:
     return b"".join(rows[start + 1 : start + row] for start in range(0, len(rows), row))
 
 
-def _ascii(text: bytes) -> bytes:
+def _ascii(text: bytes) -> Generator[None, None, bytes]:
     """JSON text with everything beyond ASCII as escapes: clients read the pixels byte by byte (PNG-05)."""
-    return text if text.isascii() else _BEYOND_ASCII.sub(_escape, text.decode()).encode()
+    if text.isascii():
+        return text
+    whole = text.decode()
+    pieces = []
+    for start in range(0, len(whole), _STEP):
+        pieces.append(_BEYOND_ASCII.sub(_escape, whole[start : start + _STEP]).encode())
+        yield
+    return b"".join(pieces)
 
 
 def _escape(found: re.Match[str]) -> str:
-    units = found[0].encode("utf-16-be").hex()
-    return "".join(f"\\u{units[start : start + 4]}" for start in range(0, len(units), 4))
+    from json.encoder import encode_basestring_ascii  # Needed by few: who asks for png texts beyond ASCII.
+
+    # Nothing in it needs another escape than those of what is beyond ASCII.
+    return encode_basestring_ascii(found[0])[1:-1]
 
 
-def _picture(text: bytes) -> bytes:
+def _picture(text: bytes) -> Generator[None, None, bytes]:
     """`text` as the pixels of a nearly square picture, padded with newlines (PNG-03)."""
     width = max(1, int(math.sqrt(len(text) / 3)))
     height = math.ceil(len(text) / 3 / width)
-    row = width * 3
-    text = text.ljust(row * height, b"\n")
-    rows = b"".join(b"\x00" + text[start : start + row] for start in range(0, len(text), row))
     header = _HEADER.pack(width, height, *_RGB8)
+    packed = yield from _compress(text, width * 3, height)
     return b"".join(
         (
             _SIGNATURE,
             _chunk(b"IHDR", header),
-            _chunk(b"IDAT", _compress(rows)),
+            _chunk(b"IDAT", packed),
             _chunk(b"IEND", b""),
         )
     )
 
 
-def _compress(rows: bytes) -> bytes:
-    """The rows in zlib's format, as small as the time for them allows.
-
-    Searching long for matches pays where there are many and is then quick (a map: 4 ms for a megabyte, 150
-    times smaller); where there are few it takes 60 ms and gains next to nothing, so there the search is
-    short, and where a sample has none (octets of an image in base64) only how often each character occurs
-    is used, and in a large text not even that.
-    """
-    if len(rows) <= _SMALL:
-        return _quick(rows, 4)
-    middle = len(rows) // 2
-    ratio = _SAMPLE / len(zlib.compress(rows[middle : middle + _SAMPLE], 1))
-    if ratio >= _MANY_MATCHES:
-        return zlib.compress(rows, 6)
-    return _quick(rows, 1 if ratio >= _SOME_MATCHES else None)
-
-
-def _quick(rows: bytes, level: int | None) -> bytes:
-    """Compressed by the fast library where there is one (the extra `fast`), else by zlib.
+def _compress(text: bytes, row: int, height: int) -> Generator[None, None, bytes]:
+    """The rows of a picture in zlib's format, each begun by its filter (0), as small as the time allows.
 
     Args:
-        rows: what to compress.
+        text: what is in the pixels; the last row is padded.
+        row: octets in each row.
+        height: how many rows.
+    """
+    packer = _packer(text)
+    together = max(1, _STEP // row)
+    pieces = []
+    for first in range(0, height, together):
+        if first:
+            yield
+        begin, end = first * row, min(first + together, height) * row
+        part = text[begin:end].ljust(end - begin, b"\n")
+        rows = b"".join(b"\x00" + part[start : start + row] for start in range(0, len(part), row))
+        pieces.append(packer.compress(rows))
+    pieces.append(packer.flush())
+    return b"".join(pieces)
+
+
+def _packer(text: bytes) -> _Packer:
+    """What compresses a text.
+
+    Searching long for matches pays where there are many and is then quick (a map: 4 ms for a megabyte, 150
+    times smaller) up to 4 MiB; where there are few it takes 60 ms and gains next to nothing, so there the
+    search is short, and where a sample has none (octets of an image in base64) only how often each character
+    occurs is used, and in a large text not even that.
+    """
+    if len(text) <= _SMALL:
+        return _quick(4, len(text))
+    middle = len(text) // 2
+    ratio = _SAMPLE / len(zlib.compress(text[middle : middle + _SAMPLE], 1))
+    if ratio >= _MANY_MATCHES and len(text) <= 2 * _LARGE:
+        return zlib.compressobj(6)
+    return _quick(1 if ratio >= _SOME_MATCHES else None, len(text))
+
+
+def _quick(level: int | None, size: int) -> _Packer:
+    """The fast library where there is one (the extra `fast`), else zlib.
+
+    Args:
         level: of zlib; None for no search for matches at all.
+        size: bytes of the text.
     """
     fast = _fast_library()
     if fast is not None:
-        return fast(rows)
+        return fast()
     if level is not None:
-        return zlib.compress(rows, level)
-    packer = zlib.compressobj(1 if len(rows) <= _LARGE else 0, strategy=zlib.Z_HUFFMAN_ONLY)
-    return packer.compress(rows) + packer.flush()
+        return zlib.compressobj(level)
+    return zlib.compressobj(1 if size <= _LARGE else 0, strategy=zlib.Z_HUFFMAN_ONLY)
 
 
 @cache
-def _fast_library() -> Callable[[bytes], bytes] | None:
+def _fast_library() -> Callable[[], _Packer] | None:
     try:
         from isal import isal_zlib  # loaded by the first picture
     except ImportError:
         return None
-    compress: Callable[[bytes, int], bytes] = isal_zlib.compress
-    return lambda rows: compress(rows, 2)
+    packer: Callable[[int], _Packer] = isal_zlib.compressobj
+    return lambda: packer(2)
 
 
 def _chunk(kind: bytes, body: bytes) -> bytes:

@@ -117,10 +117,14 @@ def _whole_number(value: object) -> object:
 
 
 _Integer = Annotated[int, Field(ge=-(2**63), lt=2**64)]
-_ID = Expected("a string or a 64-bit integer")
+MOST_MARK: Final = 4096
+"""Characters of the longest `id`: it is kept as long as what it names, and repeated in what answers it."""
 
-RequiredId = Annotated[str | _Integer, Field(union_mode="left_to_right"), _ID]
-Id = Annotated[str | _Integer | None, Field(union_mode="left_to_right"), _ID]
+_Mark = Annotated[str, Field(max_length=MOST_MARK)]
+_ID = Expected(f"a string of at most {MOST_MARK} characters or a 64-bit integer")
+
+RequiredId = Annotated[_Mark | _Integer, Field(union_mode="left_to_right"), _ID]
+Id = Annotated[_Mark | _Integer | None, Field(union_mode="left_to_right"), _ID]
 """The sender's own mark, echoed unchanged in what answers it (ENV-02).
 
 None is an absent id, and null on the wire is the same: roslibpy writes it where it has none (STA-07). It is

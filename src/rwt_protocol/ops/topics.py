@@ -141,6 +141,9 @@ class Publish(Op):
         type: type of the topic, used when it has not been advertised (X12).
         msg: the message. Missing fields get their defaults (PUB-04).
         latch: as on `advertise`; counts in the first message on a topic that has not been advertised.
+        qos: as on `advertise`: of the publisher that the message makes, or else what that must have.
+        id: of the first message on a topic that has not been advertised: it advertises the topic, and
+            `unadvertise` takes that back by this id (UNA-06).
     """
 
     op: Literal["publish"] = "publish"
@@ -149,6 +152,7 @@ class Publish(Op):
     msg: Message = Field(EMPTY, strict=False)
     latch: Flag = False
     queue_size: QueueSize = None
+    qos: OptionalQos = None
 
 
 class Subscribe(Op):

@@ -14,7 +14,7 @@ from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.tls import TLSStream
 
 from rwt_transports.api import Attach, BindAddress, DriverCallbacks, RemoteAddress
-from rwt_transports.drivers.sockets import accept_peers, bind_tcp, bind_unix, remove_unix
+from rwt_transports.drivers.sockets import Handshakes, accept_peers, bind_tcp, bind_unix, remove_unix
 from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
@@ -139,7 +139,7 @@ class AnyioDriver:
         port = 0 if address.path else int(sockets[0].getsockname()[1])
         serve = partial(serve_stream, attach)
         if address.tls is not None:
-            serve = partial(_serve_in_tls, address, address.tls, attach)
+            serve = partial(_serve_in_tls, address, address.tls, attach, Handshakes())
         try:
             async with AsyncExitStack() as listeners, anyio.create_task_group() as tasks:
                 for each in sockets:
@@ -165,26 +165,41 @@ async def serve_stream(attach: Attach, stream: ByteStream) -> None:
         log_exception("the connection of %s:%s failed", host, port)
 
 
-async def _serve_in_tls(address: BindAddress, tls: SSLContext, attach: Attach, stream: ByteStream) -> None:
+async def _serve_in_tls(
+    address: BindAddress, tls: SSLContext, attach: Attach, handshakes: Handshakes, stream: ByteStream
+) -> None:
     """Shake hands, and serve the peer."""
     peer = stream.extra(SocketAttribute.remote_address, "")
     host = str(peer[0]) if isinstance(peer, tuple) else ""
     address.addresses.enter(host)
     try:
-        if address.addresses.is_flooding(host):
-            await anyio.aclose_forcefully(stream)
-            return
-        with anyio.fail_after(address.handshake_seconds):
-            encrypted = await TLSStream.wrap(
-                stream, server_side=True, ssl_context=tls, standard_compatible=False
-            )
-    except Exception as error:
-        logger.info("no TLS with %s: %s", host, error)
-        await anyio.aclose_forcefully(stream)
-        return
+        encrypted = await _shake_hands(address, tls, handshakes, stream, host)
     finally:
         address.addresses.leave(host)
-    await serve_stream(attach, encrypted)
+    if encrypted is not None:
+        await serve_stream(attach, encrypted)
+
+
+async def _shake_hands(
+    address: BindAddress, tls: SSLContext, handshakes: Handshakes, stream: ByteStream, host: str
+) -> ByteStream | None:
+    """The stream in TLS; None once it is closed, since there is none."""
+    done = False
+    try:
+        if not address.addresses.is_flooding(host):
+            with handshakes.one(), anyio.fail_after(address.handshake_seconds):
+                encrypted = await TLSStream.wrap(
+                    stream, server_side=True, ssl_context=tls, standard_compatible=False
+                )
+                done = True
+                return encrypted
+    except Exception as error:
+        logger.info("no TLS with %s: %s", host, error)
+    finally:
+        if not done:
+            with anyio.CancelScope(shield=True):
+                await anyio.aclose_forcefully(stream)
+    return None
 
 
 async def _listener(bound: socket.socket) -> SocketListener:

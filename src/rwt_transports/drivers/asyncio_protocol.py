@@ -8,7 +8,7 @@ import contextlib
 import logging
 import socket
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager, nullcontext
 from functools import partial
 from typing import cast
 
@@ -16,7 +16,7 @@ import anyio
 from anyio.abc import TaskGroup
 
 from rwt_transports.api import Attach, BindAddress, DriverCallbacks, Link, RemoteAddress
-from rwt_transports.drivers.sockets import accept_peers, bind_tcp, bind_unix, remove_unix
+from rwt_transports.drivers.sockets import Handshakes, accept_peers, bind_tcp, bind_unix, remove_unix
 from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
@@ -211,7 +211,7 @@ class AsyncioDriver:
         turn, buffer = _Turn(loop), bytearray(READ_BYTES)
         port = 0 if address.path else int(sockets[0].getsockname()[1])
         patience = address.handshake_seconds if address.tls else None
-        addresses = address.addresses
+        addresses, handshakes = address.addresses, Handshakes()
 
         async def open_link(accepted: tuple[socket.socket, tuple[object, ...]]) -> None:
             with ExitStack() as counted:
@@ -229,9 +229,10 @@ class AsyncioDriver:
 
                 make_link = partial(_Link, attach_counted, turn, buffer)
                 try:
-                    await loop.connect_accepted_socket(
-                        make_link, accepted[0], ssl=address.tls, ssl_handshake_timeout=patience
-                    )
+                    with handshakes.one() if address.tls is not None else nullcontext():
+                        await loop.connect_accepted_socket(
+                            make_link, accepted[0], ssl=address.tls, ssl_handshake_timeout=patience
+                        )
                 except OSError as error:
                     logger.info("a connection did not come about: %s", error)
                 except Exception:

@@ -14,6 +14,7 @@ import anyio.lowlevel
 from rwt_protocol.transport import (
     AS_MANY_AS_FIT,
     Accept,
+    Burst,
     DropReason,
     Endpoint,
     Flow,
@@ -100,6 +101,9 @@ class _EndFlow:
 
     def send(self, frame: Frame) -> None:
         self._end.send(frame)
+
+    def join(self, burst: Burst) -> bool:
+        return False
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         for frame in pieces:

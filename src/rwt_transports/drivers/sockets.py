@@ -9,7 +9,7 @@ import os
 import socket
 import stat
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from typing import TypeVar
 
 import anyio
@@ -32,6 +32,36 @@ COMPLAINT_SECONDS = 60.0
 """Between two lines of the log that say so."""
 MOST_DESCRIPTORS = 1 << 20
 """More are not asked for: programs that close them one by one before they start another would take long."""
+
+
+MOST_HANDSHAKES = 256
+"""Handshakes in TLS that one listener has under way at a time, from all addresses together. Each takes some
+hundred kilobytes."""
+
+
+class Handshakes:
+    """The handshakes in TLS of one listener: beyond the most there may be, the oldest is given up.
+
+    One that its peer goes on with takes milliseconds, so that the oldest is one that nobody goes on with.
+    """
+
+    def __init__(self, most: int = MOST_HANDSHAKES) -> None:
+        self._most = most
+        self._open: dict[anyio.CancelScope, None] = {}
+
+    @contextlib.contextmanager
+    def one(self) -> Iterator[anyio.CancelScope]:
+        """One more, within the block, which is cancelled where it is given up."""
+        if len(self._open) >= self._most:
+            oldest = next(iter(self._open))
+            del self._open[oldest]
+            oldest.cancel()
+        with anyio.CancelScope() as scope:
+            self._open[scope] = None
+            try:
+                yield scope
+            finally:
+                self._open.pop(scope, None)
 
 
 async def accept_peers(

@@ -22,7 +22,9 @@ from rwt_transports.background import background_tasks
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import OutgoingConnection, connect
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
+from rwt_transports.http import HttpRequest, Routes
 from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.relay.pages import PageServer
 from rwt_transports.relay.protocol import (
     INSTANCE,
     NAME_RULE,
@@ -79,6 +81,7 @@ async def dial(
     token: str | None = None,
     limits: Limits | None = None,
     addresses: AddressCount | None = None,
+    routes: Routes | None = None,
     tls: SSLContext | None = None,
     backoff: Backoff = BACKOFF,
 ) -> AsyncIterator[RelayStatus]:
@@ -91,6 +94,7 @@ async def dial(
         token: what the hub wants to see.
         limits: bounds of each connection.
         addresses: counts the clients of each address that the hub names; one of its own by default.
+        routes: the pages that the hub may ask for.
         tls: how to check the hub's certificate; by default against the system's authorities.
         backoff: how long to wait between attempts, and after how many to give up.
 
@@ -105,8 +109,14 @@ async def dial(
 
     connect_one = partial(connect, url, limits=limits, tls=tls, headers=headers)
     counted = addresses or AddressCount((limits or Limits()).connections_per_address)
-    robot = _Robot(status, accept, backoff, connect_one, counted)
     async with background_tasks() as tasks:
+
+        def serve_page(sink: Sink, request: HttpRequest) -> Endpoint:
+            server = PageServer(sink, routes or Routes(), request)
+            tasks.start_soon(server.run)
+            return server
+
+        robot = _Robot(status, accept, serve_page, backoff, connect_one, counted)
         tasks.start_soon(robot.run, tasks)
         try:
             yield status
@@ -134,6 +144,9 @@ def check_dial_url(url: str) -> str:
     return name
 
 
+ServePage = Callable[[Sink, HttpRequest], Endpoint]
+"""Answers a request for a page over a connection, whose endpoint it returns."""
+
 _ConnectOne = Callable[[Accept], AbstractAsyncContextManager[OutgoingConnection]]
 
 
@@ -144,12 +157,14 @@ class _Robot:
         self,
         status: RelayStatus,
         accept: Accept,
+        serve_page: ServePage,
         backoff: Backoff,
         connect_one: _ConnectOne,
         addresses: AddressCount,
     ) -> None:
         self._status = status
         self._accept = accept
+        self._serve_page = serve_page
         self._backoff = backoff
         self._connect_one = connect_one
         self._addresses = addresses
@@ -191,7 +206,7 @@ class _Robot:
 
     async def _serve(self, *, task_status: TaskStatus[None]) -> None:
         """One connection, from the handshake to its end."""
-        idle = _IdleConnection(self._accept, self._assigned, self._addresses)
+        idle = _IdleConnection(self._accept, self._serve_page, self._assigned, self._addresses)
         async with self._connect_one(idle.open) as connection:
             opened = anyio.current_time()
             self._opened()
@@ -248,8 +263,11 @@ class _IdleConnection:
         ending: the same with the reason.
     """
 
-    def __init__(self, accept: Accept, assigned: Callable[[], None], addresses: AddressCount) -> None:
+    def __init__(
+        self, accept: Accept, serve_page: ServePage, assigned: Callable[[], None], addresses: AddressCount
+    ) -> None:
         self._accept = accept
+        self._serve_page = serve_page
         self._addresses = addresses
         self.address = ""
         self._assigned = assigned
@@ -276,14 +294,17 @@ class _IdleConnection:
         self._assigned()
         try:
             self._addresses.check(info.address)
-            sink.hand_over(self._accept(sink, info))
+            if isinstance(info, HttpRequest):
+                sink.hand_over(self._serve_page(sink, info))
+            else:
+                sink.hand_over(self._accept(sink, info))
         except Refused as refused:
             sink.close(POLICY, refused.reason)
         except Exception:
             log_exception("the accept function failed for a client at %s", info.address)
             sink.close(INTERNAL_ERROR, "internal error")
 
-    def oversized(self, size: int, limit: int) -> None:
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
         """A message was too large to be an assignment."""
         self._sink.close(TOO_BIG, f"a message of {size} bytes; the limit is {limit} (message_bytes)")
 

@@ -15,10 +15,11 @@ import logging
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import AsyncIterator, Collection, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from ssl import SSLContext
+from typing import Final, Protocol
 
 import anyio
 
@@ -26,15 +27,25 @@ from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
 from rwt_transports.errors import Refused
-from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_transports.http import (
+    NO_PROXIES,
+    HttpRequest,
+    HttpResponse,
+    MetricFamily,
+    Proxies,
+    Routes,
+    page_policy,
+)
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
+from rwt_transports.relay.pages import PageInbox
 from rwt_transports.relay.protocol import (
     INSTANCE,
     NAME_RULE,
     REPLACED,
     ROBOTS,
     encode_assignment,
+    encode_request,
     is_robot_name,
     split_client_path,
 )
@@ -79,7 +90,7 @@ class Robot:
     instance: str
     address: str
     idle: deque[_RobotEnd] = field(default_factory=deque)
-    waiting: deque[_ClientEnd] = field(default_factory=deque)
+    waiting: deque[_Waiting] = field(default_factory=deque)
     pairs: set[_RobotEnd] = field(default_factory=set)
     alone_since: float | None = None
 
@@ -106,8 +117,13 @@ class Hub:
     ) -> None:
         self._grace = grace
         self.addresses = addresses or AddressCount()
-        self._tokens = tuple(token.encode() for token in tokens)
         self._robots: dict[str, Robot] = {}
+        self.counts = HubCounts()
+        self.take_tokens(tokens)
+
+    def take_tokens(self, tokens: Collection[str]) -> None:
+        """Ask these tokens of robots that dial in from now on; those that are here stay."""
+        self._tokens = tuple(token.encode() for token in tokens)
 
     @property
     def robots(self) -> tuple[Robot, ...]:
@@ -227,7 +243,28 @@ class Hub:
             raise Refused(503, f"{MOST_WAITING} clients wait for {name} already")
         client = _ClientEnd(self, robot, sink, encode_assignment(info, path))
         robot.waiting.append(client)
+        self.counts.clients += 1
         return client
+
+    def page(self, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+        """A page of a robot, over one of its connections."""
+        name, path = split_client_path(request.path)
+        robot = self._robots.get(name)
+        if robot is None:
+            text = f"no robot called {name[:80]!r} is here; GET / lists those that are\n"
+            return HttpResponse(text.encode(), 404)
+        prefix = f"{request.prefix}/{name}"
+        if request.path == f"/{name}":
+            # Without the slash its relative links would lead to other robots.
+            query = f"?{request.query}" if request.query else ""
+            return HttpResponse(status=308, headers={"Location": f"{prefix}/{query}"})
+        if len(robot.waiting) >= MOST_WAITING:
+            return HttpResponse(f"{MOST_WAITING} clients wait for {name} already\n".encode(), 503)
+        reader = _PageEnd(self, robot, encode_request(request, path, prefix))
+        robot.waiting.append(reader)
+        self.counts.pages += 1
+        self.match(robot)
+        return reader.inbox.response(reader.leave, head_only=request.method == "HEAD")
 
     def match(self, robot: Robot) -> None:
         """Give connections that wait to clients that wait."""
@@ -237,10 +274,20 @@ class Hub:
             side.begin(client)
 
 
+class RelaySink(Protocol):
+    """What the hub asks of the connection that it writes to."""
+
+    def send(self, frame: Frame) -> None:
+        """Queue one message."""
+
+    def close(self, code: int = ..., reason: str = ...) -> None:
+        """Close after what is queued."""
+
+
 class _RelayEnd(ABC):
     """One of the two connections that the hub joins."""
 
-    def __init__(self, hub: Hub, robot: Robot, sink: Sink) -> None:
+    def __init__(self, hub: Hub, robot: Robot, sink: RelaySink) -> None:
         self.hub = hub
         self.robot = robot
         self.sink = sink
@@ -276,6 +323,7 @@ class _RelayEnd(ABC):
     def _pass_on(self, frame: Frame, other: _RelayEnd) -> None:
         other.sink.send(frame)
         self._passed += frame.size
+        self.hub.counts.bytes += frame.size
         if self._passed >= PASS_BYTES and self.flow_control is not None and other.flow_control is not None:
             self._passed = 0
             self.flow_control.pause()
@@ -312,7 +360,7 @@ class _RobotEnd(_RelayEnd):
         """Refuse a message of a robot that has no client yet."""
         self.sink.close(POLICY, "a robot speaks after the assignment of a client")
 
-    def begin(self, client: _ClientEnd) -> None:
+    def begin(self, client: _Waiting) -> None:
         """Serve this client."""
         self.sink.send(Frame(client.assignment))
         self.join(client)
@@ -358,6 +406,50 @@ class _ClientEnd(_RelayEnd):
             self.hang_up(SERVICE_RESTART, f"the robot {self.robot.name} is gone: {reason}")
 
 
+class _PageEnd(_RelayEnd):
+    """Who waits for a page, in the place of a client.
+
+    Attributes:
+        assignment: the first message to the robot.
+        since: when it was first seen waiting.
+        inbox: what comes of the page.
+    """
+
+    def __init__(self, hub: Hub, robot: Robot, assignment: bytes) -> None:
+        self.inbox = PageInbox()
+        super().__init__(hub, robot, self.inbox)
+        self.flow_control = self.inbox
+        self.assignment = assignment
+        self.since: float | None = None
+
+    def leave(self, code: int, reason: str) -> None:
+        """Nobody reads the page any more."""
+        self.closed(code, reason)
+        if self in self.robot.waiting:
+            self.robot.waiting.remove(self)
+
+    def end(self, code: int, reason: str) -> None:
+        self.inbox.close(code, reason)
+
+
+_Waiting = _ClientEnd | _PageEnd
+
+
+@dataclass(slots=True)
+class HubCounts:
+    """What a hub has passed on since it began.
+
+    Attributes:
+        clients: clients that came.
+        pages: requests for pages of robots.
+        bytes: of messages and pages, both ways.
+    """
+
+    clients: int = 0
+    pages: int = 0
+    bytes: int = 0
+
+
 # -- opening a hub ----------------------------------------------------------------------------------------
 
 
@@ -377,6 +469,10 @@ class OpenHub:
         """The robots that have dialled in, by name."""
         return self._hub.robots
 
+    def take_tokens(self, tokens: Collection[str]) -> None:
+        """Ask these tokens of robots that dial in from now on; those that are here stay."""
+        self._hub.take_tokens(tokens)
+
 
 @asynccontextmanager
 async def open_hub(
@@ -387,6 +483,9 @@ async def open_hub(
     tls: SSLContext | None = None,
     hosts: Iterable[str] = (),
     grace: float = GRACE_SECONDS,
+    proxies: Proxies = NO_PROXIES,
+    access_log: bool = False,
+    metrics_page: MetricsPage | None = None,
 ) -> AsyncIterator[OpenHub]:
     """Let robots dial in at `url` within the block, and clients reach them; leaving it closes all with 1001.
 
@@ -397,6 +496,9 @@ async def open_hub(
         tls: certificate and key for ``wss``.
         hosts: names by which the hub may be addressed; see :class:`~rwt_transports.http.Hosts`.
         grace: seconds for which a robot without a connection still counts as here, and its clients wait.
+        proxies: whose word about their clients counts.
+        access_log: whether each HTTP request is logged, to ``rwt_transports.access``.
+        metrics_page: writes ``/metrics``; without it there is none.
 
     Raises:
         BadUrl: the URL is not one to listen on.
@@ -408,8 +510,10 @@ async def open_hub(
         listen(
             url,
             hub.accept,
-            routes=hub_routes(hub),
+            routes=hub_routes(hub, metrics_page),
             hosts=hosts,
+            proxies=proxies,
+            access_log=access_log,
             addresses=addresses,
             limits=limits,
             tls=tls,
@@ -434,14 +538,44 @@ td, th {{ padding: .1em 1em .1em 0; text-align: left }}</style>
 """
 
 
-def hub_routes(hub: Hub) -> Routes:
-    """``GET /`` (a page), ``/robots`` (the same as JSON), ``/healthz``, and a text for everything else."""
+MetricsPage = Callable[[Iterable[MetricFamily]], bytes]
+"""Writes metrics as a scraper reads them."""
+
+METRICS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
+
+
+def hub_routes(hub: Hub, metrics_page: MetricsPage | None = None) -> Routes:
+    """``GET /`` (a page), ``/robots`` (the same as JSON), ``/healthz``, ``/metrics`` where something writes
+    them, and the pages of robots below ``/NAME/``."""
     routes = Routes()
     routes.get("/", lambda request: _index(hub, request))
     routes.get("/robots", lambda request: _robots(hub))
     routes.get("/healthz", lambda request: _health(hub))
-    routes.get("/*", lambda request: _elsewhere(hub, request))
+    if metrics_page is not None:
+        routes.get("/metrics", lambda request: _metrics(hub, metrics_page))
+    routes.get("/*", hub.page)
     return routes
+
+
+def _metrics(hub: Hub, metrics_page: MetricsPage) -> HttpResponse:
+    robots, counts = hub.robots, hub.counts
+
+    def each(name: str, help: str, value: Callable[[Robot], int]) -> MetricFamily:
+        return MetricFamily(name, "gauge", help, [({"robot": robot.name}, value(robot)) for robot in robots])
+
+    def total(name: str, help: str, value: int) -> MetricFamily:
+        return MetricFamily(name, "counter", help, [({}, value)])
+
+    families = (
+        MetricFamily("rwt_hub_robots", "gauge", "Robots that have dialled in.", [({}, len(robots))]),
+        each("rwt_hub_idle_connections", "Connections of a robot that wait.", lambda it: len(it.idle)),
+        each("rwt_hub_used_connections", "Those that serve a client or a page.", lambda it: len(it.pairs)),
+        each("rwt_hub_waiting", "Clients and pages that wait for one.", lambda it: len(it.waiting)),
+        total("rwt_hub_clients_total", "Clients that came.", counts.clients),
+        total("rwt_hub_pages_total", "Requests for pages of robots.", counts.pages),
+        total("rwt_hub_passed_bytes_total", "Bytes passed on, both ways.", counts.bytes),
+    )
+    return HttpResponse(metrics_page(families), content_type=METRICS_TYPE)
 
 
 def _index(hub: Hub, request: HttpRequest) -> HttpResponse:
@@ -451,7 +585,7 @@ def _index(hub: Hub, request: HttpRequest) -> HttpResponse:
         for robot in hub.robots
     )
     page = _PAGE.format(rows=rows or "<tr><td>none")
-    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8")
+    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=page_policy())
 
 
 def _robots(hub: Hub) -> HttpResponse:
@@ -468,12 +602,3 @@ def _health(hub: Hub) -> HttpResponse:
         "clients": sum(len(robot.pairs) for robot in hub.robots),
     }
     return HttpResponse(json.dumps(body).encode(), content_type="application/json")
-
-
-def _elsewhere(hub: Hub, request: HttpRequest) -> HttpResponse:
-    name, _ = split_client_path(request.path)
-    if any(robot.name == name for robot in hub.robots):
-        text = f"the robot {name} is here; connect to /{name} by WebSocket\n"
-        return HttpResponse(text.encode(), 426, headers={"Upgrade": "websocket"})
-    text = f"no robot called {name[:80]!r} is here; GET / lists those that are\n"
-    return HttpResponse(text.encode(), 404)

@@ -6,16 +6,22 @@ arrives the hub gives it one of these and says so in a first text message, the *
     {"client": {"address": "192.0.2.7", "port": 50123, "path": "/", "headers": {"origin": "…"}}}
 
 From then on every message of the connection is the client's or for the client, until either side closes.
+
+A request for a page takes a connection in the same way. Its assignment has ``request`` in place of
+``client``, with ``method``, ``path``, ``query``, ``prefix``, ``address`` and ``headers``; the robot answers
+with a head, ``{"status": 200, "content_type": "…", "headers": {…}}``, and the body
+(:mod:`rwt_transports.relay.pages`).
 """
 
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 
 from rwt_protocol.transport import PeerInfo
+from rwt_transports.http import HttpRequest
 
 ROBOTS: Final = "/robots/"
 """Where robots dial in; the rest of the path is the robot's name."""
@@ -47,11 +53,28 @@ class _Client(msgspec.Struct):
     headers: dict[str, str] = {}
 
 
-class _Assignment(msgspec.Struct):
-    client: _Client
+class _Request(msgspec.Struct):
+    method: str = "GET"
+    path: str = "/"
+    query: str = ""
+    prefix: str = ""
+    address: str = ""
+    headers: dict[str, str] = {}
+
+
+class _Assignment(msgspec.Struct, omit_defaults=True):
+    client: _Client | None = None
+    request: _Request | None = None
+
+
+class _Head(msgspec.Struct):
+    status: Annotated[int, msgspec.Meta(ge=200, le=599)]
+    content_type: str
+    headers: dict[str, str] = {}
 
 
 _decoder = msgspec.json.Decoder(_Assignment)
+_head_decoder = msgspec.json.Decoder(_Head)
 
 
 def encode_assignment(client: PeerInfo, path: str) -> bytes:
@@ -59,17 +82,50 @@ def encode_assignment(client: PeerInfo, path: str) -> bytes:
     return msgspec.json.encode(_Assignment(_Client(client.address, client.port, path, dict(client.headers))))
 
 
-def decode_assignment(data: bytes) -> PeerInfo:
-    """The client that an assignment names.
+def encode_request(request: HttpRequest, path: str, prefix: str) -> bytes:
+    """The assignment of a request for a page at `path`, which the hub shows below `prefix`."""
+    headers = dict(request.headers)
+    asked = _Request(request.method, path, request.query, prefix, request.address, headers)
+    return msgspec.json.encode(_Assignment(request=asked))
+
+
+def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
+    """The client that an assignment names, or the request for a page.
 
     Raises:
         BadAssignment: the message is something else.
     """
     try:
-        client = _decoder.decode(data).client
+        assignment = _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise BadAssignment("expected the assignment of a client as the first message") from None
-    return PeerInfo(TRANSPORT, client.address, client.port, client.path, client.headers)
+    client, asked = assignment.client, assignment.request
+    if client is not None:
+        return PeerInfo(TRANSPORT, client.address, client.port, client.path, client.headers)
+    if asked is None:
+        raise BadAssignment("expected the assignment of a client as the first message")
+    return HttpRequest(asked.method, asked.path, asked.query, asked.headers, b"", asked.address, asked.prefix)
+
+
+def encode_head(status: int, content_type: str, headers: dict[str, str]) -> bytes:
+    """The head of a page, which its body follows."""
+    return msgspec.json.encode(_Head(status, content_type, headers))
+
+
+def decode_head(data: bytes) -> tuple[int, str, dict[str, str]]:
+    """Status, content type and headers of a page.
+
+    Raises:
+        BadAssignment: the message is something else, or a header has a line break.
+    """
+    try:
+        head = _head_decoder.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        raise BadAssignment("expected the head of a page") from None
+    texts = (head.content_type, *head.headers, *head.headers.values())
+    if not all(text.isascii() and text.isprintable() for text in texts):
+        raise BadAssignment("expected headers of printable ASCII")
+    return head.status, head.content_type, head.headers
 
 
 def is_robot_name(name: str) -> bool:

@@ -22,9 +22,16 @@ except ImportError:  # no compiled extension for this interpreter
     from websockets.utils import apply_mask
 
 from rwt_protocol.transport import Buffer, Frame
-from rwt_transports.api import Framing, WireEvents
+from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
 from rwt_transports.limits import Limits
-from rwt_transports.websocket.close_codes import INVALID_DATA, NO_STATUS, PROTOCOL_ERROR, TOO_BIG, may_travel
+from rwt_transports.websocket.close_codes import (
+    INVALID_DATA,
+    NO_STATUS,
+    POLICY,
+    PROTOCOL_ERROR,
+    TOO_BIG,
+    may_travel,
+)
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
@@ -144,6 +151,37 @@ class _Staged:
         self.buffer += bytes(min(self.size, 4 * len(self.buffer)) - len(self.buffer))
 
 
+class _Head:
+    """The first bytes of a message that is skipped.
+
+    Attributes:
+        message_bytes: how many the message has, as far as known.
+        start: the bytes.
+    """
+
+    __slots__ = ("_key", "_masked", "_missing", "message_bytes", "start")
+
+    def __init__(self, message_bytes: int, start: bytes) -> None:
+        self.message_bytes = message_bytes
+        self.start = start
+        self._key = b""
+        self._masked = b""
+        self._missing = 0
+
+    def begin_frame(self, key: bytes, size: int) -> None:
+        """What is missing comes from this frame, as far as it goes."""
+        self._key = key
+        self._missing = min(HEAD_BYTES - len(self.start), size)
+
+    def add(self, data: bytes) -> bool:
+        """Take bytes of the frame as they came; whether that is enough."""
+        self._masked += data[: self._missing - len(self._masked)]
+        if len(self._masked) < self._missing:
+            return False
+        self.start += apply_mask(self._masked, self._key) if self._key else self._masked
+        return True
+
+
 class WebSocketWire:
     """One connection's frames, either side.
 
@@ -156,8 +194,9 @@ class WebSocketWire:
     """
 
     __slots__ = (
-        "_buffers", "_closing", "_ended", "_events", "_max_size", "_parts", "_parts_binary", "_plain",
-        "_server", "_skip", "_skip_last", "_skipping", "_staged", "_strict", "_tail", "_whole", "message",
+        "_buffers", "_closing", "_ended", "_events", "_head", "_max_size", "_parts", "_parts_binary",
+        "_plain", "_server", "_skip", "_skip_last", "_skipping", "_staged", "_strict", "_tail", "_whole",
+        "message",
     )  # fmt: skip
 
     def __init__(
@@ -182,6 +221,7 @@ class WebSocketWire:
         self._parts = bytearray()
         self._parts_binary = False
         self._skipping = False  # the message under way is too large
+        self._head: _Head | None = None  # of that message, until it is reported
         self._skip = 0  # bytes of the frame under way that are still to be skipped
         self._skip_last = False  # that frame ends its message
         self._closing = False
@@ -223,7 +263,7 @@ class WebSocketWire:
         if staged is None or staged.size - staged.filled < DIRECT_BYTES:
             return None
         if staged.filled == len(staged.buffer):
-            staged.grow()
+            self._grow(staged)
         return memoryview(staged.buffer)[staged.filled : staged.size]
 
     def buffer_updated(self, count: int) -> None:
@@ -238,8 +278,13 @@ class WebSocketWire:
             except ProtocolViolation as violation:
                 self._fail(violation.code, str(violation))
 
+    def give_up(self, reason: str) -> None:
+        """Drop what has come of a message, and end the connection."""
+        self._fail(POLICY, reason)
+
     def _fail(self, code: int, reason: str) -> None:
         self._ended = True
+        self._buffers.release(self)
         self._staged = None
         self._parts = bytearray()
         answer = self.close(code, reason)
@@ -257,7 +302,7 @@ class WebSocketWire:
         end = len(data)
         while position < end and not self._ended:
             if self._skip:
-                position = self._skip_some(position, end)
+                position = self._skip_some(data, position, end)
                 continue
             following = self._read_frame(data, position, end)
             if following == position:
@@ -284,7 +329,11 @@ class WebSocketWire:
             stop = start + size
             if stop <= end and (first == 0x81 or first == 0x82) and self._plain and size <= self._max_size:
                 # Nearly every frame: a whole message, masked, all here.
-                self._deliver(apply_mask(data[start:stop], data[start - 4 : start]), first == 0x82)
+                payload = apply_mask(data[start:stop], data[start - 4 : start])
+                if self._strict:
+                    self._deliver(payload, first == 0x82)
+                else:
+                    self.message(payload, first == 0x82)
                 return stop
         elif not self._server and self._whole and (first == 0x81 or first == 0x82):
             # Nearly every frame from a server: the same, and not masked.
@@ -324,12 +373,16 @@ class WebSocketWire:
         if first & 0x0F < CLOSE and not self._admit(first, size):
             self._skip = size
             self._skip_last = first > 127
+            if self._head is not None:
+                self._head.begin_frame(key, size)
             if size == 0:
                 self._skipped()
             return start
         if start + size > len(data):
             buffer = self._buffers.take(size) if size >= DIRECT_BYTES else bytearray(size)
             self._staged = _Staged(first, key, size, buffer)
+            if size >= DIRECT_BYTES:
+                self._buffers.hold(self, len(self._parts) + len(buffer))
             return self._stage(self._staged, data, start)
         payload = data[start : start + size]
         self._frame(first, apply_mask(payload, key) if key else payload)
@@ -350,12 +403,17 @@ class WebSocketWire:
                 TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
             )
         self._skipping = True
+        self._head = _Head(total, bytes(self._parts[:HEAD_BYTES]))
         self._begin(first)
         self._parts = bytearray()
         return False
 
-    def _skip_some(self, position: int, end: int) -> int:
+    def _skip_some(self, data: bytes, position: int, end: int) -> int:
         count = min(self._skip, end - position)
+        head = self._head
+        if head is not None and head.add(data[position : position + min(count, HEAD_BYTES)]):
+            self._head = None
+            self._events.oversized_head(head.message_bytes, head.start)
         self._skip -= count
         if not self._skip:
             self._skipped()
@@ -373,7 +431,7 @@ class WebSocketWire:
         end = min(len(data), position + staged.size - staged.filled)
         while position < end:
             if staged.filled == len(staged.buffer):
-                staged.grow()
+                self._grow(staged)
             count = min(end - position, len(staged.buffer) - staged.filled)
             with memoryview(data) as view:
                 staged.buffer[staged.filled : staged.filled + count] = view[position : position + count]
@@ -383,8 +441,14 @@ class WebSocketWire:
             self._unstage(staged)
         return position
 
+    def _grow(self, staged: _Staged) -> None:
+        staged.grow()
+        self._buffers.hold(self, len(self._parts) + len(staged.buffer))
+
     def _unstage(self, staged: _Staged) -> None:
         self._staged = None
+        if staged.size >= DIRECT_BYTES:
+            self._buffers.release(self)
         with memoryview(staged.buffer) as whole, whole[: staged.size] as view:
             payload = apply_mask(view, staged.key) if staged.key else bytes(view)
         if staged.size >= DIRECT_BYTES:
@@ -410,6 +474,8 @@ class WebSocketWire:
             return
         self._begin(first)
         self._parts += payload
+        if len(self._parts) >= DIRECT_BYTES:
+            self._buffers.hold(self, len(self._parts))
         if last:
             whole = bytes(self._parts)
             self._end_message()
@@ -422,6 +488,7 @@ class WebSocketWire:
             self._whole = self._plain = False
 
     def _end_message(self) -> None:
+        self._buffers.release(self)
         self._parts = bytearray()
         self._whole = True
         self._plain = self._server

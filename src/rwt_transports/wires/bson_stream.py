@@ -12,7 +12,7 @@ import struct
 from typing import Final
 
 from rwt_protocol.transport import Buffer, Frame
-from rwt_transports.api import Framing, WireEvents
+from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -32,12 +32,15 @@ class BsonStreamWire(StreamWire):
     Args:
         events: what the wire reports to, messages excepted.
         max_size: largest document in bytes; a larger one is skipped as it comes in, and kept nowhere.
+        buffers: where is counted what has come of large messages.
     """
 
     __slots__ = ("_to_skip",)
 
-    def __init__(self, events: WireEvents, *, max_size: int) -> None:
-        super().__init__(events, max_size, DOCUMENTS)
+    def __init__(
+        self, events: WireEvents, *, max_size: int, buffers: ReceiveBufferPool | None = None
+    ) -> None:
+        super().__init__(events, max_size, DOCUMENTS, buffers)
         self._to_skip = 0
 
     def feed(self, data: bytes) -> None:
@@ -47,6 +50,7 @@ class BsonStreamWire(StreamWire):
             pass
         if self._over:
             self._buffer.clear()
+        self._count_held()
 
     def _step(self) -> bool:
         """Take one document, or skip what has arrived of one; False when more bytes are needed."""
@@ -74,6 +78,7 @@ class BsonStreamWire(StreamWire):
     def _skip(self, length: int) -> bool:
         """Skip a document over the limit, if the endpoint takes reports of that."""
         if self._events.oversized(length):
+            self._events.oversized_head(length, bytes(self._buffer[:HEAD_BYTES]))
             self._to_skip = length
             return True
         self._end(TOO_BIG, f"a message of {length} bytes; the limit is {self._max_size} (message_bytes)")
@@ -94,6 +99,6 @@ def _pieces(frame: Frame) -> tuple[Buffer, ...]:
 DOCUMENTS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 
 
-def bson_documents(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> BsonStreamWire:
+def bson_documents(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> BsonStreamWire:
     """The wire of one peer that speaks BSON on a stream."""
-    return BsonStreamWire(events, max_size=limits.message_bytes)
+    return BsonStreamWire(events, max_size=limits.message_bytes, buffers=buffers)

@@ -14,7 +14,7 @@ import logging
 import re
 
 from rwt_protocol.transport import Buffer, Frame
-from rwt_transports.api import Framing, WireEvents
+from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -40,12 +40,20 @@ class JsonStreamWire(StreamWire):
         events: what the wire reports to, messages excepted.
         max_size: largest object in bytes.
         framing: :data:`PLAIN` or :data:`LINES`.
+        buffers: where is counted what has come of large messages.
     """
 
     __slots__ = ("_depth", "_fresh", "_in_string", "_scanned", "_skipping")
 
-    def __init__(self, events: WireEvents, *, max_size: int, framing: Framing) -> None:
-        super().__init__(events, max_size, framing)
+    def __init__(
+        self,
+        events: WireEvents,
+        *,
+        max_size: int,
+        framing: Framing,
+        buffers: ReceiveBufferPool | None = None,
+    ) -> None:
+        super().__init__(events, max_size, framing, buffers)
         self._scanned = 0  # bytes of the buffer that were looked at
         self._depth = 0
         self._in_string = False
@@ -61,6 +69,7 @@ class JsonStreamWire(StreamWire):
             self._buffer.clear()
         elif self._depth and len(self._buffer) > self._max_size:
             self._too_large()
+        self._count_held()
 
     def end_of_datagram(self) -> None:
         """Hand over what is left of an object that is not whole, and expect a new one."""
@@ -119,7 +128,7 @@ class JsonStreamWire(StreamWire):
         if self._skipping:
             self._skipping = False
         elif len(message) > self._max_size:
-            self._report(len(message))
+            self._report(len(message), message)
         elif self._fresh and _HTTP_REQUEST.match(message):
             self._over = True
             self._events.ended(POLICY, "this port speaks JSON, not HTTP: web pages use ws://", agreed=False)
@@ -130,13 +139,15 @@ class JsonStreamWire(StreamWire):
     def _too_large(self) -> None:
         """Drop what has arrived of an object over the limit, and go on counting its braces."""
         if not self._skipping:
-            self._report(len(self._buffer))
+            self._report(len(self._buffer), bytes(self._buffer[:HEAD_BYTES]))
             self._skipping = True
         del self._buffer[: self._scanned]
         self._scanned = 0
 
-    def _report(self, size: int) -> None:
-        if not self._events.oversized(size):
+    def _report(self, size: int, message: bytes) -> None:
+        if self._events.oversized(size):
+            self._events.oversized_head(size, message[:HEAD_BYTES])
+        else:
             self._over = True
             reason = f"a message of {size} bytes or more; the limit is {self._max_size} (message_bytes)"
             self._events.ended(TOO_BIG, reason, agreed=False)
@@ -158,11 +169,11 @@ LINES = _framing(b"\n")
 """One object per line, for programs that read lines."""
 
 
-def json_over_tcp(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonStreamWire:
+def json_over_tcp(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> JsonStreamWire:
     """The wire of one peer over TCP."""
-    return JsonStreamWire(events, max_size=limits.message_bytes, framing=PLAIN)
+    return JsonStreamWire(events, max_size=limits.message_bytes, framing=PLAIN, buffers=buffers)
 
 
-def json_lines(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonStreamWire:
+def json_lines(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> JsonStreamWire:
     """The wire of one peer over a Unix socket or standard input and output."""
-    return JsonStreamWire(events, max_size=limits.message_bytes, framing=LINES)
+    return JsonStreamWire(events, max_size=limits.message_bytes, framing=LINES, buffers=buffers)

@@ -2,19 +2,39 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 STAGING_BYTES = 256 * 1024
 """First size of the buffer of a large message; it grows only as bytes really come."""
 POOLED_BYTES = 4 * 1024 * 1024
 """A buffer of up to this size is kept for the next large message."""
 
 
+class Incomplete(Protocol):
+    """Who has bytes of a message whose end has not come."""
+
+    def give_up(self, reason: str) -> None:
+        """Drop them, and close the connection."""
+
+
 class ReceiveBufferPool:
-    """One used buffer, kept for the next large message of any connection of a listener."""
+    """What the connections of a listener receive large messages in: one used buffer that is kept for the next
+    one, and how much they hold of messages whose end has not come.
 
-    __slots__ = ("_kept",)
+    Beyond the most there may be, the one that began first is given up: one whose sender goes on with it is
+    there soon, so that it is one that nobody ends.
 
-    def __init__(self) -> None:
+    Args:
+        most: bytes of incomplete messages, over all connections.
+    """
+
+    __slots__ = ("_held", "_incomplete", "_kept", "_most")
+
+    def __init__(self, most: int = 96 * 1024 * 1024) -> None:
         self._kept: bytearray | None = None
+        self._most = most
+        self._held = 0
+        self._incomplete: dict[Incomplete, int] = {}
 
     def take(self, size: int) -> bytearray:
         """A buffer for a message of `size` bytes; smaller than that when none large enough is kept."""
@@ -28,3 +48,19 @@ class ReceiveBufferPool:
         """Keep `buffer` if it is larger than the one that is kept, and not too large."""
         if len(buffer) <= POOLED_BYTES and (self._kept is None or len(self._kept) < len(buffer)):
             self._kept = buffer
+
+    def hold(self, holder: Incomplete, size: int) -> None:
+        """Count that `holder` has so many bytes of an incomplete message now."""
+        self._held += size - self._incomplete.get(holder, 0)
+        self._incomplete[holder] = size
+        while self._held > self._most and len(self._incomplete) > 1:
+            oldest = next(iter(self._incomplete))
+            self.release(oldest)
+            oldest.give_up(
+                f"{self._most} bytes of incomplete messages wait here, and this one for longest"
+                " (limits.incoming_bytes)"
+            )
+
+    def release(self, holder: Incomplete) -> None:
+        """Count that `holder` has none."""
+        self._held -= self._incomplete.pop(holder, 0)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rwt_transports.api import Framing, WireEvents
+from rwt_transports.websocket.close_codes import POLICY
+from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 
 
 class StreamWire:
@@ -14,11 +16,16 @@ class StreamWire:
         events: what the wire reports to, messages excepted.
         max_size: largest message in bytes.
         framing: how outgoing frames become bytes.
+        buffers: where is counted what has come of large messages.
     """
 
-    __slots__ = ("_buffer", "_events", "_framing", "_max_size", "_over", "message")
+    __slots__ = ("_buffer", "_buffers", "_events", "_framing", "_is_counted", "_max_size", "_over", "message")
 
-    def __init__(self, events: WireEvents, max_size: int, framing: Framing) -> None:
+    def __init__(
+        self, events: WireEvents, max_size: int, framing: Framing, buffers: ReceiveBufferPool | None = None
+    ) -> None:
+        self._buffers = ReceiveBufferPool() if buffers is None else buffers
+        self._is_counted = False
         self._events = events
         self._max_size = max_size
         self._framing = framing
@@ -36,6 +43,22 @@ class StreamWire:
         self._over = True
         self.message = _ignore
         return b""
+
+    def give_up(self, reason: str) -> None:
+        """Drop what has come of a message, and end the connection."""
+        self._over = True
+        self._buffer.clear()
+        self._events.ended(POLICY, reason, agreed=False)
+
+    def _count_held(self) -> None:
+        """Count what has come of a message whose end has not."""
+        size = len(self._buffer)
+        if size >= STAGING_BYTES:
+            self._is_counted = True
+            self._buffers.hold(self, size)
+        elif self._is_counted:
+            self._is_counted = False
+            self._buffers.release(self)
 
     def ping(self) -> bytes:
         """There is none."""

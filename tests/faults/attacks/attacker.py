@@ -1,4 +1,4 @@
-"""A client that attacks, in a process of its own: `python -m tests.faults.attacks.attacker PORT NAME`.
+"""A client that attacks, in a process of its own: `python -m tests.faults.attacks.attacker PORT NAME DISTRO`.
 
 It does for a second what the attack of that name does, prints a line, and stays connected until its input
 ends.
@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from itertools import islice
+from itertools import islice, repeat
 from typing import Final
 
 from tests.faults.blocking_client import BlockingClient
@@ -24,19 +24,40 @@ LARGEST: Final = 9_900_000
 
 _MB: Final = 1_000_000
 _LETTERS: Final = "x" * _MB
+_LONG: Final = _LETTERS[:60_000]
+_BOOL: Final = "std_srvs/SetBool"
+_FIBONACCI: Final = "example_interfaces/Fibonacci"
 
 Messages = Iterator[bytes | dict[str, object]]
 """What is sent one after the other, for as long as the time lasts: CBOR, or the members of an op."""
 
 
 class Attacker:
-    """A connection that sends as fast as the server takes it, and reads and forgets what comes."""
+    """A connection that sends as fast as the server takes it, and reads and forgets what comes.
 
-    def __init__(self, port: int) -> None:
+    Args:
+        port: of the server.
+        first: ops that are done before anything else.
+        headers: of its handshake.
+        reads: whether it reads at all.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        *first: Mapping[str, object],
+        headers: tuple[bytes, ...] = (),
+        reads: bool = True,
+    ) -> None:
         self.port = port
-        self._client = BlockingClient(port)
+        self._client = BlockingClient(port, *headers)
+        for op in first:
+            self._client.socket.sendall(frame(TEXT, json.dumps(op).encode(), key=bytes(4)))
+        if first:
+            self._client.ask_something()
         self._socket = self._client.socket
-        threading.Thread(target=self._drain, daemon=True).start()
+        if reads:
+            threading.Thread(target=self._drain, daemon=True).start()
 
     def _drain(self) -> None:
         try:
@@ -45,21 +66,27 @@ class Attacker:
         except OSError:
             return
 
-    def send(self, messages: Messages) -> None:
+    def send(self, messages: Messages, seconds: float = SECONDS) -> None:
         """Send until there is nothing more, the time is over, or the server has closed."""
-        over = time.monotonic() + SECONDS
+        over = time.monotonic() + seconds
         for message in messages:
             data = json.dumps(message).encode() if isinstance(message, dict) else message
             opcode = TEXT if data[:1] == b"{" else BINARY
-            view = memoryview(frame(opcode, data, key=bytes(4)))
-            while view:
-                self._socket.settimeout(max(0.01, over - time.monotonic()))
-                try:
-                    view = view[self._socket.send(view) :]
-                except OSError:
-                    return
-            if time.monotonic() > over:
+            if not self.send_raw(frame(opcode, data, key=bytes(4)), over) or time.monotonic() > over:
                 return
+
+    def send_raw(self, data: bytes, over: float | None = None) -> bool:
+        """Send bytes until the time is over; whether all were taken."""
+        if over is None:
+            over = time.monotonic() + SECONDS
+        view = memoryview(data)
+        while view:
+            self._socket.settimeout(max(0.01, over - time.monotonic()))
+            try:
+                view = view[self._socket.send(view) :]
+            except OSError:
+                return False
+        return True
 
 
 def _ops(op: str, **members: object) -> Messages:
@@ -81,9 +108,10 @@ def _cbor_publish(msg: bytes) -> bytes:
 
 def throttled_queue(attacker: Attacker) -> None:
     """A queue without an end behind a throttle that lets nothing out, on a topic of large samples."""
-    Attacker(attacker.port).send(
-        iter([{"op": "subscribe", "topic": "/camera", "type": "std_msgs/String", "queue_length": 10**9,
-               "throttle_rate": 10**9}])
+    Attacker(
+        attacker.port,
+        {"op": "subscribe", "topic": "/camera", "type": "std_msgs/String", "queue_length": 10**9,
+         "throttle_rate": 10**9},
     )  # fmt: skip
     attacker.send(_ops("publish", topic="/camera", type="std_msgs/String", msg={"data": f"#{_LETTERS}"}))
 
@@ -116,17 +144,15 @@ def lingering_publishers(attacker: Attacker) -> None:
 def endless_goals(attacker: Attacker) -> None:
     """Large goals to an action that never ends one."""
     kind = "control_msgs/FollowJointTrajectory"
-    Attacker(attacker.port).send(iter([{"op": "advertise_action", "action": "/never", "type": kind}]))
+    Attacker(attacker.port, {"op": "advertise_action", "action": "/never", "type": kind})
     args = {"trajectory": {"joint_names": [f"#{_LETTERS}"]}}
     attacker.send(_ops("send_action_goal", action="/never", action_type=kind, id="#", args=args))
 
 
 def unanswered_calls(attacker: Attacker) -> None:
     """Large calls of a service that never answers."""
-    provider = Attacker(attacker.port)
-    provider.send(
-        iter([{"op": "advertise_service", "service": "/deaf", "type": "rcl_interfaces/SetParameters"}])
-    )
+    kind = "rcl_interfaces/SetParameters"
+    Attacker(attacker.port, {"op": "advertise_service", "service": "/deaf", "type": kind})
     args = {"parameters": [{"name": f"#{_LETTERS}"}]}
     attacker.send(_ops("call_service", service="/deaf", id="#", args=args, timeout=1000))
 
@@ -134,6 +160,133 @@ def unanswered_calls(attacker: Attacker) -> None:
 def fragments_left_open(attacker: Attacker) -> None:
     """Pieces of messages that never get their last."""
     attacker.send(_ops("fragment", id="#", num=0, total=2, data=_LETTERS))
+
+
+def long_ids(attacker: Attacker) -> None:
+    """Small calls of a service that never answers, whose ids are large."""
+    Attacker(attacker.port).send(iter([{"op": "advertise_service", "service": "/deaf", "type": _BOOL}]))
+    attacker.send(_ops("call_service", service="/deaf", id=f"#{_LONG}", timeout=1000))
+
+
+def long_goal_ids(attacker: Attacker) -> None:
+    """Goals whose ids are large, to an action that never ends one."""
+    Attacker(attacker.port).send(iter([{"op": "advertise_action", "action": "/never", "type": _FIBONACCI}]))
+    attacker.send(_ops("send_action_goal", action="/never", action_type=_FIBONACCI, id=f"#{_LONG}"))
+
+
+def long_names_to_hear(attacker: Attacker) -> None:
+    """Subscriptions of topics whose names are large, each under a large id."""
+    attacker.send(_ops("subscribe", topic=f"/t#{_LONG}", id=f"#{_LONG}", type="std_msgs/String"))
+
+
+def long_names_to_offer(attacker: Attacker) -> None:
+    """Topics whose names are large, given up at once."""
+
+    def messages() -> Messages:
+        for number in range(1_000_000):
+            topic = f"/t{number}{_LONG}"
+            yield {"op": "advertise", "topic": topic, "type": "std_msgs/String", "id": _LONG}
+            yield {"op": "unadvertise", "topic": topic}
+
+    attacker.send(messages())
+
+
+def long_names_of_services(attacker: Attacker) -> None:
+    """Services whose names are large."""
+    attacker.send(_ops("advertise_service", service=f"/s#{_LONG}", type=_BOOL))
+
+
+def long_questions(attacker: Attacker) -> None:
+    """Questions about names of megabytes, whose answers would repeat them."""
+    args = {"name": f"/#{_LETTERS * 2}"}
+    attacker.send(_ops("call_service", service="/rosapi/get_param", id="#", args=args))
+
+
+def unread_answers(attacker: Attacker) -> None:
+    """Answers that nobody reads, over many connections."""
+    for _ in range(40):
+        deaf = Attacker(attacker.port, reads=False)
+        _held.append(deaf)
+        deaf.send(_ops("call_service", service="/rosapi/topics_and_raw_types", id="#"), SECONDS / 20)
+
+
+def half_messages(attacker: Attacker) -> None:
+    """Messages of which the last byte never comes, over many connections."""
+    for _ in range(100):
+        half = Attacker(attacker.port)
+        _held.append(half)
+        half.send_raw(frame(TEXT, b"x" * LARGEST, key=bytes(4))[:-1])
+
+
+def pieces_of_a_frame(attacker: Attacker) -> None:
+    """The same in WebSocket's own fragments, the last of which never comes."""
+    piece = bytearray(frame(TEXT, b"x" * LARGEST, key=bytes(4)))
+    piece[0] &= 0x7F
+    for _ in range(100):
+        half = Attacker(attacker.port)
+        _held.append(half)
+        half.send_raw(bytes(piece))
+
+
+def half_bodies(attacker: Attacker) -> None:
+    """Requests over HTTP whose bodies never end, over many connections."""
+    head = b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000\r\n\r\n"
+    for _ in range(600):
+        half = socket.create_connection(("127.0.0.1", attacker.port), 5)
+        _held.append(half)
+        half.settimeout(1.0)
+        try:
+            half.sendall(head + _LETTERS[:-1].encode())
+        except OSError:
+            continue
+
+
+def forms_of_what_is_kept(attacker: Attacker) -> None:
+    """Latched messages of which every form is asked for."""
+    pose = {"position": dict.fromkeys("xyz", 0.5), "orientation": dict.fromkeys("xyzw", 0.5)}
+    poses = ",".join([json.dumps(pose, separators=(",", ":"))] * 10_000)
+    header = '{"stamp":{"sec":0,"nanosec":0},"frame_id":""}'
+    op = '"op":"publish","type":"geometry_msgs/PoseArray","latch":true'
+
+    def messages() -> Messages:
+        for number in range(70):
+            topic = f"/latched{number}"
+            yield f'{{{op},"topic":"{topic}","msg":{{"header":{header},"poses":[{poses}]}}}}'.encode()
+            for compression in ("cbor", "cbor-raw", "png"):
+                yield {"op": "subscribe", "topic": topic, "id": compression, "compression": compression}
+
+    attacker.send(messages(), 10 * SECONDS)
+
+
+def feedback_flood(attacker: Attacker) -> None:
+    """Feedback for a client that reads nothing."""
+    provider = BlockingClient(attacker.port)
+    provider.say("advertise_action", action="/talks", type=_FIBONACCI)
+    provider.ask_something()  # It is offered now.
+    deaf = Attacker(attacker.port, reads=False)
+    _held.append(deaf)
+    deaf.send(iter([{"op": "send_action_goal", "action": "/talks", "action_type": _FIBONACCI,
+                     "feedback": True, "id": "g", "args": {"order": 3}}]))  # fmt: skip
+    goal = provider.hear("send_action_goal")["id"]
+    feedback = {"op": "action_feedback", "action": "/talks", "id": goal, "values": {"sequence": [1] * 20_000}}
+    text = frame(TEXT, json.dumps(feedback).encode(), key=bytes(4))
+    over = time.monotonic() + 5 * SECONDS
+    while time.monotonic() < over:
+        provider.socket.sendall(text)
+
+
+def long_lists_of_numbers(attacker: Attacker) -> None:
+    """Lists of numbers that are looked at one by one."""
+    numbers = b"0," * (LARGEST // 2 - 200) + b"0"
+    kind = b'"topic":"/numbers","type":"std_msgs/Float32MultiArray"'
+    attacker.send(b'{"op":"publish",' + kind + b',"msg":{"data":[' + numbers + b"]}}" for _ in range(3))
+
+
+def small_typed_arrays(attacker: Attacker) -> None:
+    """The smallest numbers of CBOR, in arrays of millions."""
+    data = b"\xd8\x54" + _head(2, LARGEST) + bytes(LARGEST)
+    message = b"\xa4\x62op\x67publish\x65topic\x62/f\x64type\x78\x1astd_msgs/Float64MultiArray\x63msg"
+    attacker.send(message + b"\xa1\x64data" + data for _ in range(10))
 
 
 # -- work --------------------------------------------------------------------------------------------------
@@ -159,6 +312,129 @@ def many_in_a_frame(attacker: Attacker) -> None:
     """A thousand calls in each frame."""
     call = json.dumps({"op": "call_service", "service": "/rosapi/topics", "id": "1"}).encode()
     attacker.send(call * 1_000 for _ in range(1_000_000))
+
+
+def _many_topics(attacker: Attacker) -> None:
+    """Give the robot thousands of topics."""
+    for number in range(5):
+        names = (f"/many{number}/{each}" for each in range(900))
+        Attacker(
+            attacker.port, *({"op": "advertise", "topic": name, "type": "std_msgs/String"} for name in names)
+        )
+
+
+def lists_of_many(attacker: Attacker) -> None:
+    """Lists of a robot with thousands of names, of which one changes before each question."""
+    _many_topics(attacker)
+
+    def messages() -> Messages:
+        for number in range(1_000_000):
+            topic = {"topic": f"/changing{number % 50}"}
+            yield {"op": "advertise", **topic, "type": "std_msgs/String"}
+            for service in ("topics", "nodes", "topics_and_raw_types", "action_servers"):
+                yield {"op": "call_service", "service": f"/rosapi/{service}", "id": str(number)}
+            yield {"op": "unadvertise", **topic}
+
+    attacker.send(messages())
+
+
+def offers_again(attacker: Attacker) -> None:
+    """Hundreds of topics, services and actions, offered and given up again and again."""
+    kinds = (
+        ("advertise", "unadvertise", "topic", "std_msgs/String"),
+        ("advertise_service", "unadvertise_service", "service", "std_srvs/SetBool"),
+        ("advertise_action", "unadvertise_action", "action", "control_msgs/FollowJointTrajectory"),
+    )
+
+    def messages() -> Messages:
+        for _ in range(1_000):
+            for offer, withdraw, member, kind in kinds:
+                for number in range(300):
+                    yield {"op": offer, member: f"/offered{number}", "type": kind}
+                for number in range(300):
+                    yield {"op": withdraw, member: f"/offered{number}"}
+
+    attacker.send(messages())
+
+
+def everything_subscribed(attacker: Attacker) -> None:
+    """Hundreds of topics, subscribed to in every encoding and given up again and again."""
+
+    def messages() -> Messages:
+        for _ in range(1_000):
+            for number in range(190):
+                for each in ("none", "cbor", "cbor-raw", "png"):
+                    kind = {"type": "std_msgs/String", "compression": each, "id": each}
+                    yield {"op": "subscribe", "topic": f"/any{number}", **kind}
+            for number in range(190):
+                yield {"op": "unsubscribe", "topic": f"/any{number}"}
+
+    attacker.send(messages())
+
+
+def come_and_go(attacker: Attacker) -> None:
+    """Clients that subscribe to hundreds of topics, and are cut."""
+    over = time.monotonic() + SECONDS
+    kind = '"type":"std_msgs/String"'
+    each = (b'{"op":"subscribe","topic":"/any%d",%b}' % (number, kind.encode()) for number in range(900))
+    ops = b"".join(frame(TEXT, op, key=bytes(4)) for op in each)
+    while time.monotonic() < over:
+        with BlockingClient(attacker.port) as client:
+            client.socket.sendall(ops)
+            client.reset()
+
+
+def pages_again(attacker: Attacker) -> None:
+    """The large pages, many asked for before the first answer is read."""
+    _many_topics(attacker)
+    over = time.monotonic() + SECONDS
+    asked = b"".join(
+        f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode() for path in ("/index", "/metrics")
+    )
+    while time.monotonic() < over:
+        with socket.create_connection(("127.0.0.1", attacker.port), 5) as reader:
+            reader.sendall(asked * 20)
+            reader.settimeout(0.2)
+            try:
+                while time.monotonic() < over and reader.recv(1 << 20):
+                    pass
+            except OSError:
+                continue
+
+
+def pictures_of_text(attacker: Attacker) -> None:
+    """Large samples that are wanted as PNG, under every spelling that there may be."""
+    for spelling in ("/text", "text", "//text", "///text"):
+        Attacker(
+            attacker.port,
+            {"op": "subscribe", "topic": spelling, "type": "std_msgs/String", "compression": "png"},
+        )
+    attacker.send(_ops("publish", topic="/text", type="std_msgs/String", msg={"data": f"#é{_LETTERS * 2}"}))
+
+
+def large_description(attacker: Attacker) -> None:
+    """A parameter of a megabyte, asked for again and again."""
+    args = {"name": "/rosapi:large", "value": json.dumps(_LETTERS)}
+    if "noetic" in sys.argv:
+        args["name"] = "/large"
+    Attacker(attacker.port, {"op": "call_service", "service": "/rosapi/set_param", "id": "1", "args": args})
+    ask = {"name": args["name"], "default_value": ""}
+    attacker.send(_ops("call_service", service="/rosapi/get_param", id="#", args=ask))
+
+
+def many_connections(attacker: Attacker) -> None:
+    """Forty connections from one address that is not this machine's, each with as much work as it may."""
+    elsewhere = (b"X-Forwarded-For: 192.0.2.1",)
+    attackers = [Attacker(attacker.port, headers=elsewhere) for _ in range(40)]
+    call = json.dumps({"op": "call_service", "service": "/rosapi/topics", "id": "1"}).encode()
+    threads = [
+        threading.Thread(target=each.send, args=(repeat(call * 300, 1_000),), daemon=True)
+        for each in attackers
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
 
 
 def smallest_pieces(attacker: Attacker) -> None:
@@ -240,6 +516,21 @@ def defaults(attacker: Attacker) -> None:
     attacker.send(b'{"op":"publish",' + kind + b',"msg":{"markers":[' + empty + b"{}]}}" for _ in range(100))
 
 
+def incomplete_poses(attacker: Attacker) -> None:
+    """Poses of which each lacks much, some of it in another spelling."""
+    pose = b'{"header":{"seq":1},"pose":{"position":{"x":1}}}'
+    kind = b'"topic":"/poses","type":"nav_msgs/Path"'
+    poses = b",".join([pose] * 20_000)
+    attacker.send(b'{"op":"publish",' + kind + b',"msg":{"poses":[' + poses + b"]}}" for _ in range(1000))
+
+
+def empty_names(attacker: Attacker) -> None:
+    """Millions of empty texts in a message that lacks its header."""
+    kind = b'"topic":"/joints","type":"sensor_msgs/JointState"'
+    names = b'"",' * (LARGEST // 3 - 100)
+    attacker.send(b'{"op":"publish",' + kind + b',"msg":{"name":[' + names + b'""]}}' for _ in range(100))
+
+
 # -- the rest ----------------------------------------------------------------------------------------------
 
 
@@ -282,16 +573,22 @@ def _watch(attacker: Attacker, viewers: int, size: str) -> None:
     attacker.send(publish)
 
 
-_held: Final[list[socket.socket]] = []
+_held: Final[list[socket.socket | Attacker]] = []
 """Connections that stay open."""
 
 ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
     attack.__name__: attack
     for attack in (
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
+        long_ids, long_goal_ids, long_names_to_hear, long_names_to_offer, long_names_of_services,
+        long_questions, unread_answers, half_messages, pieces_of_a_frame, half_bodies, forms_of_what_is_kept,
+        feedback_flood,
+        long_lists_of_numbers, small_typed_arrays,
         fragments_left_open, spellings, rosapi_flood, many_in_a_frame, smallest_pieces, colliding_keys,
         empty_maps, nested_arrays, deep_json, deep_payload, many_in_a_member, constants, long_numbers,
-        defaults, parameters, refusals, services_again, small_video, expensive_videos,
+        defaults, incomplete_poses, empty_names, parameters, refusals, services_again, small_video,
+        expensive_videos, lists_of_many, offers_again, everything_subscribed, come_and_go, pages_again,
+        pictures_of_text, large_description, many_connections,
     )
 }  # fmt: skip
 """Each attack by its name."""

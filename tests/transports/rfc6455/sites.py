@@ -58,7 +58,7 @@ class Untold:
 class Told(Untold):
     """The same, and answers messages over the limit."""
 
-    def oversized(self, size: int, limit: int) -> None:
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
         assert size > limit
         self._sink.send(Frame(b"skipped more than %d" % limit))
 

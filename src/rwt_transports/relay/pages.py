@@ -1,0 +1,215 @@
+"""Pages of a robot behind a NAT: an HTTP request goes over one of its connections, and the answer comes back.
+
+The assignment of a connection names a request in place of a client
+(:mod:`rwt_transports.relay.protocol`). The robot answers with a head, a text message, and with the body in
+binary messages, of which the last is followed by a close with 1000. So a picture and a stream that never ends
+go the same way, and whoever reads slowly holds back the robot.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt_protocol.transport import Frame
+from rwt_transports.errors import log_exception
+from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_transports.http_connection import close_iterator
+from rwt_transports.relay.protocol import BadAssignment, decode_head, encode_head
+from rwt_transports.websocket.close_codes import GOING_AWAY, NORMAL, POLICY, PROTOCOL_ERROR
+
+if TYPE_CHECKING:
+    from rwt_protocol.transport import Sink
+    from rwt_transports.api import FlowControl
+
+logger = logging.getLogger("rwt_transports.relay.pages")
+
+PIECE_BYTES: Final = 64 * 1024
+"""Of a body that is sent at once."""
+
+#: Headers that are about one connection, and not about the page (RFC 9110 section 7.6.1).
+_OF_THE_CONNECTION: Final = frozenset(
+    {
+        "connection", "content-length", "keep-alive", "proxy-connection", "te", "trailer",
+        "transfer-encoding", "upgrade",
+    }
+)  # fmt: skip
+
+
+def end_to_end(headers: Mapping[str, str]) -> dict[str, str]:
+    """The headers that are passed on."""
+    return {name: value for name, value in headers.items() if name.lower() not in _OF_THE_CONNECTION}
+
+
+# -- at the robot --------------------------------------------------------------------------------------------
+
+
+class PageServer:
+    """The robot's end of a connection that a request was assigned to.
+
+    Args:
+        sink: the connection.
+        routes: what the robot serves.
+        request: what is asked for.
+    """
+
+    def __init__(self, sink: Sink, routes: Routes, request: HttpRequest) -> None:
+        self._sink = sink
+        self._routes = routes
+        self._request = request
+        self._flow_control: FlowControl | None = None
+        self._scope = anyio.CancelScope()
+
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        """Keep what tells when the hub has taken what was sent."""
+        self._flow_control = flow_control
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """A request was assigned whole, and nothing follows it."""
+        self._sink.close(POLICY, "nothing follows a request")
+
+    def closed(self, code: int, reason: str) -> None:
+        """The hub does not want the rest."""
+        self._scope.cancel()
+
+    async def run(self) -> None:
+        """Answer, until all is sent or the hub goes away."""
+        with self._scope:
+            try:
+                await self._send(await self._answer())
+                self._sink.close(NORMAL, "")
+            except Exception:
+                log_exception("the answer to %s, for a hub, failed", self._request.path)
+                self._sink.close(GOING_AWAY, "internal error")
+
+    async def _answer(self) -> HttpResponse:
+        handler = self._routes.find(self._request.method, self._request.path)
+        if isinstance(handler, HttpResponse):
+            return handler
+        answer = handler(self._request)
+        return await answer if isinstance(answer, Awaitable) else answer
+
+    async def _send(self, response: HttpResponse) -> None:
+        headers = end_to_end(response.headers)
+        self._sink.send(Frame(encode_head(response.status, response.content_type, headers)))
+        body = response.body
+        if isinstance(body, bytes):
+            await self._send_piece(body)
+            return
+        try:
+            async for chunk in body:
+                await self._send_piece(chunk)
+        finally:
+            await close_iterator(body)
+
+    async def _send_piece(self, data: bytes) -> None:
+        """Send some of the body, no more at a time than the hub has taken."""
+        for begin in range(0, len(data), PIECE_BYTES):
+            self._sink.send(Frame(data[begin : begin + PIECE_BYTES], binary=True))
+            taken = anyio.Event()
+            if self._flow_control is not None:
+                self._flow_control.when_empty(taken.set)
+                await taken.wait()
+
+
+# -- at the hub ----------------------------------------------------------------------------------------------
+
+
+class PageInbox:
+    """What comes of one page, as the sink of a client that it stands for, and its flow control."""
+
+    def __init__(self) -> None:
+        self._frames: deque[Frame] = deque()
+        self._changed = anyio.Event()
+        self._when_empty: Callable[[], None] | None = None
+        self._ended: tuple[int, str] | None = None
+
+    def send(self, frame: Frame) -> None:
+        """Take one message of the robot."""
+        self._frames.append(frame)
+        self._changed.set()
+
+    def close(self, code: int = NORMAL, reason: str = "") -> None:
+        """The robot has said all, or has gone."""
+        if self._ended is None:
+            self._ended = (code, reason)
+        self._changed.set()
+
+    def when_empty(self, callback: Callable[[], None]) -> None:
+        """Call `callback` once what came has been read."""
+        if self._frames:
+            self._when_empty = callback
+        else:
+            callback()
+
+    def pause(self) -> None:
+        """A request sends nothing that could be held back."""
+
+    def resume(self) -> None:
+        """See :meth:`pause`."""
+
+    async def next(self) -> Frame | None:
+        """The next message; None at the end."""
+        while not self._frames:
+            if self._ended is not None:
+                return None
+            callback, self._when_empty = self._when_empty, None
+            if callback is not None:
+                callback()
+            self._changed = anyio.Event()
+            await self._changed.wait()
+        return self._frames.popleft()
+
+    async def response(self, left: Callable[[int, str], None], *, head_only: bool) -> HttpResponse:
+        """The robot's answer, whose body is read as it comes.
+
+        Args:
+            head_only: whether the body is not asked for.
+            left: called once nobody reads any more, with a close code and why.
+        """
+        try:
+            head = await self.next()
+            if head is None:
+                reason = self.ended[1]
+                return HttpResponse(f"{reason or 'the robot is gone'}\n".encode(), 503)
+            status, content_type, headers = decode_head(head.data)
+        except BadAssignment as error:
+            left(PROTOCOL_ERROR, str(error))
+            return HttpResponse(b"the robot's answer cannot be read\n", 502)
+        except BaseException:
+            left(GOING_AWAY, "nobody waits for the page")
+            raise
+        if head_only:
+            left(NORMAL, "")
+            return HttpResponse(b"", status, content_type, end_to_end(headers))
+        return HttpResponse(_Body(self, left), status, content_type, end_to_end(headers))
+
+    @property
+    def ended(self) -> tuple[int, str]:
+        """How it ended: the close code, and why."""
+        return self._ended or (GOING_AWAY, "")
+
+
+class _Body(AsyncIterator[bytes]):
+    """The body of a page, which its reader may leave at any time, even before it has begun."""
+
+    def __init__(self, inbox: PageInbox, left: Callable[[int, str], None]) -> None:
+        self._inbox = inbox
+        self._left = left
+
+    async def __anext__(self) -> bytes:
+        frame = await self._inbox.next()
+        if frame is not None:
+            return frame.data
+        code, reason = self._inbox.ended
+        if code != NORMAL:
+            raise ConnectionError(f"the page broke off: {code} {reason}")
+        raise StopAsyncIteration
+
+    async def aclose(self) -> None:
+        """Let the robot go."""
+        self._left(NORMAL, "")

@@ -1,0 +1,129 @@
+"""Messages whose end has not come are bounded together: the one that began first gives way."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+import pytest
+
+from rwt_transports.api import Wire, WireEvents
+from rwt_transports.websocket.wire import WebSocketWire
+from rwt_transports.wires.bson_stream import BsonStreamWire
+from rwt_transports.wires.json_stream import PLAIN, JsonStreamWire
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+
+MOST = 2_000_000
+SIZE = 1_000_000
+
+Make = Callable[[WireEvents, ReceiveBufferPool], Wire]
+
+
+class Sender:
+    """What one peer has sent, and what its wire reported."""
+
+    def __init__(self, make: Make, pool: ReceiveBufferPool) -> None:
+        self.messages: list[bytes] = []
+        self.ends: list[tuple[int, str]] = []
+        self.wire = make(self, pool)
+        self.wire.message = lambda data, binary: self.messages.append(data)
+
+    def oversized(self, size: int) -> bool:
+        return False
+
+    def oversized_head(self, size: int, head: bytes) -> None:
+        raise AssertionError
+
+    def pong(self, data: bytes) -> None:
+        raise AssertionError
+
+    def answer(self, data: bytes) -> None:
+        """A close frame; what it says is in `ends`, too."""
+
+    def ended(self, code: int, reason: str, *, agreed: bool) -> None:
+        self.ends.append((code, reason))
+
+
+def _frame(first: int, size: int) -> bytes:
+    return struct.pack(">BBQ", first, 0xFF, size) + bytes(4) + b"x" * size
+
+
+WIRES: dict[str, tuple[Make, bytes, bytes]] = {
+    "frame": (
+        lambda events, pool: WebSocketWire(events, max_size=2 * SIZE, buffers=pool),
+        _frame(0x82, SIZE)[:-1],
+        b"x",
+    ),
+    "fragments": (
+        lambda events, pool: WebSocketWire(events, max_size=2 * SIZE, buffers=pool),
+        _frame(0x02, SIZE // 2) + _frame(0x00, SIZE // 2),
+        b"\x80\x80" + bytes(4),
+    ),
+    "json": (
+        lambda events, pool: JsonStreamWire(events, max_size=2 * SIZE, framing=PLAIN, buffers=pool),
+        b'{"a":"' + b"x" * (SIZE - 8),
+        b'"}',
+    ),
+    "bson": (
+        lambda events, pool: BsonStreamWire(events, max_size=2 * SIZE, buffers=pool),
+        struct.pack("<i", SIZE) + b"x" * (SIZE - 5),
+        b"\0",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", WIRES)
+def test_the_message_that_began_first_gives_way(kind: str) -> None:
+    make, start, end = WIRES[kind]
+    pool = ReceiveBufferPool(MOST)
+    senders = [Sender(make, pool) for _ in range(4)]
+    for sender in senders:
+        for at in range(0, len(start), 100_000):
+            sender.wire.feed(start[at : at + 100_000])
+    given_up = [sender for sender in senders if sender.ends]
+    assert given_up == senders[: len(given_up)] and 1 <= len(given_up) <= 3
+    for sender in given_up:
+        ((code, reason),) = sender.ends
+        assert code == 1008 and "(limits.incoming_bytes)" in reason
+    for sender in senders:
+        sender.wire.feed(end)
+    assert [len(sender.messages) for sender in senders] == [0] * len(given_up) + [1] * (4 - len(given_up))
+
+
+@pytest.mark.parametrize("kind", WIRES)
+def test_what_is_whole_counts_no_more(kind: str) -> None:
+    make, start, end = WIRES[kind]
+    pool = ReceiveBufferPool(MOST)
+    waiting = Sender(make, pool)
+    waiting.wire.feed(start)
+    for _ in range(5):
+        sender = Sender(make, pool)
+        for _ in range(3):
+            sender.wire.feed(start)
+            sender.wire.feed(end)
+        assert len(sender.messages) == 3 and not sender.ends
+    waiting.wire.feed(end)
+    assert len(waiting.messages) == 1
+
+
+@pytest.mark.parametrize("kind", WIRES)
+def test_who_is_gone_counts_no_more(kind: str) -> None:
+    make, start, end = WIRES[kind]
+    pool = ReceiveBufferPool(MOST)
+    first = Sender(make, pool)
+    first.wire.feed(start)
+    for _ in range(5):
+        gone = Sender(make, pool)
+        gone.wire.feed(start)
+        pool.release(gone.wire)
+    first.wire.feed(end)
+    assert len(first.messages) == 1
+
+
+@pytest.mark.parametrize("kind", WIRES)
+def test_one_alone_may_have_as_much_as_a_message_may(kind: str) -> None:
+    make, start, end = WIRES[kind]
+    sender = Sender(make, ReceiveBufferPool(1024))
+    sender.wire.feed(start)
+    sender.wire.feed(end)
+    assert len(sender.messages) == 1
