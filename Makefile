@@ -1,4 +1,4 @@
-# `make demo` needs Python 3.11 or later. `make test` needs Node 20 and npm too, and from Python 3.12 on a C++ compiler,
+# `make demo` needs Python 3.11 or later; with Node 20 and npm it builds the robot's page, too. `make test` needs Node 20 and npm too, and from Python 3.12 on a C++ compiler,
 # since PyBullet has no wheels there. With Chromium (Debian's package, or what the variable CHROMIUM names) `make test` runs
 # the browser tests too.
 PYTHON ?= python3
@@ -7,16 +7,21 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 BROWSER := tests/browser/node
+WEB := web
+PAGE := src/rwt_web/static/manifest.json
+PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
+NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test lint types unit bench paper load soak fuzz mutants conformance client-grades clean
+.PHONY: demo test quick lowest docs dist release lint types unit web bench paper load soak fuzz mutants conformance \
+client-grades clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 
 # Everything a user needs to run the server.
-$(STAMP): pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable .
+$(STAMP): pyproject.toml conformance/pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance
 	touch $@
 
 # What the checks and the tests need on top of it.
@@ -25,12 +30,16 @@ $(STAMP)-dev: pyproject.toml $(STAMP)
 	touch $@
 
 # The npm releases of the client libraries that the tests drive, exactly as the lock file names them.
-$(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed: \
+$(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(WEB)/node_modules/.installed: \
 %/node_modules/.installed: %/package-lock.json
 	npm ci --prefix $* --no-audit --no-fund --loglevel=error
 	touch $@
 
-demo: $(STAMP)
+# The robot's page, as the server finds it; without Node the server's plain index says what is missing.
+$(PAGE): $(WEB)/node_modules/.installed $(PAGE_SOURCES)
+	npm run --silent --prefix $(WEB) build
+
+demo: $(STAMP) $(if $(NODE_20),$(PAGE))
 	$(BIN)/rwt serve --demo
 
 lint: $(STAMP)-dev
@@ -41,14 +50,55 @@ lint: $(STAMP)-dev
 types: $(STAMP)-dev
 	$(BIN)/mypy
 
-unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed
+# Style, types and tests of the page; what needs a browser is in tests/browser.
+web: $(PAGE)
+	npm run --silent --prefix $(WEB) lint
+	npm run --silent --prefix $(WEB) types
+	npm test --silent --prefix $(WEB)
+
+unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(PAGE)
 	$(BIN)/pytest
 
-test: lint types unit
+test: lint types web unit
+
+# What to run all the time: about a minute.
+quick: $(STAMP)-dev
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports
+	$(BIN)/pytest -q tests/access tests/bridge tests/graph tests/tf2
+
+# The same with the oldest releases of what the project needs that it says it works with, in an environment of its own.
+LOWEST := build/lowest
+lowest: $(STAMP)
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
+	$(BIN)/python -m uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
+		--editable '.[bson,fast,mcap,trio,video,zenoh]' --editable ./conformance --group lowest
+	$(LOWEST)/bin/python -m pytest -q tests/access tests/bridge tests/graph tests/tf2 tests/protocol tests/interfaces \
+		tests/transports
+
+# The pages as a site, in build/site; every warning is an error. To read it: `python3 -m http.server -d build/site`.
+docs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --group docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict $(ARGS)
+
+# Everything that a release publishes, in dist/; nothing is published.
+dist: $(STAMP)-dev
+	$(BIN)/python -m tools.build_release $(ARGS)
+
+# make release VERSION=0.1.0: docs/contributing/release.md.
+release: $(STAMP)-dev
+	$(BIN)/python -m tools.make_release $(VERSION) $(ARGS)
 
 # Whole-process figures beside a yardstick, as ratios; needs Linux. `make bench ARGS=--quick` is the short run.
-bench: $(STAMP)
+bench: $(STAMP)-dev
+	$(BIN)/python -m pip install --quiet --group bench
 	$(BIN)/python -m bench $(ARGS)
+
+# What more of everything costs, and the plots of docs/explanation/performance.md; some minutes.
+growth: $(STAMP)-dev
+	$(BIN)/python -m pip install --quiet --group bench
+	$(BIN)/python -m bench --growth --plots docs/images $(ARGS)
 
 # The paper's figures beside ours, and plots in build/paper; `make paper ARGS=fig3` is one of them.
 paper: $(STAMP)-dev
@@ -73,13 +123,13 @@ mutants: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.mutants $(ARGS)
 
 # Grades the client libraries and writes docs/reference/client-grades.md.
-GRADE := $(BIN)/python -m conformance client --jobs 6
+GRADE := $(BIN)/rosbridge-conformance client --jobs 6
 GRADES := .grades
 client-grades: $(STAMP)-dev $(CLIENTS)/node_modules/.installed
 	mkdir -p $(GRADES)
-	$(GRADE) --target roslib-2 --json $(GRADES)/1 -- node conformance/adapters/roslib.mjs $(CLIENTS)
-	$(GRADE) --target roslib-1 --json $(GRADES)/2 -- node conformance/adapters/roslib.mjs $(CLIENTS) roslib1
-	$(GRADE) --target roslibpy --json $(GRADES)/3 -- $(BIN)/python conformance/adapters/roslibpy_adapter.py
+	$(GRADE) --target roslib-2 --json $(GRADES)/1 -- node conformance/rosbridge_conformance/adapters/roslib.mjs $(CLIENTS)
+	$(GRADE) --target roslib-1 --json $(GRADES)/2 -- node conformance/rosbridge_conformance/adapters/roslib.mjs $(CLIENTS) roslib1
+	$(GRADE) --target roslibpy --json $(GRADES)/3 -- $(BIN)/python conformance/rosbridge_conformance/adapters/roslibpy_adapter.py
 	$(GRADE) --target tests/conformance/rwt-client.toml --json $(GRADES)/4 -- \
 		$(BIN)/python -m tests.conformance.rwt_client_adapter
 	$(BIN)/python tools/generate_client_grades.py $(GRADES)/[1-4]
@@ -90,4 +140,4 @@ conformance: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.transports
 
 clean:
-	rm -rf $(VENV) $(CLIENTS)/node_modules $(BROWSER)/node_modules tests/browser/screenshots
+	rm -rf $(VENV) $(CLIENTS)/node_modules $(BROWSER)/node_modules $(WEB)/node_modules $(dir $(PAGE)) tests/browser/screenshots

@@ -1,24 +1,29 @@
-"""`python -m bench`: measure the server and the relay in turns on this machine, and print the ratios."""
+"""`python -m bench`: measure the server and its peers in turns on this machine, and print the ratios."""
 
 from __future__ import annotations
 
 import argparse
 import gc
+import importlib.util
 import json
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.cases import CASES, METRICS
-from bench.load import WrongAnswer
+from bench.cases import CASES, METRICS, Case, Metric, Peer
+from bench.dialects import FOXGLOVE, ROSBRIDGE, WrongAnswer
 from bench.processes import Server, ServerFailed
-from bench.report import document, rows, table
+from bench.report import Results, document, rows, table
 from bench.turns import Turns
 
 HERE = Path(__file__).parent
+PROGRAMS = {
+    Peer.RELAY: (str(HERE / "relay.py"),),
+    Peer.FOXGLOVE: ("-m", "bench.foxglove_sdk"),
+}
 FULL = (5, 1.0)
 QUICK = (2, 0.5)
 
@@ -33,6 +38,9 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--only", metavar="TEXT", help="only the cases whose name contains TEXT")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write every measurement to FILE")
     parser.add_argument("--check", action="store_true", help="exit with 1 when a floor is missed")
+    parser.add_argument(
+        "--growth", action="store_true", help="what more of everything costs; --growth --help has its options"
+    )
     parser.add_argument("--pin", action="store_true", help="servers on the first CPU, the load on the last")
     parser.add_argument(
         "--server",
@@ -56,8 +64,25 @@ def cpus(pin: bool) -> tuple[Iterable[int] | None, Iterable[int] | None]:
     return usable[:1], usable[-1:]
 
 
+def present(cases: Sequence[Case]) -> list[Peer]:
+    """The peers that the cases name, except an SDK that is not installed."""
+    installed = importlib.util.find_spec("foxglove") is not None
+    named = {peer for case in cases for peer in case.peers}
+    return [peer for peer in Peer if peer in named and (installed or peer is not Peer.FOXGLOVE)]
+
+
+def _was_measured(metric: Metric, theirs: Mapping[Peer, Results]) -> bool:
+    return metric.peer in theirs and (metric.peer_case or metric.case) in theirs[metric.peer]
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    options = arguments(argv)
+    given = sys.argv[1:] if argv is None else list(argv)
+    if "--growth" in given:
+        from bench import growth  # it needs Zenoh, which this does not
+
+        given.remove("--growth")
+        return growth.main(given)
+    options = arguments(given)
     cases = [case for case in CASES if not options.only or options.only in case.name]
     server_cpus, load_cpus = cpus(options.pin)
     if load_cpus is not None:
@@ -65,22 +90,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     gc.freeze()
     gc.disable()  # the load makes no cycles, and a collection would show up in the latencies
     with ExitStack() as stack:
-        servers = []
-        for name, args in (("this server", options.server), ("relay", [str(HERE / "relay.py")])):
-            servers.append(Server(name, args, server_cpus))
-            stack.callback(servers[-1].stop)
-        turns = Turns(servers, cases, options.seconds)
-        server, relay = turns.take(options.rounds)
-    wanted = [m for m in METRICS if m.case in server and (m.relay_case or m.case) in relay]
-    found = rows(wanted, server, relay)
+        server = Server("this server", options.server, server_cpus)
+        stack.callback(server.stop)
+        peers: dict[Peer, Server] = {}
+        for peer in present(cases):
+            dialect = FOXGLOVE if peer is Peer.FOXGLOVE else ROSBRIDGE
+            peers[peer] = Server(peer.value, PROGRAMS[peer], server_cpus, dialect)
+            stack.callback(peers[peer].stop)
+        turns = Turns(server, peers, cases, options.seconds)
+        ours, theirs = turns.take(options.rounds)
+    asked = [metric for metric in METRICS if metric.case in ours]
+    wanted = [metric for metric in asked if _was_measured(metric, theirs)]
+    found = rows(wanted, ours, theirs)
     print(table(found))
+    unmeasured = [metric for metric in asked if metric.peer not in theirs]
+    if unmeasured:
+        print(f"\n{len(unmeasured)} rows are left out: foxglove-sdk is not installed (group `bench`).")
     if turns.disturbed:
         count = f"{turns.disturbed} of {turns.measured}"
         print(f"\n{count} measurements had to share their CPUs with other programs: trust them less.")
     if options.json:
-        text = json.dumps(document(found, cases, server, relay), indent=2, ensure_ascii=False)
+        text = json.dumps(document(found, cases, ours, theirs), indent=2, ensure_ascii=False)
         options.json.write_text(text + "\n", encoding="utf-8")
-    return int(options.check and any(row.verdict in ("below", "lost") for row in found))
+    missed = any(row.verdict in ("below", "lost") for row in found) or bool(unmeasured)
+    return int(options.check and missed)
 
 
 if __name__ == "__main__":

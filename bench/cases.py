@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -21,22 +21,29 @@ SERVICE_IN_SERVER = "/add_two_ints"
 SERVICE_OF_CLIENT = "/load/add_two_ints"
 
 
+class Peer(Enum):
+    """What the server is measured beside."""
+
+    RELAY = "relay"
+    FOXGLOVE = "Foxglove's SDK"
+
+
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One load. `relay` says whether the relay can carry it too."""
+    """One load, and the peers that carry it too."""
 
     name: str
     run: Callable[[Server, float], Result]
-    relay: bool = True
+    peers: tuple[Peer, ...] = (Peer.RELAY,)
 
 
 class Compared(Enum):
     """What a floor is set on."""
 
     RATIO = "ratio"
-    """This server's value divided by the relay's."""
+    """This server's value divided by the peer's."""
     DIFFERENCE = "difference"
-    """This server's value minus the relay's."""
+    """This server's value minus the peer's."""
     VALUE = "value"
     """This server's value alone; the ratio is printed for information."""
 
@@ -63,7 +70,8 @@ class Metric:
         digits: decimals to print.
         floor: what has to be reached, if anything.
         compared: what `floor` is set on.
-        relay_case: the relay's case, where it is another one.
+        peer: what this server's value is compared with.
+        peer_case: the peer's case, where it is another one.
     """
 
     label: str
@@ -72,7 +80,8 @@ class Metric:
     digits: int = 0
     floor: Floor | None = None
     compared: Compared = Compared.RATIO
-    relay_case: str = ""
+    peer: Peer = Peer.RELAY
+    peer_case: str = ""
 
 
 def _fan_out(
@@ -89,27 +98,95 @@ def _latency(server: Server, seconds: float) -> Result:
     return load.latency(server, seconds * LATENCY_STRETCH)
 
 
+@dataclass(frozen=True, slots=True)
+class _Large:
+    """A stream of large messages in one encoding.
+
+    Attributes:
+        label: what is sent and how it arrives.
+        name: of its cases, to which the number of readers is added.
+        floor: of the rate, beside the relay's of the same stream in JSON.
+        relayed: the relay's cases, where they are others.
+    """
+
+    label: str
+    name: str
+    stream: messages.Stream
+    floor: float
+    compression: str = "none"
+    relayed: str = ""
+
+    def case(self, subscribers: int) -> str:
+        return _readers(self.name, subscribers)
+
+    def metrics(self) -> Iterator[Metric]:
+        for count in FEW_READERS:
+            label = f"1→{count} {self.label}"
+            peer_case = _readers(self.relayed or self.name, count)
+            yield Metric(
+                f"{label}, deliveries/s",
+                self.case(count),
+                _rate,
+                floor=Floor(self.floor),
+                peer_case=peer_case,
+            )
+            yield Metric(f"{label}, CPU s per 10,000", self.case(count), _cpu, digits=2, peer_case=peer_case)
+
+
+def _readers(name: str, subscribers: int) -> str:
+    return f"{name} 1→{subscribers}"
+
+
+FEW_READERS = (1, 10)
+LARGE = (
+    _Large("1 MB String", "string", messages.strings(), 0.6),
+    _Large("1 MB String → cbor", "string cbor", messages.strings(), 0.6, "cbor", "string"),
+    _Large("640x480 Image", "image", messages.images(), 1.0),
+    _Large("640x480 Image without a stamp", "image unstamped", messages.unstamped_images(), 0.9),
+    _Large("640x480 Image → cbor", "image cbor", messages.images(), 1.0, "cbor", "image"),
+    _Large("640x480 Image → cbor-raw", "image cbor-raw", messages.images(), 1.0, "cbor-raw", "image"),
+)
+
 MEMORY = "memory"
+EVERY_PEER = (Peer.RELAY, Peer.FOXGLOVE)
 
 CASES = (
-    Case("twist 1→1", _fan_out(messages.twists(), 1, Window(512, 64))),
-    Case("twist 1→100", _fan_out(messages.twists(), SUBSCRIBERS, Window(64, 8, nap=0.002))),
-    Case("string", _fan_out(messages.strings(), 1, Window(2, 1))),
-    Case("image", _fan_out(messages.images(), 1, Window(2, 1))),
+    Case("twist 1→1", _fan_out(messages.twists(), 1, Window(512, 64)), EVERY_PEER),
     *(
-        Case(f"scan {name}", _fan_out(messages.scans(), 1, Window(64, 8), (name,)), relay=name == "none")
+        Case(
+            f"twist 1→{SUBSCRIBERS}{suffix}",
+            _fan_out(messages.twists(), SUBSCRIBERS, Window(size, min(size, 8), nap=0.002)),
+            EVERY_PEER,
+        )
+        for suffix, size in (("", 64), (" by 8", 8), (" by 1", 1))
+    ),
+    *(
+        Case(
+            large.case(subscribers),
+            _fan_out(large.stream, subscribers, Window(2, 1), (large.compression,)),
+            peers=(Peer.RELAY,) if large.compression == "none" else (),
+        )
+        for large in LARGE
+        for subscribers in FEW_READERS
+    ),
+    *(
+        Case(
+            f"scan {name}",
+            _fan_out(messages.scans(), 1, Window(64, 8), (name,)),
+            peers=(Peer.RELAY,) if name == "none" else (),
+        )
         for name in ENCODINGS
     ),
     Case(f"scan 1→{FEW}", _fan_out(messages.scans(), FEW, Window(64, 8))),
     Case(f"scan 1→{SUBSCRIBERS}", _fan_out(messages.scans(), SUBSCRIBERS, Window(16, 2, nap=0.002))),
-    Case(f"scan 1→{FEW} mixed", _fan_out(messages.scans(), FEW, Window(64, 8), ENCODINGS), relay=False),
+    Case(f"scan 1→{FEW} mixed", _fan_out(messages.scans(), FEW, Window(64, 8), ENCODINGS), peers=()),
     Case(
         f"scan 1→{SUBSCRIBERS} mixed",
         _fan_out(messages.scans(), SUBSCRIBERS, Window(16, 2, nap=0.002), ENCODINGS),
-        relay=False,
+        peers=(),
     ),
-    Case("calls in server 1", _calls(SERVICE_IN_SERVER, 1, provided_here=False), relay=False),
-    Case("calls in server 32", _calls(SERVICE_IN_SERVER, DEPTH, provided_here=False), relay=False),
+    Case("calls in server 1", _calls(SERVICE_IN_SERVER, 1, provided_here=False), peers=()),
+    Case("calls in server 32", _calls(SERVICE_IN_SERVER, DEPTH, provided_here=False), peers=()),
     Case("calls of client 1", _calls(SERVICE_OF_CLIENT, 1, provided_here=True)),
     Case("calls of client 32", _calls(SERVICE_OF_CLIENT, DEPTH, provided_here=True)),
     Case("latency", _latency),
@@ -145,18 +222,40 @@ def _memory_peak(result: Result) -> float:
 
 
 METRICS = (
-    Metric("1→1 small Twist, messages/s", "twist 1→1", _rate, floor=Floor(1.0)),
+    Metric("1→1 small Twist, messages/s", "twist 1→1", _rate, floor=Floor(1.3)),
     Metric("1→1 small Twist, CPU s per 10,000", "twist 1→1", _cpu, digits=4),
     Metric("1→100 small Twist, deliveries/s", "twist 1→100", _rate, floor=Floor(2.0)),
     Metric(
         "1→100 small Twist, CPU s per 10,000", "twist 1→100", _cpu, digits=4, floor=Floor(0.5, at_most=True)
     ),
-    Metric("1 MB String, messages/s", "string", _rate, floor=Floor(0.6)),
-    Metric("1 MB String, CPU s per 10,000", "string", _cpu, digits=2),
-    Metric("640x480 Image, messages/s", "image", _rate, floor=Floor(0.6)),
-    Metric("640x480 Image, CPU s per 10,000", "image", _cpu, digits=2),
     *(
-        Metric(f"1→1 LaserScan, {name}, messages/s", f"scan {name}", _rate, relay_case="scan none")
+        Metric(
+            f"1→{SUBSCRIBERS} small Twist, {size} on their way, CPU s per 10,000",
+            f"twist 1→{SUBSCRIBERS} by {size}",
+            _cpu,
+            digits=4,
+        )
+        for size in (8, 1)
+    ),
+    *(
+        Metric(
+            f"{label}, beside {Peer.FOXGLOVE.value}, CPU s per 10,000",
+            case,
+            _cpu,
+            digits=4,
+            floor=floor,
+            peer=Peer.FOXGLOVE,
+        )
+        for label, case, floor in (
+            ("1→1 small Twist", "twist 1→1", None),
+            (f"1→{SUBSCRIBERS} small Twist", f"twist 1→{SUBSCRIBERS}", Floor(1.0, at_most=True)),
+            ("the same, 8 on their way", f"twist 1→{SUBSCRIBERS} by 8", Floor(1.0, at_most=True)),
+            ("the same, 1 on its way", f"twist 1→{SUBSCRIBERS} by 1", Floor(1.0, at_most=True)),
+        )
+    ),
+    *(metric for large in LARGE for metric in large.metrics()),
+    *(
+        Metric(f"1→1 LaserScan, {name}, messages/s", f"scan {name}", _rate, peer_case="scan none")
         for name in ENCODINGS
     ),
     *(
@@ -165,7 +264,7 @@ METRICS = (
             f"scan 1→{count}{mixed}",
             _cpu,
             digits=4,
-            relay_case=f"scan 1→{count}",
+            peer_case=f"scan 1→{count}",
         )
         for count in (FEW, SUBSCRIBERS)
         for what, mixed in (("JSON", ""), ("4 encodings", " mixed"))
@@ -174,7 +273,7 @@ METRICS = (
         "service in the server, 1 at a time, calls/s",
         "calls in server 1",
         _rate,
-        relay_case="calls of client 1",
+        peer_case="calls of client 1",
     ),
     Metric(
         f"service in the server, {DEPTH} in flight, calls/s",
@@ -182,7 +281,7 @@ METRICS = (
         _rate,
         floor=Floor(30_000),
         compared=Compared.VALUE,
-        relay_case="calls of client 32",
+        peer_case="calls of client 32",
     ),
     Metric("service of a client, 1 at a time, calls/s", "calls of client 1", _rate),
     Metric(f"service of a client, {DEPTH} in flight, calls/s", "calls of client 32", _rate),

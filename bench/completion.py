@@ -185,7 +185,7 @@ def from_bytes(kind: MessageType, data: bytes, way_in: str) -> Callable[[], Payl
     split = (CborCodec() if way_in == "CBOR" else BsonCodec()).split
 
     def take() -> Payload:
-        members: Any = split(data, SplitLimits())[0]
+        members: Any = split(data, SplitLimits(max_structure=1 << 24))[0]
         return Payload.from_value(kind, members["msg"].value)
 
     return take

@@ -15,15 +15,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from bench.dialects import DEFLATE, PER_MESSAGE_DEFLATE, WrongAnswer
 from bench.messages import Stream, advertise_service, call, twist, twists
 from bench.processes import CpuTime, Server, cpu_time
 from bench.wire import Connection, Loop, masked
-from rwt_protocol.codecs import JSON
-from rwt_protocol.ops import Direction, Publish
-from rwt_protocol.session import Session
 
 WARM_UP_SECONDS: Final = 0.3
 GRACE_SECONDS: Final = 5.0
+CONNECT_SECONDS: Final = 0.05
+"""What a busy machine may take for each subscriber, until all of them are heard of."""
+QUIET_SECONDS: Final = 0.25
 PROBE_SECONDS: Final = 0.05
 LATENCY_HZ: Final = 200
 
@@ -31,10 +32,6 @@ SERVICE_TYPE: Final = "example_interfaces/AddTwoInts"
 CALL_IDS: Final = 1024
 ID: Final = re.compile(rb'"id":\s*("[^"]*"|\d+)')
 STAMP: Final = re.compile(rb'"x":\s*([0-9.]+)')
-
-
-class WrongAnswer(Exception):
-    """A server did not do what the load asked for, so there is nothing to measure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +106,7 @@ def fan_out(
     """One publisher, so many subscribers, one connection each; they ask for the encodings in turn."""
     with _Session(server) as session:
         publisher, readers = session.join(stream, subscribers, compressions)
-        frames = [masked(stream.publish(message)) for message in stream.messages]
+        frames = [server.dialect.publish(stream, message) for message in stream.messages]
         writes = itertools.cycle([b"".join(batch) for batch in _batches(frames, window.batch)])
         start = sum(reader.received for reader in readers)
         sent = 0
@@ -221,20 +218,6 @@ def _batches(frames: list[bytes], size: int) -> list[list[bytes]]:
     return [frames[start : start + size] for start in range(0, len(frames), size)]
 
 
-def _text_of(message: bytes, compression: str) -> bytes | None:
-    """A delivery as JSON; None for `cbor-raw`, of which only the envelope is looked at.
-
-    Raises:
-        WrongAnswer: it is not in that encoding.
-    """
-    if compression == "none":
-        return message
-    (op,) = Session(direction=Direction.TO_CLIENT).decode(message, compression != "png", 0.0)
-    if not isinstance(op, Publish):
-        raise WrongAnswer(f"asked for {compression}, got {message[:300]!r}")
-    return None if compression == "cbor-raw" else JSON.encode(op).data
-
-
 class _Session:
     """The connections of one load to one server."""
 
@@ -251,8 +234,15 @@ class _Session:
             connection.close()
         self.loop.close()
 
-    def connect(self) -> Connection:
-        connection = Connection(self.loop, self._server.host, self._server.port)
+    def connect(self, extension: str = "") -> Connection:
+        server = self._server
+        connection = Connection(
+            self.loop,
+            server.host,
+            server.port,
+            subprotocol=server.dialect.subprotocol,
+            extension=extension,
+        )
         self._connections.append(connection)
         return connection
 
@@ -260,35 +250,35 @@ class _Session:
         self, stream: Stream, subscribers: int, compressions: Sequence[str] = ("none",)
     ) -> tuple[Connection, list[Connection]]:
         """Advertise and subscribe; return when a message has reached every subscriber as it was sent."""
+        dialect = self._server.dialect
         publisher = self.connect()
-        publisher.send(masked(stream.advertise()))
-        readers = [self.connect() for _ in range(subscribers)]
-        kept = [reader.keep_messages() for reader in readers]
+        publisher.send(dialect.advertise(stream))
         asked = list(itertools.islice(itertools.cycle(compressions), subscribers))
+        readers = [self.connect(PER_MESSAGE_DEFLATE if each == DEFLATE else "") for each in asked]
+        kept = [reader.keep_messages() for reader in readers]
         for reader, compression in zip(readers, asked, strict=True):
-            reader.send(masked(stream.subscribe(compression)))
-        self.loop.settle()
+            reader.send(dialect.subscribe(stream, compression))
+        self.loop.settle(QUIET_SECONDS)  # A relay forwards these too.
         for messages in kept:
             messages.clear()
-        probe = masked(stream.publish(stream.messages[0]))
-        deadline = time.monotonic() + GRACE_SECONDS
+        probe = dialect.publish(stream, stream.messages[0])
+        deadline = time.monotonic() + GRACE_SECONDS + subscribers * CONNECT_SECONDS
+        probes = 0
         while not all(kept):
             if time.monotonic() > deadline:
                 raise WrongAnswer(f"{self._server.name}: no message on {stream.topic} reached a subscriber")
             publisher.send(probe)
+            probes += 1
             self.loop.until(lambda: all(kept), PROBE_SECONDS)
+        # What is still on its way would be counted as part of the load.
+        self.loop.until(lambda: all(len(messages) >= probes for messages in kept), GRACE_SECONDS)
         self.loop.settle()
         for reader, messages, compression in zip(readers, kept, asked, strict=True):
-            self._check_delivery(stream, _text_of(messages[-1], compression))
+            message = dialect.delivered(stream, messages[-1], compression)
+            if message is not None and not stream.is_first(message):
+                raise WrongAnswer(f"{self._server.name}: a subscriber of {stream.topic} got {message!r:.300}")
             reader.forget_messages()
         return publisher, readers
-
-    def _check_delivery(self, stream: Stream, message: bytes | None) -> None:
-        if message is None:
-            return  # it is in the robot's own serialisation, whose readers the load does not have
-        op = json.loads(message)
-        if (op.get("op"), op.get("topic"), op.get("msg")) != ("publish", stream.topic, stream.messages[0]):
-            raise WrongAnswer(f"{self._server.name}: a subscriber of {stream.topic} got {message[:300]!r}")
 
     def provide(self, service: str) -> None:
         """Offer the service from a connection of its own."""

@@ -14,11 +14,23 @@ STRING_BYTES = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """One topic, and the messages that take turns on it."""
+    """One topic, and the messages that take turns on it.
+
+    Attributes:
+        unstamped: the messages have no `header.stamp`, and may arrive with one.
+    """
 
     topic: str
     type: str
     messages: tuple[Mapping[str, object], ...]
+    unstamped: bool = False
+
+    def is_first(self, delivered: object) -> bool:
+        """Whether what was delivered is the first message, stamped or not where it had no stamp."""
+        if self.unstamped and isinstance(delivered, dict) and isinstance(delivered.get("header"), dict):
+            header = {name: value for name, value in delivered["header"].items() if name != "stamp"}
+            delivered = {**delivered, "header": header}
+        return delivered == self.messages[0]
 
     def advertise(self) -> bytes:
         return _text(op="advertise", id=f"advertise:{self.topic}:1", type=self.type, topic=self.topic)
@@ -82,6 +94,13 @@ def strings() -> Stream:
 def images() -> Stream:
     source = random.Random(3)
     return Stream("/camera/image_raw", "sensor_msgs/Image", tuple(_image(source, n) for n in range(2)))
+
+
+def unstamped_images() -> Stream:
+    """The same pictures from a page that leaves the stamp to the server."""
+    images_ = images()
+    messages = tuple({**message, "header": {"frame_id": "camera"}} for message in images_.messages)
+    return Stream(images_.topic, images_.type, messages, unstamped=True)
 
 
 def _image(source: random.Random, number: int) -> dict[str, object]:

@@ -7,9 +7,11 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from bench.dialects import ROSBRIDGE, Dialect
 
 STARTUP_SECONDS = 20.0
 STOP_SECONDS = 5.0
@@ -55,10 +57,26 @@ def cpu_time(pid: int) -> CpuTime:
 class Server:
     """A server that prints `listening on ws://HOST:PORT` on its standard output when it is ready."""
 
-    def __init__(self, name: str, arguments: Sequence[str], cpus: Iterable[int] | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        cpus: Iterable[int] | None = None,
+        dialect: Dialect = ROSBRIDGE,
+        *,
+        quiet: bool = False,
+        python: str = sys.executable,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.name = name
+        self.dialect = dialect
         self._process = subprocess.Popen(
-            [sys.executable, *arguments], stdout=subprocess.PIPE, text=True, errors="replace"
+            [python, *arguments],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL if quiet else None,
+            text=True,
+            errors="replace",
         )
         self._proc = Path(f"/proc/{self._process.pid}")
         if cpus is not None:

@@ -1,6 +1,6 @@
 """`python -m bench.recording`: what recording costs, beside the bare MCAP library in the same run.
 
-`rwt record` is fed the frames that a server sends (`cbor-raw`), and the library alone the same serialised
+`rwt bag record` is fed the frames that a server sends (`cbor-raw`), and the library alone the same serialised
 messages; both write and compress a file. What is compared is CPU time, threads included, which other
 programs on the machine disturb less than the clock. Exit code 1 when a bound is missed or a message is not in
 the file.

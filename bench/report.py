@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
 
-from bench.cases import Case, Compared, Floor, Metric, Result
+from bench.cases import Case, Compared, Floor, Metric, Peer, Result
 from bench.load import Latency, Throughput
 
 Results = Mapping[str, Sequence[Result]]
@@ -17,19 +17,19 @@ Results = Mapping[str, Sequence[Result]]
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One metric of both servers.
+    """One metric of the server and of the peer that it is compared with.
 
     Attributes:
-        server, relay: medians over the rounds.
+        server, peer: medians over the rounds.
         compared: median over the rounds of the ratio (or difference) within one round.
         least, most: the extremes of that.
-        lost: messages that this server or the relay lost meanwhile.
+        lost: messages that this server or the peer lost meanwhile.
         verdict: `ok`, `below`, `lost`, or nothing where no floor is set.
     """
 
     metric: Metric
     server: float
-    relay: float
+    peer: float
     compared: float
     least: float
     most: float
@@ -45,14 +45,17 @@ class Row:
         return "ok" if floor.holds(value) else "below"
 
 
-def rows(metrics: Sequence[Metric], server: Results, relay: Results) -> list[Row]:
+def rows(metrics: Sequence[Metric], server: Results, peers: Mapping[Peer, Results]) -> list[Row]:
     """Compare round by round, so that what slows the whole machine down for a while slows both sides."""
-    return [_row(metric, server[metric.case], relay[metric.relay_case or metric.case]) for metric in metrics]
+    return [
+        _row(metric, server[metric.case], peers[metric.peer][metric.peer_case or metric.case])
+        for metric in metrics
+    ]
 
 
-def _row(metric: Metric, server: Sequence[Result], relay: Sequence[Result]) -> Row:
+def _row(metric: Metric, server: Sequence[Result], peer: Sequence[Result]) -> Row:
     ours = [metric.read(result) for result in server]
-    theirs = [metric.read(result) for result in relay]
+    theirs = [metric.read(result) for result in peer]
     pairs = list(zip(ours, theirs, strict=True))
     if metric.compared is Compared.DIFFERENCE:
         compared = [mine - other for mine, other in pairs]
@@ -65,7 +68,7 @@ def _row(metric: Metric, server: Sequence[Result], relay: Sequence[Result]) -> R
         median(compared),
         min(compared),
         max(compared),
-        sum(_lost(result) for result in (*server, *relay)),
+        sum(_lost(result) for result in (*server, *peer)),
     )
 
 
@@ -75,7 +78,7 @@ def _lost(result: Result) -> int:
 
 def table(found: Sequence[Row]) -> str:
     """The rows as text for a terminal."""
-    heads = ("", "this server", "relay", "compared", "least - most", "floor", "")
+    heads = ("", "this server", "peer", "compared", "least - most", "floor", "")
     body = [_cells(row) for row in found]
     widths = [max(len(line[column]) for line in (heads, *body)) for column in range(len(heads))]
     lines = [_line(cells, widths) for cells in (heads, *body)]
@@ -91,7 +94,7 @@ def _cells(row: Row) -> tuple[str, ...]:
     return (
         metric.label,
         f"{row.server:,.{metric.digits}f}",
-        f"{row.relay:,.{metric.digits}f}",
+        f"{row.peer:,.{metric.digits}f}",
         shown.format(row.compared),
         spread.format(row.least, row.most),
         _floor(metric.floor, metric.compared),
@@ -117,7 +120,7 @@ def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 
 def document(
-    found: Sequence[Row], cases: Sequence[Case], server: Results, relay: Results
+    found: Sequence[Row], cases: Sequence[Case], server: Results, peers: Mapping[Peer, Results]
 ) -> dict[str, object]:
     """Everything that was measured, for `--json`."""
     return {
@@ -125,7 +128,7 @@ def document(
         "machine": platform.machine(),
         "cpus": os.cpu_count(),
         "rows": [_entry(row) for row in found],
-        "loads": {case.name: _load(case, server, relay) for case in cases},
+        "loads": {case.name: _load(case, server, peers) for case in cases},
     }
 
 
@@ -135,7 +138,8 @@ def _entry(row: Row) -> dict[str, object]:
         "label": row.metric.label,
         "case": row.metric.case,
         "server": row.server,
-        "relay": row.relay,
+        "peer": row.peer,
+        "beside": row.metric.peer.value,
         "compared": row.compared,
         "as": row.metric.compared.value,
         "least": row.least,
@@ -146,10 +150,10 @@ def _entry(row: Row) -> dict[str, object]:
     }
 
 
-def _load(case: Case, server: Results, relay: Results) -> dict[str, object]:
+def _load(case: Case, server: Results, peers: Mapping[Peer, Results]) -> dict[str, object]:
     return {
         side: [_plain(result) for result in found.get(case.name, ())]
-        for side, found in (("server", server), ("relay", relay))
+        for side, found in (("server", server), *((peer.value, found) for peer, found in peers.items()))
     }
 
 

@@ -1,13 +1,13 @@
-"""Both servers in turns: who is measured when, and what is measured again."""
+"""The servers in turns: who is measured when, and what is measured again."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
-from bench.cases import MEMORY, Case, Result
+from bench.cases import MEMORY, Case, Peer, Result
 from bench.load import Latency, Throughput
 from bench.processes import Server, ServerFailed
 from bench.wire import ConnectionLost
@@ -31,34 +31,39 @@ class Turns:
         disturbed: how many of them were disturbed all the same.
     """
 
-    def __init__(self, servers: Sequence[Server], cases: Sequence[Case], seconds: float) -> None:
-        self._servers = servers
+    def __init__(
+        self, server: Server, peers: Mapping[Peer, Server], cases: Sequence[Case], seconds: float
+    ) -> None:
+        self._server = server
+        self._peers = peers
         self._cases = cases
         self._seconds = seconds
         self._spare = 0.0
         self.measured = 0
         self.disturbed = 0
 
-    def take(self, rounds: int) -> list[Results]:
+    def take(self, rounds: int) -> tuple[Results, dict[Peer, Results]]:
         """Run each case on each server, so many rounds; the server that begins changes from round to round.
 
         Raises:
             ServerFailed: a server died or closed a connection.
             WrongAnswer: a server did not do what a load asked for.
         """
-        found: list[Results] = [{case.name: [] for case in self._cases} for _ in self._servers]
+        servers: dict[Peer | None, Server] = {None: self._server}
+        servers.update(self._peers.items())
+        found: dict[Peer | None, Results] = {peer: {} for peer in servers}
         self._spare = rounds * len(self._cases) * self._seconds
         for number in range(1, rounds + 1):
-            order = [*enumerate(self._servers)]
+            order = [*servers.items()]
             for case in self._cases:
-                for index, server in order if number % 2 else reversed(order):
-                    if index == 0 or case.relay:
+                for peer, server in order if number % 2 else reversed(order):
+                    if peer is None or peer in case.peers:
                         _progress(f"round {number}/{rounds}: {case.name}, {server.name}")
-                        found[index][case.name].append(self._measure(case, server))
+                        found[peer].setdefault(case.name, []).append(self._measure(case, server))
         _progress("")
-        for server, results in zip(self._servers, found, strict=True):
-            results[MEMORY] = [server.memory()]
-        return found
+        for peer, results in found.items():
+            results[MEMORY] = [servers[peer].memory()]
+        return found[None], {peer: found[peer] for peer in self._peers}
 
     def _measure(self, case: Case, server: Server) -> Result:
         best = self._run(case, server)

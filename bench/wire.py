@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 
 FIN = 0x80
-TEXT, CLOSE, PING, PONG = 0x1, 0x8, 0x9, 0xA
+TEXT, BINARY, CLOSE, PING, PONG = 0x1, 0x2, 0x8, 0x9, 0xA
 CHUNK = 1 << 20
 CONNECT_SECONDS = 10.0
 CLOSE_SECONDS = 1.0
@@ -124,22 +124,32 @@ class FrameCounter:
 class Connection:
     """One WebSocket connection of the load. Nothing here blocks after the handshake."""
 
-    def __init__(self, loop: Loop, host: str, port: int, receive_buffer: int = 0) -> None:
+    def __init__(
+        self,
+        loop: Loop,
+        host: str,
+        port: int,
+        receive_buffer: int = 0,
+        subprotocol: str = "",
+        extension: str = "",
+    ) -> None:
         self._loop = loop
         self._socket = _connected(host, port, receive_buffer)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._counter = FrameCounter(self._on_control)
         self._unsent: deque[memoryview] = deque()
         self.on_data: Callable[[], None] | None = None
-        self._handshake(host, port)
+        self._handshake(host, port, subprotocol, extension)
         self._socket.setblocking(False)
         loop.add(self._socket, self)
 
-    def _handshake(self, host: str, port: int) -> None:
+    def _handshake(self, host: str, port: int, subprotocol: str, extension: str) -> None:
         key = base64.b64encode(os.urandom(16)).decode()
+        wanted = f"Sec-WebSocket-Protocol: {subprotocol}\r\n" if subprotocol else ""
+        wanted += f"Sec-WebSocket-Extensions: {extension}\r\n" if extension else ""
         self._socket.sendall(
             f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n{wanted}\r\n".encode()
         )
         answer = b""
         while b"\r\n\r\n" not in answer:

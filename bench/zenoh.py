@@ -206,11 +206,16 @@ async def sender(endpoint: str, seconds: float) -> None:
         await send(graph, seconds)
 
 
-def over_zenoh(seconds: float) -> Figures:
-    """Each half in a process of its own."""
+def free_endpoint() -> str:
+    """Where a process may listen."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def over_zenoh(seconds: float) -> Figures:
+    """Each half in a process of its own."""
+    endpoint = free_endpoint()
     command = [sys.executable, "-m", "bench.zenoh", "--send-to", endpoint, "--seconds", str(seconds)]
     child = subprocess.Popen(command)
     try:

@@ -9,8 +9,8 @@ import sys
 
 from PIL import Image
 
+from rwt import image_from_pillow, image_to_pillow
 from rwt_client.blocking import BlockingRobot, connect
-from rwt_client.images import from_pillow, to_pillow
 
 
 def look_around(robot: BlockingRobot) -> None:
@@ -24,8 +24,10 @@ def look_around(robot: BlockingRobot) -> None:
 def show_a_picture(robot: BlockingRobot) -> None:
     """Publish an image and take it back from the robot."""
     with robot.topic("/picture", "sensor_msgs/Image", arrays="numpy") as pictures:
-        robot.publish("/picture", from_pillow(Image.new("RGB", (64, 48), "orange")), "sensor_msgs/Image")
-        picture = to_pillow(pictures.get(timeout=5))
+        robot.publish(
+            "/picture", image_from_pillow(Image.new("RGB", (64, 48), "orange")), "sensor_msgs/Image"
+        )
+        picture = image_to_pillow(pictures.get(timeout=5))
     print(f"picture: {picture.size} {picture.getpixel((10, 10))}")
 
 

@@ -16,6 +16,7 @@ PACKAGES = {
     "rwt_transports": {"rwt_interfaces", "rwt_graph", "rwt_bridge", "numpy"},
     "rwt_bridge": {"rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_nodes": {"rwt_bridge", "rwt_client", "rwt_cli", "numpy", "PIL"},
+    "rwt_web": {"rwt_graph", "rwt_nodes", "rwt_bridge", "rwt_interfaces", "numpy", "PIL"},
     "rwt_client": {"rwt_bridge", "rwt_graph", "rwt_nodes", "rwt_cli"},
     "rwt_testing": {"rwt_client", "rwt_nodes", "rwt_cli", "pytest", "numpy", "PIL"},
     "rwt_cli": {"rwt_testing", "rwt_pytest"},

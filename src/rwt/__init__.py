@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rwt_client import connect
     from rwt_graph import MemoryGraph, Node, SimulatedClock
     from rwt_program.api import RobotApi
+    from rwt_program.diagnostics import DiagnosticLevel, DiagnosticStatus, DiagnosticUpdater
     from rwt_program.errors import (
         CallFailed,
         CallTimeout,
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         GoalEnded,
         GoalRejected,
         HandleClosed,
+        ImageFormat,
         InterfaceError,
         InvalidMessage,
         InvalidQoS,
@@ -40,8 +42,24 @@ if TYPE_CHECKING:
         WrongThread,
     )
     from rwt_program.goals import Goal, GoalResult, GoalStatus, ReceivedGoal
+    from rwt_program.images import (
+        compressed_image,
+        image_from_numpy,
+        image_from_pillow,
+        image_to_numpy,
+        image_to_pillow,
+    )
     from rwt_program.messages import Message, MessageLike
     from rwt_program.qos import BEST_AVAILABLE, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
+    from rwt_program.watchdog import Watchdog
+    from rwt_tf2 import (
+        StampedTransform,
+        Transform,
+        euler_from_quaternion,
+        quaternion_from_euler,
+        quaternion_from_yaw,
+        yaw_from_quaternion,
+    )
 
 _HOMES: Final = {
     name: home
@@ -54,12 +72,21 @@ _HOMES: Final = {
         "rwt_client": "connect",
         "rwt_graph": "Node MemoryGraph SimulatedClock",
         "rwt_program.api": "RobotApi",
+        "rwt_program.watchdog": "Watchdog",
+        "rwt_program.diagnostics": "DiagnosticUpdater DiagnosticStatus DiagnosticLevel",
+        "rwt_program.images": (
+            "image_to_numpy image_from_numpy image_to_pillow image_from_pillow compressed_image"
+        ),
+        "rwt_tf2": (
+            "Transform StampedTransform quaternion_from_yaw yaw_from_quaternion "
+            "quaternion_from_euler euler_from_quaternion"
+        ),
         "rwt_program.goals": "Goal GoalResult GoalStatus ReceivedGoal",
         "rwt_program.messages": "Message MessageLike",
         "rwt_program.qos": "QoS BEST_AVAILABLE LATCHED SENSOR_DATA Durability History Reliability",
         "rwt_program.errors": (
             "CallFailed CallTimeout GoalAborted GoalCanceled GoalEnded GoalRejected "
-            "HandleClosed InterfaceError InvalidMessage InvalidQoS NotFound ParameterRejected "
+            "HandleClosed ImageFormat InterfaceError InvalidMessage InvalidQoS NotFound ParameterRejected "
             "ProviderGone ProviderNotFound RobotError ServiceFailed TimedOut "
             "TransformUnavailable UnknownType WrongThread"
         ),
@@ -95,6 +122,21 @@ __all__ = [
     "Durability",
     "History",
     "Reliability",
+    "Transform",
+    "StampedTransform",
+    "quaternion_from_yaw",
+    "yaw_from_quaternion",
+    "quaternion_from_euler",
+    "euler_from_quaternion",
+    "image_to_numpy",
+    "image_from_numpy",
+    "image_to_pillow",
+    "image_from_pillow",
+    "compressed_image",
+    "Watchdog",
+    "DiagnosticUpdater",
+    "DiagnosticStatus",
+    "DiagnosticLevel",
     "CallFailed",
     "CallTimeout",
     "GoalAborted",
@@ -102,6 +144,7 @@ __all__ = [
     "GoalEnded",
     "GoalRejected",
     "HandleClosed",
+    "ImageFormat",
     "InterfaceError",
     "InvalidMessage",
     "InvalidQoS",

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import html
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol
+from urllib.parse import urlsplit
 
 from rwt.errors import ServerError
 from rwt_access.settings import SettingsError
+from rwt_bridge.bridge import GATEWAY_NODE
+from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import Rosapi
 from rwt_nodes.tf import Tf2WebRepublisher
+from rwt_transports.http import HttpExtension
 
 # What only some servers have is imported in the functions that start it.
 if TYPE_CHECKING:
@@ -22,7 +27,6 @@ if TYPE_CHECKING:
     from rwt_nodes.recording import Recorder
     from rwt_nodes.video import WebVideoServer
     from rwt_protocol.transport import Accept
-    from rwt_transports.http import HttpExtension
 
 
 class ReadyNode(Protocol):
@@ -59,10 +63,11 @@ ON_EVERY_WORKER: Final[frozenset[NodeName]] = frozenset({"web_video_server"})
 
 
 def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> list[HttpExtension]:
-    """Start what the settings name and `stack` closes; returns what it brings to HTTP.
+    """Start what the settings name and `stack` closes; returns what it brings to HTTP, and the robot's page.
 
     Raises:
-        SettingsError: there are no packages in a folder of the setting `packages`.
+        SettingsError: there are no packages in a folder of the setting `packages`, or the page's settings
+            cannot be used.
     """
     nodes: list[object] = [
         stack.enter_context(closing(NODES[name](graph, settings))) for name in settings.nodes
@@ -73,7 +78,23 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> list[Http
         from rwt_nodes.demo import DemoRobot
 
         nodes.append(stack.enter_context(closing(DemoRobot(graph))))
-    return http_of(*nodes)
+    return [*http_of(*nodes), *_web_page(settings)]
+
+
+def _web_page(settings: Settings) -> Iterator[HttpExtension]:
+    """The robot's page, or, where it is not built, what the index says of that."""
+    if not settings.web.enabled:
+        return
+    from rwt_web import MISSING, WebPage, WebPageError, find_static_files
+
+    files = find_static_files()
+    if files is None:
+        yield HttpExtension(section=lambda request, reader: f"<p>{html.escape(MISSING)}")
+        return
+    try:
+        yield WebPage(files, layouts=settings.web.layouts, embed=settings.web.embed).http
+    except WebPageError as error:
+        raise SettingsError(f"`web`: {error}") from error
 
 
 def _mesh_files(settings: Settings) -> MeshFiles:
@@ -85,15 +106,32 @@ def _mesh_files(settings: Settings) -> MeshFiles:
         raise SettingsError(f"`packages`: {error}") from error
 
 
+def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) -> Node:
+    """The node as which all clients act, with what every node has, and where it listens as ROS's has it:
+    `port`, which was asked for, and `actual_port` (CFG-01).
+
+    Args:
+        graph: the robot.
+        urls: where the server listens, with the ports it has got.
+        settings: of the server.
+    """
+    node = Node(graph, GATEWAY_NODE)
+    for name, each in (("port", settings.listen), ("actual_port", urls)):
+        ports = [urlsplit(url).port for url in each if url.startswith(("ws:", "wss:"))]
+        if ports and ports[0] is not None:
+            node.parameters.declare(name, ports[0])
+            node.parameters.set(name, ports[0])  # ROS 1 keeps the value of the server before.
+    return node
+
+
 def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, introspection: bool) -> None:
-    """Record a graph until `stack` is closed, and publish calls and goals where the distribution has topics
-    for them.
+    """Record a graph until `stack` is closed, publish its calls and goals on topics of their own, or both.
 
     Args:
         graph: what is recorded.
         file: MCAP; None records nothing.
         stack: closes the recorder; then what the last messages could not be written for is raised.
-        introspection: whether calls and goals are published even if nothing is recorded.
+        introspection: whether calls and goals are published, and recorded if anything is.
 
     Raises:
         SettingsError: introspection on ROS 1.
@@ -101,20 +139,19 @@ def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, intros
     """
     from rwt_nodes.introspection import Introspection
     from rwt_nodes.recording import Recorder, RecordingError
+    from rwt_nodes.recording.selection import EVERYTHING, TopicSelection
 
-    has_topics = graph.distro.introspects_calls
-    if introspection and not has_topics:
+    if introspection and not graph.distro.introspects_calls:
         raise SettingsError("introspection: is of ROS 2: ROS 1 has no topics for calls; leave it out")
     if file is None:
-        if introspection:
-            stack.enter_context(closing(Introspection(graph)))
+        stack.enter_context(closing(Introspection(graph)))
         return
     try:
-        recorder = Recorder(graph, file)
+        recorder = Recorder(graph, file, EVERYTHING if introspection else TopicSelection())
     except RecordingError as error:
         raise ServerError(f"record: {error}") from error
     stack.callback(_finish, recorder)
-    if has_topics:
+    if introspection:
         stack.enter_context(closing(Introspection(graph, on_topic=recorder.look)))
 
 

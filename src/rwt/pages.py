@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import math
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 from rwt.observability.prometheus import CONTENT_TYPE
 from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http import Audience, HttpResponse, Route, Routes
+from rwt_transports.http import Audience, HttpResponse, Route, Routes, page_policy
 
 if TYPE_CHECKING:
     from rwt.observability.metrics import ServerMetrics
@@ -31,7 +32,7 @@ code, pre {{ background: #8882; padding: .1em .3em; border-radius: 3px }} pre {{
 td {{ padding: .1em 1em .1em 0 }}</style>
 <h1>A robot is here</h1>
 <p>This is Robot Web Tools {version}: rosbridge v2 over WebSocket on this very port, speaking ROS {ros} names
-({distro}). {clients} connected.</p>
+({distro}). {clients} connected. Its work for clients takes {work} of a processor{beyond}.</p>
 <h2>Connect</h2>
 <pre>new ROSLIB.Ros({{ url: "{url}" }})            // roslibjs
 roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
@@ -43,12 +44,6 @@ roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
 <table>{actions}</table>
 {sections}"""
 
-
-_POLICY = (
-    "default-src 'none'; style-src 'unsafe-inline'; img-src 'self'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'"
-)
-"""What the index may do: show itself, and pictures of this server. No name in it can become a script."""
 
 Gather = Callable[[bytes], Awaitable[bytes]]
 """Makes of the metrics of this process those of all that serve its port."""
@@ -62,7 +57,8 @@ def routes(
     loopback: bool = True,
     gather: Gather | None = None,
 ) -> Routes:
-    """The routes of every server, and those of its nodes; those of the server win.
+    """The routes of every server, and those of its nodes; those of the server win, but for ``/``, which shows
+    the list at ``/index`` unless an extension brings a page for it.
 
     Args:
         bridge: whose graph and clients the pages show.
@@ -73,14 +69,20 @@ def routes(
     """
     extensions = tuple(extensions)
     own = (
-        Route("/healthz", lambda request, reader: _health(bridge), Audience.ANYBODY),
+        Route("/healthz", lambda request, reader: _health(bridge, metrics), Audience.ANYBODY),
         Route("/metrics", lambda request, reader: _metrics(metrics, gather), Audience.EVERY_TOPIC),
     )
+    role = guarded(bridge.access, _role, Audience.ADMITTED, loopback=loopback)
     routes = Routes()
+    routes.get("/role", role)
     for route in (*(route for extension in extensions for route in extension.routes), *own):
         routes.get(route.path, guarded(bridge.access, route.page, route.audience, loopback=loopback))
-    index = partial(_index, bridge, extensions)
-    routes.get("/", guarded(bridge.access, index, Audience.ADMITTED, loopback=loopback))
+    index = guarded(
+        bridge.access, partial(_index, bridge, metrics, extensions), Audience.ADMITTED, loopback=loopback
+    )
+    routes.get("/index", index)
+    if "/" not in routes.paths:
+        routes.get("/", index)
     return routes
 
 
@@ -91,7 +93,8 @@ def guarded(
     *,
     loopback: bool = True,
 ) -> Handler:
-    """A page that only its audience gets, as the graph's reader that the request proves to be.
+    """A page that only its audience gets, as the graph's reader that the request proves to be, and that is
+    refused for a while to addresses that cause too much work.
 
     Unless the page is for anybody, scripts of other origins may read the answer where their page may connect
     by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials).
@@ -119,9 +122,17 @@ def guarded(
             if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
                 role = reader.role.name
                 raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
+            if (refusal := reader.work.refusal()) is not None:
+                reason, seconds = refusal
+                raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
         except Refused as refused:
             return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
-        return page(request, reader)
+        monotonic = reader.clock.monotonic
+        began = monotonic()
+        try:
+            return page(request, reader)
+        finally:
+            reader.work.add(monotonic() - began, "pages")
 
     return handler
 
@@ -135,7 +146,11 @@ async def _later(answer: Awaitable[HttpResponse], headers: Mapping[str, str]) ->
 
 
 def _index(
-    bridge: Bridge, extensions: Iterable[HttpExtension], request: HttpRequest, reader: GraphView
+    bridge: Bridge,
+    metrics: ServerMetrics,
+    extensions: Iterable[HttpExtension],
+    request: HttpRequest,
+    reader: GraphView,
 ) -> HttpResponse:
     """What is running, and what to connect."""
     headers = request.headers
@@ -144,11 +159,14 @@ def _index(
     host, port = _host_and_port(address)
     registry = reader.registry
     clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
+    beyond = metrics.clients_beyond_rate
     page = _PAGE.format(
         version=html.escape(version("robot-web-tools")),
         ros=reader.distro.ros_version,
         distro=reader.distro.name,
         clients=clients,
+        work=f"{metrics.work:.0%}",
+        beyond=f"; {beyond} beyond limits.work_per_second wait for each other" if beyond else "",
         url=html.escape(f"{scheme}://{address}{request.prefix}"),
         host=html.escape(host),
         port=html.escape(port),
@@ -159,8 +177,7 @@ def _index(
         actions=_rows((action.name, registry.type_name(action.type)) for action in reader.actions()),
         sections="\n".join(its.section(request, reader) for its in extensions if its.section is not None),
     )
-    policy = {"Content-Security-Policy": _POLICY}
-    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=policy)
+    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=page_policy())
 
 
 def _host_and_port(address: str) -> tuple[str, str]:
@@ -186,12 +203,22 @@ def _rows(pairs: Iterable[tuple[str, str]]) -> str:
     return "".join(rows) or "<tr><td>none"
 
 
-def _health(bridge: Bridge) -> HttpResponse:
-    """That the server answers, for load balancers and supervisors."""
+def _role(request: HttpRequest, reader: GraphView) -> HttpResponse:
+    """What the reader may do, for pages that offer only that: globs of absolute names by act."""
+    role = reader.role
+    body = {"role": role.name, "unrestricted": role.unrestricted, "allows": role.globs}
+    headers = {"Cache-Control": "no-store"}
+    return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
+
+
+def _health(bridge: Bridge, metrics: ServerMetrics) -> HttpResponse:
+    """That the server answers, and how busy it is, for load balancers and supervisors."""
     running = bridge.shared.graph.running
     body = {
         "status": "ok" if running else "stopped",
         "version": version("robot-web-tools"),
         "clients": bridge.client_count,
+        "work": round(metrics.work, 3),
+        "clients_beyond_rate": metrics.clients_beyond_rate,
     }
     return HttpResponse(json.dumps(body).encode(), 200 if running else 503, "application/json")

@@ -18,22 +18,30 @@ import anyio
 
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
 from rwt.graphs import check_graph, make_graph
-from rwt.nodes import ReadyNode, http_of, start_nodes, start_recording, start_script
+from rwt.nodes import (
+    ReadyNode,
+    http_of,
+    start_gateway_node,
+    start_nodes,
+    start_recording,
+    start_script,
+)
 from rwt.observability.metrics import ServerMetrics
 from rwt.pages import routes
 from rwt.settings.sources import with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt_access.access import Access
+from rwt_access.audit import bounded_log
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError
 from rwt_access.tls import client_tls, renew_server_tls, server_tls
-from rwt_bridge.bridge import Bridge
+from rwt_bridge.bridge import GATEWAY_NODE, Bridge
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import DISCLOSURES
 from rwt_transports.drivers.sockets import raise_descriptor_limit
-from rwt_transports.http import Proxies
+from rwt_transports.http import Proxies, Routes
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import check_dial_url, dial
@@ -107,8 +115,9 @@ class Server:
             that is closed with the server; what the node brings to HTTP is its attribute `http`.
         http: further pages, sections of the index page, and metrics.
         script: a ``.toml`` or ``.py`` file that says what a robot for tests does.
-        record: an MCAP file to which all topics, calls and goals are written.
-        introspection: whether calls and goals are published on topics, as ROS 2 can.
+        record: an MCAP file to which all topics are written.
+        introspection: whether calls and goals are published on topics, as ROS 2 can, and recorded with
+            `record`.
         middleware: what stands between the transports and the bridge, for example to inject faults.
         name: of the node that a ``with`` block is given.
         loop: which event loop :meth:`run` and a ``with`` block start.
@@ -187,7 +196,7 @@ class Server:
         ):
             if value is not None:
                 raise SettingsError(
-                    f"{argument}: sees one process only: use it with `workers = 1`, or `rwt record`"
+                    f"{argument}: sees one process only: use it with `workers = 1`, or `rwt bag record`"
                     " beside several"
                 )
 
@@ -207,7 +216,8 @@ class Server:
         if given is None and self._script is not None:
             from rwt_testing.observed_graph import ObservedGraph  # Only what is tested is observed.
 
-            given = ObservedGraph
+            # What the robot's own nodes publish is not what it received.
+            given = partial(ObservedGraph, only=(GATEWAY_NODE,))
         return make_graph(settings, given, self._registry, self._clock, self._worker)
 
     def node(self, name: str, namespace: str = "/") -> Node:
@@ -348,6 +358,11 @@ class Server:
                 accept = wrap(accept)
             return accept
 
+        stack.enter_context(bounded_log())
+
+        def pages_at(url: str) -> Routes:
+            return routes(bridge, metrics, http, loopback=is_loopback_listener(url), gather=gather)
+
         limits = _transport_limits(settings)
         proxies = Proxies(settings.proxies)
         addresses = AddressCount(limits.connections_per_address, proxies)
@@ -357,7 +372,7 @@ class Server:
                 listen(
                     url,
                     accept_at(url),
-                    routes=routes(bridge, metrics, http, loopback=is_loopback_listener(url), gather=gather),
+                    routes=pages_at(url),
                     hosts=settings.origins.hosts,
                     proxies=proxies,
                     access_log=settings.access_log,
@@ -370,10 +385,21 @@ class Server:
             )
             for url in settings.listen
         ]
+        if self._worker is None or self._worker.number == 1:
+            node = start_gateway_node(graph, [listener.url for listener in listeners], settings)
+            stack.callback(node.close)
         token = settings.dial.token.get_secret_value() if settings.dial.token else None
         dial_tls = client_tls(settings.dial.cafile)
         for url in settings.dial.urls:
-            dialing = dial(url, accept_at(url), token=token, limits=limits, addresses=addresses, tls=dial_tls)
+            dialing = dial(
+                url,
+                accept_at(url),
+                token=token,
+                limits=limits,
+                addresses=addresses,
+                routes=pages_at(url),
+                tls=dial_tls,
+            )
             metrics.dials.append(await stack.enter_async_context(dialing))
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
@@ -569,6 +595,7 @@ def _transport_limits(settings: Settings) -> Limits:
     limits = settings.limits
     return Limits(
         message_bytes=settings.max_message_size,
+        incoming_bytes=limits.incoming_bytes,
         connections=limits.connections,
         connections_per_address=limits.connections_per_address,
         stalled_http_seconds=limits.stalled_http_seconds,

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from rwt_cli.console.output import OutputClosed, OutputFailed, failure_line
-from rwt_cli.errors import INTERRUPTED, PIPE_CLOSED, CommandError
-from rwt_cli.parser import Commands, Parser, ShowVersion, add_commands
+from rwt_cli.errors import CALLED_WRONGLY, INTERRUPTED, PIPE_CLOSED, CommandError
+from rwt_cli.parser import Commands, Parser, ShowVersion, add_commands, commands_of, leave_out_unavailable
 
 __all__ = ["COMMANDS", "Command", "main", "parser_for"]
 
@@ -44,6 +44,7 @@ class Command:
 #: The words that `rwt` takes first, in the order in which help lists them.
 COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
+    Command("web", "serve the page alone, for any rosbridge server", "serve.web"),
     Command("hub", "let robots behind a NAT dial in, and clients reach them"),
     Command("topic", "topics: list, echo, pub, hz and more"),
     Command("service", "services: list, info, type, call, echo, find"),
@@ -56,10 +57,7 @@ COMMANDS: Final = (
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),
-    Command("record", "write what a robot publishes to an MCAP file", "bag.record"),
-    Command("play", "serve a recording as a robot", "bag.play"),
-    Command("recording", "recordings: info, recover", "bag.recording"),
-    Command("bag", "the same as verbs of ros2: record, play, info"),
+    Command("bag", "recordings: record, play, info, recover"),
     Command("doctor", "find out what is wrong with a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
     Command("config", "print the settings in effect"),
@@ -105,6 +103,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else list(argv)
     try:
         command = next((word for word in words if not word.startswith("-")), None)
+        if command is not None and command not in {each.name for each in COMMANDS}:
+            _point_to_groups(command)
         arguments = parser_for(command).parse_args(words)
         with _log_of_the_command():
             return int(arguments.run(arguments))
@@ -118,6 +118,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (OutputClosed, BrokenPipeError):
         _forget_output()
         return PIPE_CLOSED
+
+
+def _point_to_groups(word: str) -> None:
+    """Raise CommandError for a word that is no command, and is a verb of some; return if it is none."""
+    groups = commands_of(parser_for("*"))
+    for group in groups.values():
+        leave_out_unavailable(group)
+    owners = [f"`rwt {name} {word}`" for name, group in groups.items() if word in commands_of(group)]
+    if owners:
+        raise CommandError(f"unknown command {word!r}; did you mean {' or '.join(owners)}?", CALLED_WRONGLY)
 
 
 @contextmanager

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Final
-
-from rwt_protocol.spelling import nearest
 
 FAILED: Final = 1
 """The command line was right, but the command did not succeed, or the robot refused."""
@@ -31,9 +28,3 @@ class CommandError(Exception):
     def __init__(self, text: str, exit_code: int = FAILED) -> None:
         super().__init__(text)
         self.exit_code = exit_code
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """``; did you mean X?`` with the nearest of the known words; empty if none is near."""
-    near = nearest(word, known)
-    return f"; did you mean {near}?" if near else ""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Iterable
 from typing import TYPE_CHECKING, TypeVar
 
-from rwt_cli.errors import FAILED, CommandError, did_you_mean
+from rwt_cli.errors import FAILED, CommandError
 from rwt_interfaces.errors import InvalidName
 from rwt_interfaces.names import two_part
+from rwt_program.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_client import Robot, TopicInfo

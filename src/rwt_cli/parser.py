@@ -8,7 +8,8 @@ import sys
 from collections.abc import Sequence
 from typing import Final, NoReturn, TypeAlias
 
-from rwt_cli.errors import CALLED_WRONGLY, CommandError, did_you_mean
+from rwt_cli.errors import CALLED_WRONGLY, CommandError
+from rwt_program.spelling import did_you_mean
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What commands are added to."""
@@ -100,6 +101,22 @@ def add_unavailable(commands: Commands, name: str, why: str) -> None:
     parser = commands.add_parser(name, add_help=False)
     assert isinstance(parser, Parser)  # Parsers of commands have the class of the outermost.
     parser.unavailable = why
+
+
+def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """The commands that were added to `parser`, by name: the very mapping that it goes by."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            found: dict[str, argparse.ArgumentParser] = action.choices
+            return found
+    return {}
+
+
+def leave_out_unavailable(group: argparse.ArgumentParser) -> None:
+    """Forget the verbs of a group that only say why they cannot be had."""
+    verbs = commands_of(group)
+    for name in [name for name, verb in verbs.items() if isinstance(verb, Parser) and verb.unavailable]:
+        del verbs[name]
 
 
 class ShowVersion(argparse.Action):

@@ -9,14 +9,13 @@ from __future__ import annotations
 import argparse
 import logging
 import os
-import sys
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from rwt_cli.console.output import Output, standard_output
+from rwt_cli.console.output import Output, log_notes, standard_output
 from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
 from rwt_cli.parser import Commands, add_commands
 
@@ -290,7 +289,7 @@ def run_async(program: Callable[[], Awaitable[None]]) -> None:
 
 
 def _run(verb: Verb, arguments: Arguments) -> int:
-    logging.basicConfig(format="rwt: %(message)s", stream=sys.stderr, level=logging.WARNING)
+    log_notes("rwt: %(message)s")
     output = standard_output(json=arguments.json)
 
     async def program() -> None:

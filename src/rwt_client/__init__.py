@@ -21,7 +21,6 @@ from rwt_client.errors import (
     ClientError,
     ConnectionClosed,
     ConnectionLost,
-    ImageFormat,
     NotConnected,
     ServerRefused,
 )
@@ -58,5 +57,4 @@ __all__ = [
     "NotConnected",
     "ConnectionClosed",
     "ServerRefused",
-    "ImageFormat",
 ]

@@ -11,7 +11,6 @@
     * :exc:`ConnectionClosed`: this program has closed the connection.
 
   * :exc:`ServerRefused`: the server does not serve a topic so; the text is the server's.
-  * :exc:`ImageFormat`: an image that cannot be converted; also a :exc:`ValueError`.
 """
 
 from __future__ import annotations
@@ -45,7 +44,3 @@ class ConnectionClosed(ConnectionLost):
 
 class ServerRefused(ClientError):
     """The server does not serve the topic so. The text is the server's."""
-
-
-class ImageFormat(ClientError, ValueError):
-    """An image in a format that has no counterpart, or with too few bytes."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
+import anyio
 import msgspec
 
 from rwt_client.endpoints.action_server import ActionServer, ActionServers
@@ -26,7 +28,7 @@ from rwt_client.wire.session import ReconnectingSession
 from rwt_interfaces import NOETIC, Distro
 from rwt_interfaces.distro import closest_distro
 from rwt_program.api import RobotApi
-from rwt_program.errors import CallTimeout, InvalidMessage, ServiceFailed
+from rwt_program.errors import CallTimeout, InvalidMessage, ProviderNotFound, ServiceFailed, TimedOut
 from rwt_program.future import USUAL, Future, Timeout
 from rwt_program.goals import Execute, Goal
 from rwt_program.messages import (
@@ -39,6 +41,7 @@ from rwt_program.messages import (
     type_of,
 )
 from rwt_program.qos import QoS
+from rwt_program.timers import PeriodicTimer, Timer
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
     ActionFeedback,
@@ -122,16 +125,18 @@ class Robot(RobotApi):
         self._tf = RemoteTransforms(
             partial(self.subscribe, compression="none"),
             self._subscribe_compact,
+            self.advertise,
             self.call,
             tasks.start_soon,
             timeout,
         )
         session.events.listen(self._tf.on_event)
         self._calls = Calls(session)
-        self._goals = SentGoals(session)
+        self._goals = SentGoals(session, tasks, self.types.meant)
         self._services = ServiceServers()
         self._actions = ActionServers()
         self._publishers: dict[str, RemotePublisher] = {}
+        self._timing = _Timing(tasks)
         session.dispatcher = self._dispatcher()
 
     @property
@@ -232,8 +237,11 @@ class Robot(RobotApi):
         Raises:
             ServerRefused: the server does not serve the topic so; its text.
         """
-        async with self.topic(topic, type, **options) as messages:
-            return await messages.get(self._patience(timeout))
+        try:
+            async with self.topic(topic, type, **options) as messages:
+                return await messages.get(self._patience(timeout))
+        except TimedOut as error:
+            raise TimedOut(f"{error}{await self.types.meant('topic', topic)}") from None
 
     def advertise(self, topic: str, type: str, **options: Unpack[AdvertiseKeywords]) -> RemotePublisher:
         """Become a publisher of a topic; see :meth:`RobotApi.advertise`.
@@ -291,7 +299,10 @@ class Robot(RobotApi):
         """
         service_type = await self.types.service(type or await self.types.of_service(service))
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
-        answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
+        try:
+            answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
+        except ProviderNotFound as error:
+            raise ProviderNotFound(f"{error}{await self.types.meant('service', service)}") from None
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
     def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:  # noqa: D102 - inherited
@@ -329,6 +340,13 @@ class Robot(RobotApi):
         return server.open(self.types.known_action(type), partial(self.types.action, type), self._tasks)
 
     # -- time ------------------------------------------------------------------------------------------------
+
+    def create_timer(  # noqa: D102 - inherited
+        self, period: float, callback: Callable[[], Awaitable[None] | None]
+    ) -> PeriodicTimer:
+        timer = PeriodicTimer(self._timing, self._timing, period, callback)
+        timer.start()
+        return timer
 
     async def time_ns(self) -> int:  # noqa: D102 - inherited
         return await self.api.time_ns()
@@ -418,6 +436,59 @@ class Robot(RobotApi):
     def _interface_name(self, interface: Any) -> str:
         """What the server calls a service or action type."""
         return interface.name if self.types.distro is None else self.types.registry.type_name(interface)
+
+
+class _Timing:
+    """The time of this computer, and timers on the connection's event loop."""
+
+    def __init__(self, tasks: TaskStarter) -> None:
+        self._tasks = tasks
+
+    def monotonic(self) -> float:
+        """`time.monotonic`, which callbacks of sockets can ask for, too."""
+        return time.monotonic()
+
+    def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
+        """Run `call` once, `delay` seconds from now, unless the connection is closed before."""
+        return _TimerTask(self._tasks, delay, call)
+
+    def soon(self, call: Callable[[], None]) -> None:
+        """Run a plain function at once: a client is used on its loop's thread only."""
+        call()
+
+    def spawn(self, function: Callable[[], Awaitable[None]], name: str) -> None:
+        """Run a coroutine function as a task; what it raises is logged."""
+
+        async def run() -> None:
+            try:
+                await function()
+            except Exception:
+                logger.exception("a %s's callback failed", name)
+
+        self._tasks.start_soon(run)
+
+
+class _TimerTask(Timer):
+    """A call that waits in a task of its own."""
+
+    def __init__(self, tasks: TaskStarter, delay: float, call: Callable[[], None]) -> None:
+        self._delay = delay
+        self._call: Callable[[], None] | None = call
+        self._scope: anyio.CancelScope | None = None
+        tasks.start_soon(self._run)
+
+    async def _run(self) -> None:
+        with anyio.CancelScope() as self._scope:
+            await anyio.sleep(self._delay)
+            call, self._call = self._call, None
+            if call is not None:
+                call()
+
+    def cancel(self) -> None:
+        """Drop the call."""
+        self._call = None
+        if self._scope is not None:
+            self._scope.cancel()
 
 
 def _nothing(_: None, op: Op) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
+import anyio
 import msgspec
 
 from rwt_interfaces.times import NANOSECONDS
@@ -20,6 +21,7 @@ from rwt_program.errors import (
     ServiceFailed,
 )
 from rwt_program.messages import ParameterValue
+from rwt_program.spelling import did_you_mean
 
 T = TypeVar("T")
 
@@ -28,6 +30,9 @@ Ask = Callable[[str, Mapping[str, object]], Awaitable[Any]]
 
 UNANSWERED: Final = (ServiceFailed, ProviderNotFound, CallTimeout)
 """What a question raises that the robot does not answer although there is a connection to it."""
+
+ADVICE_SECONDS: Final = 1.0
+"""How long an error waits for the names of which one may have been meant; silence holds none up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,17 +253,22 @@ class Parameters(api.Parameters):
     async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:  # noqa: D102 - inherited
         try:
             answer = await self._asked("get_param", NotFound, name=name)
-        except NotFound:
+        except NotFound as error:
             if default is not None:
                 return default
-            raise
+            if isinstance(error, ProviderNotFound):
+                raise  # There is no rosapi to ask.
+            raise await self._not_found(name, str(error)) from None
         value: ParameterValue = json.loads(answer.get("value") or "null")
         if value is None and default is None:
-            raise NotFound(f"there is no parameter {name}")
+            raise await self._not_found(name, f"there is no parameter {name}")
         return default if value is None else value
 
     async def set(self, name: str, value: ParameterValue) -> None:  # noqa: D102 - inherited
-        await self._asked("set_param", ParameterRejected, name=name, value=json.dumps(value))
+        try:
+            await self._asked("set_param", ParameterRejected, name=name, value=json.dumps(value))
+        except ParameterRejected as error:
+            raise ParameterRejected(f"{error}{await self._meant(name)}") from None
 
     async def has(self, name: str) -> bool:  # noqa: D102 - inherited
         return bool((await self._asked("has_param", name=name)).get("exists"))
@@ -269,7 +279,19 @@ class Parameters(api.Parameters):
         except ParameterRejected as error:
             if await self.has(name):
                 raise
-            raise NotFound(str(error)) from None
+            raise await self._not_found(name, str(error)) from None
+
+    async def _not_found(self, name: str, text: str) -> NotFound:
+        return NotFound(f"{text}{await self._meant(name)}")
+
+    async def _meant(self, name: str) -> str:
+        """`; did you mean X?` with a parameter of a name like it; empty where the robot does not tell."""
+        with anyio.move_on_after(ADVICE_SECONDS):
+            try:
+                return did_you_mean(name, await self.names())
+            except UNANSWERED:
+                pass  # It does not tell.
+        return ""
 
     async def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
         return tuple(map(str, (await self._asked("get_param_names")).get("names", ())))

@@ -36,6 +36,9 @@ class Distro:
             actionlib, whose messages are then listed among a package's messages.
         introspects_calls: there are topics that carry the calls of services.
         joins_over_zenoh: its programs may talk over Zenoh.
+        nodes_have_loggers: each node offers services that list its loggers and set their levels.
+        master_version: the version of ROS 1's core, which tells it, its distribution and the run's id as
+            parameters; None where there is no core.
         graph_node: the node to which the graph's own publishers belong.
         rosout_type: the message of ``/rosout``.
         rosout_has_header: that message has a header, and levels that are powers of two.
@@ -57,6 +60,8 @@ class Distro:
             and projection.
         add_two_ints_type: the service type of the tutorials.
         fibonacci_type: the action type of the tutorials.
+        move_base_type: the action type of the navigation stack's ``/move_base``; None where Nav2 has its
+            place.
     """
 
     name: str
@@ -77,6 +82,8 @@ class Distro:
     action_transport: Literal["services", "topics"]
     introspects_calls: bool
     joins_over_zenoh: bool
+    nodes_have_loggers: bool
+    master_version: str | None
     graph_node: str
     rosout_type: str
     rosout_has_header: bool
@@ -94,6 +101,7 @@ class Distro:
     camera_matrices: tuple[str, str, str, str]
     add_two_ints_type: str
     fibonacci_type: str
+    move_base_type: str | None
 
     def type_name(self, name: str, kind: Kind) -> str:
         """What this distribution calls the type of a two-part name."""
@@ -126,6 +134,8 @@ JAZZY = Distro(
     action_transport="services",
     introspects_calls=True,
     joins_over_zenoh=True,
+    nodes_have_loggers=False,
+    master_version=None,
     graph_node="/_graph",  # A leading underscore hides a node.
     rosout_type="rcl_interfaces/Log",
     rosout_has_header=False,
@@ -141,6 +151,7 @@ JAZZY = Distro(
     camera_matrices=("d", "k", "r", "p"),
     add_two_ints_type="example_interfaces/AddTwoInts",
     fibonacci_type="example_interfaces/Fibonacci",
+    move_base_type=None,
 )
 #: The last ROS 1.
 NOETIC = Distro(
@@ -159,6 +170,8 @@ NOETIC = Distro(
     action_transport="topics",
     introspects_calls=False,
     joins_over_zenoh=False,
+    nodes_have_loggers=True,
+    master_version="1.17.0",
     graph_node="/rosout",
     rosout_type="rosgraph_msgs/Log",
     rosout_has_header=True,
@@ -174,6 +187,7 @@ NOETIC = Distro(
     camera_matrices=("D", "K", "R", "P"),
     add_two_ints_type="rospy_tutorials/AddTwoInts",
     fibonacci_type="actionlib_tutorials/Fibonacci",
+    move_base_type="move_base_msgs/MoveBase",
 )
 
 #: The distributions that `rwt serve --distro` takes.

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.json import REJECTIONS, parse
-from rwt_interfaces.serialise.long_arrays import LongArrays, parts_around
-from rwt_interfaces.serialise.long_strings import LARGE, LongString, Parts, RawText, string_of, substituted
+from rwt_interfaces.serialise.long_arrays import PIECE
+from rwt_interfaces.serialise.long_strings import (
+    LARGE,
+    LongString,
+    Parts,
+    RawText,
+    Steps,
+    finished,
+    string_of,
+    substituted,
+)
 from rwt_interfaces.serialise.splice import SplicedMessage, put
 
 if TYPE_CHECKING:
@@ -22,6 +31,11 @@ if TYPE_CHECKING:
 #: A message in JSON up to its `header.seq`, where it is as most write it.
 _SEQUENCE = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
 _SEQUENCE_PATH = ("header", "seq")
+#: Bytes that Python needs for an object beside what it holds, and for a number in a list.
+_OBJECT = 56
+_NUMBER = 32
+#: What :meth:`Payload.prepare` makes: JSON, CBOR, or the distribution's own serialisation.
+Form = Literal["json", "cbor", "serialised"]
 #: ROS time in nanoseconds.
 Now = Callable[[], int]
 
@@ -34,9 +48,10 @@ class Payload:
 
     Attributes:
         type: the message's type.
+        is_long: whether other forms of it take so long to make that :meth:`prepare` should make them.
     """
 
-    __slots__ = ("_forms", "_json", "_json_parts", "_message", "_spliced", "_string", "type")
+    __slots__ = ("_forms", "_json", "_json_parts", "_message", "_spliced", "_string", "is_long", "type")
 
     def __init__(
         self,
@@ -53,6 +68,7 @@ class Payload:
         self._spliced = spliced
         self._json_parts: Parts | None = None
         self._forms: dict[BinaryForm, Parts] | None = None
+        self.is_long = False
 
     def __repr__(self) -> str:
         return f"<Payload {self.type.name}>"
@@ -69,25 +85,100 @@ class Payload:
         Raises:
             InvalidMessage: it does not fit, and where and why; no other exception, whatever the bytes.
         """
-        codec = message_type.json
-        string = codec.cut(raw) if len(raw) >= LARGE else None
-        try:
-            codec.check(raw if string is None else string.text)
-        except REJECTIONS:
-            return cls._completed(message_type, raw, string, now or time.time_ns)
-        return cls(message_type, raw, None, string)
+        if len(raw) >= LARGE:
+            return finished(cls.from_json_in_steps(message_type, raw, now))
+        return cls._wholly(message_type, raw, now or time.time_ns)
 
     @classmethod
-    def _completed(
-        cls, message_type: MessageType, raw: RawText, string: LongString | None, now: Now
-    ) -> Payload:
-        """A message that may not be passed on as it is; its long string may be, if there is one."""
+    def from_dense_json(
+        cls, message_type: MessageType, raw: RawText, now: Now | None = None
+    ) -> Payload | None:
+        """Take a message as it came in JSON without ever making plain objects of all that it holds.
+
+        So it must be one that may be passed on untouched, or nearly all of it one long string.
+
+        Returns:
+            The message, or None if it is neither.
+
+        Raises:
+            InvalidMessage: what stands around a long string does not fit.
+        """
+        return finished(cls.from_dense_json_in_steps(message_type, raw, now))
+
+    @classmethod
+    def from_dense_json_in_steps(
+        cls, message_type: MessageType, raw: RawText, now: Now | None = None
+    ) -> Steps[Payload | None]:
+        """As :meth:`from_dense_json`, in such steps as :meth:`from_json_in_steps` takes.
+
+        Raises:
+            InvalidMessage: as :meth:`from_dense_json`, from any step.
+        """
+        codec = message_type.json
+        string = yield from codec.cut(raw)
+        if string is not None and len(string.text) < LARGE:
+            return (yield from cls.from_json_in_steps(message_type, raw, now))
+        taken = yield from codec.long_arrays.take(raw, now or time.time_ns, completes=False)
+        if taken is not None:
+            if not taken.is_exact:
+                return None
+            payload = cls(message_type, raw, None)
+            payload.is_long = True
+            return payload
+        try:
+            codec.check(raw)
+        except REJECTIONS:
+            return None
+        return cls(message_type, raw, None)
+
+    @classmethod
+    def from_json_in_steps(
+        cls, message_type: MessageType, raw: RawText, now: Now | None = None
+    ) -> Steps[Payload]:
+        """As :meth:`from_json`, in steps of less than a millisecond where the text allows: a large one is
+        mostly one long string or long arrays, which are looked at piece by piece.
+
+        Raises:
+            InvalidMessage: as :meth:`from_json`, from any step.
+        """
+        codec, now = message_type.json, now or time.time_ns
+        string = yield from codec.cut(raw)
+        if string is not None:
+            try:
+                codec.check(string.text)
+            except REJECTIONS:
+                return cls._around_string(message_type, string, now)
+            return cls(message_type, raw, None, string)
+        if len(raw) < 4 * PIECE:
+            try:
+                codec.check(raw)
+            except REJECTIONS:
+                pass
+            else:
+                return cls(message_type, raw, None)
+        taken = yield from codec.long_arrays.take(raw, now)
+        if taken is None:
+            return cls._wholly(message_type, raw, now)
+        payload = cls(message_type, raw if taken.is_exact else None, taken.value())
+        if not taken.is_exact:
+            payload._json_parts = taken.json_parts(codec.encode)
+        payload.is_long = True
+        return payload
+
+    @classmethod
+    def _wholly(cls, message_type: MessageType, raw: RawText, now: Now) -> Payload:
+        try:
+            message_type.json.check(raw)
+        except REJECTIONS:
+            with suppress(*REJECTIONS):
+                return cls(message_type, None, message_type.complete_quickly(raw, now))
+            return cls(message_type, None, message_type.decode_leniently(parse(raw), now))
+        return cls(message_type, raw, None)
+
+    @classmethod
+    def _around_string(cls, message_type: MessageType, string: LongString, now: Now) -> Payload:
+        """A message that may not be passed on as it is; its long string may be."""
         complete = message_type.decode_leniently
-        if string is None:
-            if len(raw) >= LARGE and message_type.json.long_arrays is not None:
-                with suppress(*REJECTIONS):
-                    return cls._around_arrays(message_type, raw, message_type.json.long_arrays, now)
-            return cls(message_type, None, complete(parse(raw), now))
         parsed = parse(string.text)
         with suppress(InvalidMessage):
             short = complete(parsed, now)
@@ -97,17 +188,6 @@ class Payload:
         # Whatever is wrong may lie in the long string, or say what it is.
         whole = substituted(parsed, string.token.decode(), string_of(string.content, string.unescaped))
         return cls(message_type, None, complete(whole, now))
-
-    @classmethod
-    def _around_arrays(cls, message_type: MessageType, raw: RawText, arrays: LongArrays, now: Now) -> Payload:
-        members, long = arrays.take(raw)
-        message = message_type.decode_leniently(
-            {name: parse(memoryview(text)) for name, text in members.items()}, now
-        )
-        payload = cls(message_type, None, message)
-        if long:
-            payload._json_parts = parts_around(message, long, message_type.json.encode)
-        return payload
 
     @classmethod
     def from_args(cls, message_type: MessageType, raw: RawText | None, now: Now | None = None) -> Payload:
@@ -139,10 +219,13 @@ class Payload:
         if isinstance(value, (list, tuple)):
             names = (slot.name for slot in message_type.slots)
             value = dict(zip(names, value, strict=False))
+        codec = message_type.json
         try:
-            return cls(message_type, None, message_type.json.convert(value))
+            payload = cls(message_type, None, codec.convert(value))
         except REJECTIONS:
-            return cls(message_type, None, message_type.decode_leniently(value, now or time.time_ns))
+            payload = cls(message_type, None, message_type.decode_leniently(value, now or time.time_ns))
+        payload.is_long = codec.has_arrays and codec.long_arrays.has_long_lists(payload._known())
+        return payload
 
     @classmethod
     def deserialised(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
@@ -220,6 +303,22 @@ class Payload:
         """The message in CDR, with its encapsulation header."""
         return self._whole("cdr")
 
+    def prepare(self, forms: Iterable[Form]) -> Steps[None]:
+        """Make forms of a message with long lists in steps; forms that exist already take none."""
+        for form in forms:
+            if form == "json":
+                if self._json is None and self._json_parts is None:
+                    self._json_parts = yield from self.type.json.long_arrays.json(self.value())
+                continue
+            name = self.type.registry.distro.serialisation if form == "serialised" else form
+            if (self._forms is None or name not in self._forms) and self._apart() is None:
+                apart = None
+                if self._message is None and (self._json is not None or self._json_parts is not None):
+                    apart = self.type.json.long_arrays.apart(self.json())
+                short, lists = apart or (self.value(), {})
+                made = yield from self.type.step_encoder(name)(short, lists)
+                self._forms = {**(self._forms or {}), name: made}
+
     def plain(self) -> object:
         """The message as dicts, lists and scalars, octets as bytes."""
         return msgspec.to_builtins(self.value(), builtin_types=(bytes,), enc_hook=_plain_array)
@@ -293,12 +392,19 @@ class Payload:
         if isinstance(self._json, memoryview):
             raw = bytes(self._json)
             string = None if self._string is None else self._string.moved(raw)
-            return Payload(self.type, raw, self._message, string)
+            return self._like(Payload(self.type, raw, self._message, string))
         if self._json_parts is not None:
-            return Payload(self.type, bytes(self.json()), self._message)
+            return self._like(Payload(self.type, bytes(self.json()), self._message))
         if self._spliced is not None:
             return Payload(self.type, self._json, self._message, None, self._spliced.detached())
         return self
+
+    def forget_forms(self) -> None:
+        """Have the message in one form alone again; the others are made anew when they are asked for."""
+        if self._json is not None:
+            self._message = self._forms = None
+        elif self._message is not None or self._spliced is not None:
+            self._forms = None
 
     def numbered(self, number: int) -> Payload:
         """The same message with that `header.seq`, of a type that has it."""
@@ -315,9 +421,13 @@ class Payload:
         if len(first) < LARGE and len(parts) == 1:
             return Payload(self.type, before + first[end:], None)
         known = None if self._message is None else put(self.value(), _SEQUENCE_PATH, number)
-        payload = Payload(self.type, None, known)
+        payload = self._like(Payload(self.type, None, known))
         payload._json_parts = (before, first[end:], *parts[1:])
         return payload
+
+    def _like(self, other: Payload) -> Payload:
+        other.is_long = self.is_long
+        return other
 
     def _own_struct(self, message: msgspec.Struct) -> msgspec.Struct:
         try:
@@ -351,12 +461,14 @@ def _plain_array(array: object) -> object:
 
 
 def _size_of(value: object) -> int:
-    """About how many bytes a message takes: its text and octets, and eight for each number."""
+    """About how many bytes a message takes: its text and octets, and what Python needs for each object."""
     if isinstance(value, (bytes, str)):
-        return len(value)
+        return _OBJECT + len(value)
     if isinstance(value, msgspec.Struct):
-        return sum(_size_of(getattr(value, name)) for name in value.__struct_fields__)
+        fields = value.__struct_fields__
+        return _OBJECT + sum(_size_of(getattr(value, name)) for name in fields)
     if isinstance(value, list):
-        return 8 * len(value) if value and isinstance(value[0], (int, float)) else sum(map(_size_of, value))
-    nbytes = getattr(value, "nbytes", 8)
-    return nbytes if isinstance(nbytes, int) else 8
+        numbers = value and isinstance(value[0], (int, float))
+        return _OBJECT + (_NUMBER * len(value) if numbers else sum(map(_size_of, value)))
+    nbytes = getattr(value, "nbytes", _NUMBER)
+    return nbytes if isinstance(nbytes, int) else _NUMBER

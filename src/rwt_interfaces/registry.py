@@ -15,7 +15,13 @@ from typing import Final, TypeVar
 
 from rwt_interfaces import standard
 from rwt_interfaces.definitions import actionlib, package_directories, parser
-from rwt_interfaces.definitions.model import ActionDefinition, MessageDefinition, ServiceDefinition
+from rwt_interfaces.definitions.model import (
+    PRIMITIVES,
+    ActionDefinition,
+    Field,
+    MessageDefinition,
+    ServiceDefinition,
+)
 from rwt_interfaces.definitions.parser import MOST_ELEMENTS
 from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName, UnknownType
@@ -30,6 +36,19 @@ MOST_LEVELS: Final = 50
 
 #: A name much longer than any type's is not worth a search for what it resembles.
 _LONGEST_GUESSED = 120
+
+#: What primitives are called in other languages.
+_OTHER_LANGUAGES: Final = {
+    "boolean": "bool",
+    "int": "int32",
+    "integer": "int32",
+    "long": "int64",
+    "uint": "uint32",
+    "float": "float32 or float64",
+    "double": "float64",
+    "str": "string",
+    "bytes": "uint8[]",
+}
 
 _Found = TypeVar("_Found")
 _Definition = MessageDefinition | ServiceDefinition | ActionDefinition
@@ -53,7 +72,16 @@ class Registry:
         distro: the distribution whose standard set this is, and whose spelling :meth:`type_name` uses.
     """
 
-    __slots__ = ("_actions", "_definitions", "_lock", "_messages", "_services", "_user", "distro")
+    __slots__ = (
+        "_actions",
+        "_definitions",
+        "_lock",
+        "_messages",
+        "_services",
+        "_type_names",
+        "_user",
+        "distro",
+    )
 
     def __init__(self, distro: Distro = JAZZY) -> None:
         self.distro = distro
@@ -64,6 +92,8 @@ class Registry:
         self._messages: dict[str, MessageType] = {}
         self._services: dict[str, ServiceType] = {}
         self._actions: dict[str, ActionType] = {}
+        # By the type itself: lists of a whole robot ask for each name of it.
+        self._type_names: dict[MessageType | ServiceType | ActionType, str] = {}
 
     # Types
 
@@ -188,6 +218,7 @@ class Registry:
             )
             self._user.update(added)
             self._definitions.update(added)
+            self._type_names = {}
             if changed:
                 # Something compiled may contain what was replaced. This happens while a program is being set
                 # up, so compiling all of it again costs nothing that matters.
@@ -320,7 +351,7 @@ class Registry:
                     try:
                         nested = self.definition(field.type.name)
                     except UnknownType as error:
-                        raise UnknownType(f"{current.name}, field {field.name}: {error}") from None
+                        raise UnknownType(self._unknown_field(current, field, str(error))) from None
                     deep, each = check(nested, (*within, current.name))
                 sequence = field.type.is_array and field.type.length is None
                 elements += 0 if sequence else each * (field.type.length or 1)
@@ -385,6 +416,12 @@ class Registry:
         """What this distribution calls a type: ``std_msgs/msg/String`` (ROS 2), ``std_msgs/String`` (1)."""
         if not self.distro.has_three_part_names:
             return interface.name
+        name = self._type_names.get(interface)
+        if name is None:
+            name = self._type_names[interface] = self._three_part_name(interface)
+        return name
+
+    def _three_part_name(self, interface: MessageType | ServiceType | ActionType) -> str:
         if isinstance(interface, ServiceType):
             package, short = interface.name.split("/")
             made_by_rule = self._read("srv", package, short) is None
@@ -396,12 +433,13 @@ class Registry:
     def full_text(self, message: MessageType) -> str:
         """The definition of a message and of all it contains, as one text (API-06).
 
-        The message itself comes first; before each other definition stand a line of 80 ``=`` and ``MSG:
-        pkg/Name``.
+        The message itself comes first; before each other definition stand an empty line, a line of 80 ``=``
+        and ``MSG: pkg/Name``. Each text is as it was written, comments included; those of the standard
+        interfaces have none.
         """
         nested: dict[str, str] = {}
         self._collect(message.definition, nested)
-        sections = (f"{_SEPARATOR}\nMSG: {name}\n{text}" for name, text in nested.items())
+        sections = (f"\n{_SEPARATOR}\nMSG: {name}\n{text}" for name, text in nested.items())
         return "".join((message.definition.text, *sections))
 
     def _collect(self, definition: MessageDefinition, nested: dict[str, str]) -> None:
@@ -420,6 +458,25 @@ class Registry:
                 return f"{text}: it is {_NOUNS[other]}"
         return f"{text}{self._meant(kind, name)}"
 
+    def _unknown_field(self, definition: MessageDefinition, field: Field, text: str) -> str:
+        """Where the type of a field stands that is not known, and what may have been meant."""
+        where = field.where or f"{definition.name}, field {field.name}"
+        package, word = field.type.name.split("/")
+        if package != definition.name.split("/")[0] or len(word) > _LONGEST_GUESSED:
+            return f"{where}: {text}"
+        # It is written without a package: a primitive may have been meant, or a message of any.
+        messages: dict[str, str] = {}
+        own = f"{package}/"
+        for name in sorted(
+            self.names("msg"), key=lambda name: (not name.startswith(own), *_commonness(name))
+        ):
+            messages.setdefault(name.split("/")[1], name)
+        primitives = PRIMITIVES if self.distro.has_time_primitives else PRIMITIVES - {"time", "duration"}
+        near = difflib.get_close_matches(word, [*sorted(primitives), *messages], n=1, cutoff=0.75)
+        meant = _OTHER_LANGUAGES.get(word.lower()) or " or ".join(messages.get(each, each) for each in near)
+        known = f'no primitive is called "{word}", and no message of {package}'
+        return f"{where}: {known}{f'; did you mean {meant}?' if meant else ''}"
+
     def _meant(self, kind: Kind, name: str) -> str:
         """What may have been meant: the same word in another package, or else what is spelled closely."""
         if len(name) > _LONGEST_GUESSED:
@@ -427,10 +484,14 @@ class Registry:
         known = self.names(kind)
         word = name.rpartition("/")[2].lower()
         near = [candidate for candidate in known if candidate.partition("/")[2].lower() == word]
-        # The standard packages before those that only repeat their names.
-        near.sort(key=lambda candidate: not candidate.startswith("std_"))
+        near.sort(key=_commonness)
         near = near[:3] or difflib.get_close_matches(name, known, cutoff=0.75)
         return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
+def _commonness(name: str) -> tuple[bool, str]:
+    """To sort by: the standard packages before those that only repeat their names."""
+    return not name.startswith("std_"), name
 
 
 def _too_deep(name: str) -> str:

@@ -23,11 +23,18 @@ from rwt_interfaces.struct_fields import struct_field, time_struct
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import JsonCodec
+    from rwt_interfaces.serialise.long_strings import Chunks, Parts, Steps
     from rwt_interfaces.serialise.splice import LengthHead, Place
     from rwt_interfaces.validation.lenient_decoder import LenientDecoder
+    from rwt_interfaces.validation.quick_completion import QuickCompletion
 
     BinaryForm = Literal["cbor", "cdr", "ros1"]
     BinaryEncoder = tuple[Callable[[msgspec.Struct], bytes], LengthHead]
+
+
+def python_name(name: str) -> str:
+    """What a field or a constant is called in Python: as in ROS, a keyword with an underscore behind it."""
+    return f"{name}_" if keyword.iskeyword(name) else name
 
 
 class MessageType:
@@ -44,6 +51,7 @@ class MessageType:
         self.definition = definition
         self.registry = registry
         self._binary_encoders: dict[BinaryForm, BinaryEncoder] = {}
+        self._step_encoders: dict[BinaryForm, Callable[[msgspec.Struct, Chunks], Steps[Parts]]] = {}
 
     def __repr__(self) -> str:
         return f"<MessageType {self.name} ({self.registry.distro.name})>"
@@ -59,7 +67,7 @@ class MessageType:
         return tuple(
             Slot(
                 field.name,
-                field.name + "_" if keyword.iskeyword(field.name) else field.name,
+                python_name(field.name),
                 field_types.field_type_of(field.type, self.registry),
                 field.default,
             )
@@ -68,7 +76,10 @@ class MessageType:
 
     @cached_property
     def struct(self) -> type[msgspec.Struct]:
-        """The class of this message in Python; called without arguments it makes a complete message."""
+        """The class of this message in Python, with its constants.
+
+        Called without arguments it makes a complete message.
+        """
         if self.time is not None:
             return time_struct(self.time)
         return msgspec.defstruct(
@@ -76,6 +87,7 @@ class MessageType:
             [struct_field(slot) for slot in self.slots],
             rename={slot.attribute: slot.name for slot in self.slots if slot.attribute != slot.name} or None,
             module=self.name.partition("/")[0],
+            namespace={python_name(each.name): each.value for each in self.definition.constants},
         )
 
     @cached_property
@@ -94,6 +106,13 @@ class MessageType:
         from rwt_interfaces.validation.lenient_decoder import compile_message
 
         return compile_message(self)
+
+    @cached_property
+    def complete_quickly(self) -> QuickCompletion:
+        """Builds a message from a text in which fields are missing, if nothing else is wrong with it."""
+        from rwt_interfaces.validation.quick_completion import QuickCompletion
+
+        return QuickCompletion(self)
 
     @cached_property
     def json(self) -> JsonCodec:
@@ -144,6 +163,22 @@ class MessageType:
                 case "ros1":
                     encoder = self.to_ros1, packed.ROS1.length_head
             self._binary_encoders[form] = encoder
+        return encoder
+
+    def step_encoder(self, form: BinaryForm) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
+        """The encoder to one form in steps, for messages with long lists."""
+        encoder = self._step_encoders.get(form)
+        if encoder is None:
+            from rwt_interfaces.serialise import cbor, packed
+
+            match form:
+                case "cbor":
+                    encoder = cbor.compile_steps(self)
+                case "cdr":
+                    encoder = packed.compile_step_encoder(self, packed.CDR)
+                case "ros1":
+                    encoder = packed.compile_step_encoder(self, packed.ROS1)
+            self._step_encoders[form] = encoder
         return encoder
 
     @cached_property

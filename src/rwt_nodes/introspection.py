@@ -21,8 +21,8 @@ from rwt_program.qos import DEFAULT_QOS, LATCHED, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph, Publisher
-    from rwt_graph.clock import Timer
     from rwt_program.errors import CallFailed
+    from rwt_program.timers import Timer
 
 logger = logging.getLogger(__name__)
 

@@ -1,13 +1,14 @@
 """The verbs that a program has for a robot, whether it is a node of the graph or a client of a server.
 
 What tells the robot something is a plain function: `advertise`, `publish`, `subscribe`, `topic`,
-`advertise_service`, `advertise_action`. What asks it something is a coroutine: `call`, `once`, `send_goal`,
-parameters, transforms. So no `await` can be forgotten without its answer being missed.
+`advertise_service`, `advertise_action`, and so is `create_timer`. What asks it something is a coroutine:
+`call`, `once`, `send_goal`, parameters, transforms. So no `await` can be forgotten without its answer being
+missed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Protocol
 
 from rwt_program.future import USUAL, Timeout
@@ -15,6 +16,7 @@ from rwt_program.goals import Execute, Goal
 from rwt_program.handles import Handle, Publisher, Subscription
 from rwt_program.messages import Message, MessageCallback, MessageLike, ParameterValue, ServiceHandler
 from rwt_program.qos import QoS
+from rwt_program.timers import PeriodicTimer
 from rwt_program.transforms import Transforms
 
 
@@ -222,6 +224,20 @@ class RobotApi(Protocol):
         Raises:
             UnknownType: no such action is known; of a client, when awaited.
             TypeError: of a node: `execute` is not a coroutine function.
+        """
+
+    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
+        """Call `callback` every `period` seconds, first after one period.
+
+        Seconds are of a node's graph's clock, of a client's computer. A coroutine function runs as a task; a
+        tick that comes while it still runs is skipped. Ticks that were missed are skipped too, so the rate
+        never catches up in a burst.
+
+        Args:
+            period: from a microsecond to some thirty years.
+
+        Raises:
+            ValueError: `period` is out of its range.
         """
 
     async def time_ns(self) -> int:

@@ -15,6 +15,7 @@ from rwt_program.api import Parameters, RobotApi
 from rwt_program.goals import Goal, GoalStatus
 from rwt_program.handles import Handle, Publisher, Subscription
 from rwt_program.messages import Message
+from rwt_program.timers import PeriodicTimer
 from rwt_program.transforms import Transforms
 
 P = ParamSpec("P")
@@ -126,6 +127,26 @@ def gives(
     return give
 
 
+def makes(
+    method: Callable[Concatenate[Any, P], T], face: Callable[[LoopThread, T], Face]
+) -> Callable[Concatenate[Blocking[Any], P], Face]:
+    """The same plain method, run in the loop's thread, with what it makes put behind `face`."""
+    run = runs(method)
+
+    @_named_as(method)
+    def make(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
+        return face(self._loop, run(self, *args, **kwargs))
+
+    return make
+
+
+class BlockingTimer(Blocking[PeriodicTimer]):
+    """A timer whose callback runs in the loop's thread; see :class:`~rwt_program.timers.PeriodicTimer`."""
+
+    reset = runs(PeriodicTimer.reset)
+    cancel = runs(PeriodicTimer.cancel)
+
+
 class BlockingHandle(Blocking[Handle]):
     """A subscription with a callback, or something that this program serves; see :class:`Handle`."""
 
@@ -227,6 +248,8 @@ class BlockingTransforms(Blocking[Transforms]):
     lookup_full = waits(Transforms.lookup_full)
     can_transform = waits(Transforms.can_transform)
     close = runs(Transforms.close)
+    send_transform = runs(Transforms.send_transform)
+    send_transforms = runs(Transforms.send_transforms)
 
     def tree(self) -> str:
         """The frames heard of so far, as indented text."""
@@ -249,4 +272,5 @@ class BlockingVerbs(Blocking[Robot], Generic[Robot]):
 
     advertise_service = holds(RobotApi.advertise_service, BlockingHandle)
     send_goal = gives(RobotApi.send_goal, BlockingGoal)
+    create_timer = makes(RobotApi.create_timer, BlockingTimer)
     time_ns = waits(RobotApi.time_ns)

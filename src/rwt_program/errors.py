@@ -19,6 +19,7 @@
   * :exc:`WrongThread`: a blocking call on the event loop's own thread, which would wait for itself.
   * :exc:`HandleClosed`: this program has closed the publisher or subscription that it uses.
   * :exc:`TransformUnavailable`: where a frame is was not to be learned; also a :exc:`LookupError`.
+  * :exc:`ImageFormat`: an image that cannot be converted; also a :exc:`ValueError`.
   * :exc:`GoalEnded`: raised *by* an action's `execute`, to end its goal otherwise than by success.
 
     * :exc:`GoalCanceled`: as canceled.
@@ -88,6 +89,10 @@ class HandleClosed(RobotError):
 
 class TransformUnavailable(RobotError, LookupError):
     """Where a frame is was not to be learned in time; says which transform is missing."""
+
+
+class ImageFormat(RobotError, ValueError):
+    """An image in a format that has no counterpart, or with too few bytes."""
 
 
 class GoalEnded(RobotError):

@@ -55,7 +55,11 @@ def to_payload(interface: MessageType, message: object, now: Callable[[], int] =
 
 
 def type_of(message: object, registry: Registry) -> str | None:
-    """The name of the type that made `message`, as a payload or an instance of its class; None for others."""
+    """The name of the type of `message`, a payload or an instance of a message's class; None for others.
+
+    The class may be of another registry, such as those of :mod:`rwt_interfaces.jazzy`, if it has the fields
+    that `registry` knows of that type.
+    """
     if isinstance(message, Payload):
         return message.type.name
     if not isinstance(message, msgspec.Struct):
@@ -65,7 +69,7 @@ def type_of(message: object, registry: Registry) -> str | None:
         known = registry.message(name)
     except InterfaceError:
         return None
-    return name if known.struct is type(message) else None
+    return name if known.struct.__struct_fields__ == message.__struct_fields__ else None
 
 
 def check_handler(service: str, handler: object) -> None:

@@ -1,16 +1,27 @@
-"""Where frames of the robot are, as its transforms tell."""
+"""Where frames of the robot are, as its transforms tell, and telling them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final, Protocol, TypeVar
 
 import anyio
 
-from rwt_program.errors import CallFailed, RobotError, TransformUnavailable
+from rwt_program.errors import CallFailed, InvalidMessage, RobotError, TransformUnavailable
 from rwt_program.future import USUAL, Timeout, Within
-from rwt_program.handles import Handle
-from rwt_tf2 import Buffer, ExtrapolationError, Feed, LookupFailed, StampedTransform, Verdict, stamp_ns
+from rwt_program.handles import Handle, Publisher
+from rwt_tf2 import (
+    Buffer,
+    ExtrapolationError,
+    Feed,
+    InvalidTransform,
+    LookupFailed,
+    StampedTransform,
+    Transform,
+    Verdict,
+    stamp_ns,
+    write_transform,
+)
 
 T = TypeVar("T")
 
@@ -27,11 +38,20 @@ class Subscribe(Protocol):
         """Call `callback` with each message."""
 
 
+class Advertise(Protocol):
+    """Becomes a publisher of a topic: the verb of :class:`~rwt_program.api.RobotApi`."""
+
+    def __call__(self, topic: str, type: str, /, *, latch: bool = False) -> Publisher:
+        """Advertise; `latch` keeps the last message for late joiners."""
+
+
 class Transforms:
-    """The robot's tree of frames, kept up to date from the first question on.
+    """The robot's tree of frames, kept up to date from the first question on; and this program's part in it.
 
     Args:
         subscribe: how to hear `/tf` and `/tf_static`.
+        advertise: how to publish on them.
+        time_ns: the time for transforms that are given none.
         timeout: seconds that a question waits for its answer by default; None waits as long as it takes.
         within: the clock that bounds it.
 
@@ -42,16 +62,26 @@ class Transforms:
     _topics: str = "/tf or /tf_static"
 
     def __init__(
-        self, subscribe: Subscribe, timeout: float | None, within: Within = anyio.move_on_after
+        self,
+        subscribe: Subscribe,
+        advertise: Advertise,
+        time_ns: Callable[[], int],
+        timeout: float | None,
+        within: Within = anyio.move_on_after,
     ) -> None:
         self.buffer = Buffer()
         self._hear = subscribe
+        self._advertise = advertise
+        self._time_ns = time_ns
         self._timeout = timeout
         self._within = within
         self._feed = Feed(self.buffer)
         self._changed: anyio.Event | None = None
         self._subscriptions: list[Handle] = []
         self._ended: CallFailed | None = None
+        self._moving: Publisher | None = None
+        self._fixed: Publisher | None = None
+        self._fixed_transforms: dict[str, StampedTransform] = {}
 
     # -- listening -----------------------------------------------------------------------------------------
 
@@ -97,6 +127,57 @@ class Transforms:
         changed, self._changed = self._changed, None
         if changed is not None:
             changed.set()
+
+    # -- broadcasting ----------------------------------------------------------------------------------------
+
+    def send_transform(
+        self, parent: str, child: str, transform: Transform, time: When = None, *, static: bool = False
+    ) -> None:
+        """Tell where a frame is, as ROS's transform broadcasters do.
+
+        Args:
+            parent: the frame that `transform` leads to, such as `odom`.
+            child: the frame that it leads from, such as `base_link`; each has one parent.
+            time: nanoseconds, or a message's stamp; None is now: by a node's clock, or by that of a client's
+                computer.
+            static: it does not move: sent once, on `/tf_static`, and kept there for late joiners with all
+                static ones of this program. What moves goes to `/tf`, and has to be sent again and again, ten
+                times a second or more.
+
+        Raises:
+            InvalidMessage: an empty frame, a frame to itself, a number that is not finite, or a rotation that
+                is not a unit quaternion; says which frame.
+            NotConnected: of a client: there is no connection now. A static one is sent when there is again.
+        """
+        now = self._time_ns() if time is None else _nanoseconds(time)
+        self.send_transforms([StampedTransform(parent, child, now or 0, transform)], static=static)
+
+    def send_transforms(self, transforms: Iterable[StampedTransform], *, static: bool = False) -> None:
+        """Tell where several frames are, in one message; see :meth:`send_transform`.
+
+        Raises:
+            InvalidMessage: one of them cannot be sent, and none is.
+            NotConnected: of a client: there is no connection now.
+        """
+        try:
+            checked = [each.checked() for each in transforms]
+        except InvalidTransform as error:
+            raise InvalidMessage("transforms", str(error)) from None
+        if not static:
+            if self._moving is None:
+                self._moving = self._advertise("/tf", _MESSAGE)
+            self._moving.publish(_message(checked))
+            return
+        self._fixed_transforms.update({each.child: each for each in checked})
+        self.send_static_again()
+
+    def send_static_again(self) -> None:
+        """Publish what does not move once more, if there is anything."""
+        if not self._fixed_transforms:
+            return
+        if self._fixed is None:
+            self._fixed = self._advertise("/tf_static", _MESSAGE, latch=True)
+        self._fixed.publish(_message(self._fixed_transforms.values()))
 
     # -- questions -----------------------------------------------------------------------------------------
 
@@ -178,3 +259,7 @@ def _nanoseconds(time: When) -> int | None:
     if time is None or isinstance(time, int):
         return time
     return stamp_ns(time)
+
+
+def _message(transforms: Iterable[StampedTransform]) -> dict[str, object]:
+    return {"transforms": [write_transform(each) for each in transforms]}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
 from rwt_graph.api import Publisher
@@ -27,16 +27,25 @@ class ObservedGraph(MemoryGraph):
     Args:
         registry: the interfaces; the standard ones of jazzy by default.
         clock: the wall clock by default.
+        only: absolute names of the nodes whose messages are noted; None for all but the unobserved.
     """
 
-    def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
+    def __init__(
+        self,
+        registry: Registry | None = None,
+        clock: Clock | None = None,
+        *,
+        only: Collection[str] | None = None,
+    ) -> None:
         super().__init__(registry, clock)
         self.journal = Journal()
         self.unobserved: set[str] = set()
+        self._only = only
 
     def make_participant(self, name: str) -> MemoryParticipant:
         """What joins as a node, with its messages noted unless it is one of the unobserved."""
-        return super().make_participant(name) if name in self.unobserved else _ObservedParticipant(self, name)
+        is_noted = name not in self.unobserved if self._only is None else name in self._only
+        return _ObservedParticipant(self, name) if is_noted else super().make_participant(name)
 
 
 class _ObservedParticipant(MemoryParticipant):

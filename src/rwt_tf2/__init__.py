@@ -1,6 +1,7 @@
 """Transforms over time, as ROS's tf2 keeps them: a tree of frames, and where each is seen from another.
 
-No input or output, and nothing of messages or graphs but the shape of `geometry_msgs/TransformStamped`.
+No input or output, and nothing of messages or graphs but the shapes of `geometry_msgs/TransformStamped` and
+`Quaternion`.
 Times are integers, nanoseconds; lengths are metres, angles radians, quaternions (x, y, z, w).
 
 >>> buffer = Buffer()
@@ -21,7 +22,17 @@ from rwt_tf2.errors import (
     UnknownFrame,
 )
 from rwt_tf2.feed import Feed
-from rwt_tf2.messages import TransformMessage, TransformsMessage, read_transform, stamp_ns, write_transform
+from rwt_tf2.messages import (
+    TransformMessage,
+    TransformsMessage,
+    euler_from_quaternion,
+    quaternion_from_euler,
+    quaternion_from_yaw,
+    read_transform,
+    stamp_ns,
+    write_transform,
+    yaw_from_quaternion,
+)
 from rwt_tf2.transform import IDENTITY, StampedTransform, Transform
 
 __all__ = [
@@ -36,6 +47,10 @@ __all__ = [
     "read_transform",
     "write_transform",
     "stamp_ns",
+    "quaternion_from_yaw",
+    "yaw_from_quaternion",
+    "quaternion_from_euler",
+    "euler_from_quaternion",
     "TransformError",
     "LookupFailed",
     "UnknownFrame",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -18,9 +17,8 @@ from rwt_tf2.errors import (
     UnknownFrame,
 )
 from rwt_tf2.history import Edge, Fixed, History
-from rwt_tf2.quaternion import normalised
 from rwt_tf2.times import NANOSECONDS, seconds
-from rwt_tf2.transform import IDENTITY, StampedTransform, Transform
+from rwt_tf2.transform import IDENTITY, StampedTransform, Transform, bare, checked
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,10 +31,6 @@ CACHE_NS: Final = 10 * NANOSECONDS
 
 MOST_FRAMES: Final = 10_000
 """More are refused: a stream of ever new names must not fill the memory."""
-
-_LONGEST_NAME = 256
-_UNIT_TOLERANCE = 0.01
-"""How far from 1 the square of a quaternion's length may be, as in tf2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +85,7 @@ class Buffer:
             StaleTransform: it is older than what is kept of its frame.
         """
         parent, child = bare(stamped.parent), bare(stamped.child)
-        transform = _checked(parent, child, stamped.transform)
+        transform = checked(parent, child, stamped.transform)
         self._check_room(parent, child)
         track = self._tracks.get(child)
         if track is None or track.latest.parent != parent:
@@ -341,11 +335,6 @@ class Buffer:
         return frame
 
 
-def bare(frame: str) -> str:
-    """A frame's name without a leading slash (TFR-03)."""
-    return frame[1:] if frame.startswith("/") else frame
-
-
 def _before(way: dict[str, int], end: str) -> Iterable[str]:
     for frame in way:
         if frame == end:
@@ -375,29 +364,6 @@ def _verdict(ask: Callable[[], object]) -> Verdict:
     except LookupFailed as error:
         return Verdict(str(error))
     return Verdict()
-
-
-def _checked(parent: str, child: str, transform: Transform) -> Transform:
-    """The transform with its rotation at length 1; names and numbers are what tf2 takes."""
-    if not parent or not child:
-        missing = "parent (header.frame_id)" if not parent else "child (child_frame_id)"
-        raise InvalidTransform(f'the transform "{parent}" <- "{child}" has no {missing}')
-    if len(parent) > _LONGEST_NAME or len(child) > _LONGEST_NAME:
-        raise InvalidTransform(f"a frame's name is longer than {_LONGEST_NAME} characters: {child[:40]}…")
-    if parent == child:
-        raise InvalidTransform(f"{child} cannot be its own parent")
-    numbers = (*transform.translation, *transform.rotation)
-    if not all(map(math.isfinite, numbers)):
-        raise InvalidTransform(f"{parent} <- {child} has a number that is not finite: {numbers}")
-    square = sum(number * number for number in transform.rotation)
-    if abs(square - 1.0) > _UNIT_TOLERANCE:
-        raise InvalidTransform(
-            f"{parent} <- {child}: the rotation {transform.rotation} is not a unit quaternion; its length is "
-            f"{math.sqrt(square):.6g}"
-        )
-    if abs(square - 1.0) < 1e-15:
-        return transform
-    return Transform(transform.translation, normalised(transform.rotation))
 
 
 def _too_old(parent: str, child: str, stamp_ns: int, latest_ns: int, cache_ns: int) -> str:

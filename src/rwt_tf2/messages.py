@@ -1,13 +1,15 @@
-"""`geometry_msgs/TransformStamped` in and out, by the names of its fields alone.
+"""`geometry_msgs/TransformStamped` and `Quaternion` in and out, by the names of their fields alone.
 
 Whoever has messages passes them as they are: objects with attributes, in either spelling of time.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from rwt_tf2 import quaternion
 from rwt_tf2.times import NANOSECONDS
 from rwt_tf2.transform import StampedTransform, Transform
 
@@ -100,3 +102,31 @@ def write_transform(stamped: StampedTransform) -> dict[str, object]:
             "rotation": {"x": qx, "y": qy, "z": qz, "w": qw},
         },
     }
+
+
+def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> dict[str, float]:
+    """Turns around the fixed axes x, y, z in this order, radians, as a `geometry_msgs/Quaternion`."""
+    x, y, z, w = quaternion.from_rpy(roll, pitch, yaw)
+    return {"x": x, "y": y, "z": z, "w": w}
+
+
+def euler_from_quaternion(message: QuaternionMessage) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of a `geometry_msgs/Quaternion`, radians; roll is 0 where pitch is ±π/2.
+
+    One that is not of length 1 is taken as if it were, and one of zeros, which is in a message that nobody
+    has filled in, as no rotation.
+    """
+    rotation = (message.x, message.y, message.z, message.w)
+    if not any(rotation):
+        return 0.0, 0.0, 0.0
+    return quaternion.to_rpy(quaternion.normalised(rotation))
+
+
+def quaternion_from_yaw(yaw: float) -> dict[str, float]:
+    """A heading, radians to the left of the x axis, as a `geometry_msgs/Quaternion`."""
+    return {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+
+
+def yaw_from_quaternion(message: QuaternionMessage) -> float:
+    """The heading of a `geometry_msgs/Quaternion`, radians in [-π, π]; see :func:`euler_from_quaternion`."""
+    return euler_from_quaternion(message)[2]

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from rwt_tf2 import quaternion as rotations
-from rwt_tf2.quaternion import Quaternion, Vector
+from rwt_tf2.errors import InvalidTransform
+from rwt_tf2.quaternion import Quaternion, Vector, normalised
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike
+
+
+_LONGEST_NAME: Final = 256
+_UNIT_TOLERANCE: Final = 0.01
+"""How far from 1 the square of a quaternion's length may be, as in tf2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,3 +113,41 @@ class StampedTransform:
     child: str
     stamp_ns: int
     transform: Transform
+
+    def checked(self) -> StampedTransform:
+        """The same, as it can be sent: frames without a leading slash, and a rotation of length 1.
+
+        Raises:
+            InvalidTransform: an empty frame, a frame to itself, a number that is not finite, or a rotation
+                that is not a unit quaternion; says which frame.
+        """
+        parent, child = bare(self.parent), bare(self.child)
+        return StampedTransform(parent, child, self.stamp_ns, checked(parent, child, self.transform))
+
+
+def bare(frame: str) -> str:
+    """A frame's name without a leading slash (TFR-03)."""
+    return frame[1:] if frame.startswith("/") else frame
+
+
+def checked(parent: str, child: str, transform: Transform) -> Transform:
+    """The transform with its rotation at length 1; names and numbers are what tf2 takes."""
+    if not parent or not child:
+        missing = "parent (header.frame_id)" if not parent else "child (child_frame_id)"
+        raise InvalidTransform(f'the transform "{parent}" <- "{child}" has no {missing}')
+    if len(parent) > _LONGEST_NAME or len(child) > _LONGEST_NAME:
+        raise InvalidTransform(f"a frame's name is longer than {_LONGEST_NAME} characters: {child[:40]}…")
+    if parent == child:
+        raise InvalidTransform(f"{child} cannot be its own parent")
+    numbers = (*transform.translation, *transform.rotation)
+    if not all(map(math.isfinite, numbers)):
+        raise InvalidTransform(f"{parent} <- {child} has a number that is not finite: {numbers}")
+    square = sum(number * number for number in transform.rotation)
+    if abs(square - 1.0) > _UNIT_TOLERANCE:
+        raise InvalidTransform(
+            f"{parent} <- {child}: the rotation {transform.rotation} is not a unit quaternion; its length is "
+            f"{math.sqrt(square):.6g}"
+        )
+    if abs(square - 1.0) < 1e-15:
+        return transform
+    return Transform(transform.translation, normalised(transform.rotation))

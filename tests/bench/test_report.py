@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.cases import Compared, Floor, Metric, Result
+from bench.cases import Compared, Floor, Metric, Peer, Result
 from bench.load import Throughput
 from bench.report import rows, table
 
@@ -26,7 +26,9 @@ def metric(floor: Floor | None, compared: Compared = Compared.RATIO) -> Metric:
 
 
 def test_ratios_are_taken_within_a_round() -> None:
-    (row,) = rows([metric(None)], {"case": measured(200, 20, 2_000)}, {"case": measured(100, 10, 500)})
+    (row,) = rows(
+        [metric(None)], {"case": measured(200, 20, 2_000)}, {Peer.RELAY: {"case": measured(100, 10, 500)}}
+    )
     assert (row.compared, row.least, row.most, row.verdict) == (2.0, 2.0, 4.0, "")
 
 
@@ -44,12 +46,12 @@ def test_ratios_are_taken_within_a_round() -> None:
     ],
 )
 def test_a_floor_holds_or_is_marked(floor: Floor, compared: Compared, verdict: str) -> None:
-    found = rows([metric(floor, compared)], {"case": measured(150)}, {"case": measured(100)})
+    found = rows([metric(floor, compared)], {"case": measured(150)}, {Peer.RELAY: {"case": measured(100)}})
     assert found[0].verdict == verdict
     assert ("<<< below" in table(found)) == (verdict == "below")
 
 
 def test_a_row_with_losses_is_no_result() -> None:
-    found = rows([metric(Floor(1.0))], {"case": measured(150)}, {"case": measured(100, lost=3)})
+    found = rows([metric(Floor(1.0))], {"case": measured(150)}, {Peer.RELAY: {"case": measured(100, lost=3)}})
     assert found[0].verdict == "lost"
     assert "<<< lost 3: no result" in table(found)

@@ -26,9 +26,9 @@ def test_a_certificate_is_checked_against_the_file_that_is_named(
     assert rwt(*there).code == 3
     assert rwt(*there, "--cafile", str(certificate)).out == "nav_msgs/msg/Odometry\n"
     assert rwt(*there, "--insecure").out == "nav_msgs/msg/Odometry\n"
-    recorded = ("--max-seconds", "0.1", "--topics", "/odom", "-o", str(tmp_path / "a.mcap"))
-    assert rwt("record", encrypted, *recorded).code == 3
-    assert rwt("record", encrypted, "--cafile", str(certificate), *recorded).code == 0
+    recorded = ("/odom", "--max-seconds", "0.1", "-o", str(tmp_path / "a.mcap"))
+    assert rwt("bag", "record", *recorded, "--url", encrypted).code == 3
+    assert rwt("bag", "record", *recorded, "--url", encrypted, "--cafile", str(certificate)).code == 0
 
 
 def test_the_doctor_asks_for_the_file_and_takes_it(rwt: Rwt, encrypted: str, certificate: Path) -> None:

@@ -44,6 +44,7 @@ def candidates(url: str, *words: str) -> list[str]:
         (("node", "info", "/rosa"), ["/rosapi"]),
         (("completion", ""), ["bash", "fish", "zsh"]),
         (("interface", "show", "std_srvs/srv/T"), ["std_srvs/srv/Trigger"]),
+        (("bag", ""), ["info", "play", "record", "recover"]),
         (("topic", "list", "more"), []),
         (("topic", "echo", "--nonsense"), []),
     ],

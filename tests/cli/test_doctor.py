@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 from websockets.sync.server import ServerConnection, serve
 
 from rwt import Server
@@ -78,6 +79,16 @@ def test_a_narrow_role_is_refused_no_more_than_it_is_told(rwt: Rwt) -> None:
         text = robot.server.metrics.text().decode()
     refusals = [line for line in text.splitlines() if line.startswith("rwt_refusals_total{")]
     assert refusals == ['rwt_refusals_total{op="advertise"} 1']
+
+
+def test_clients_beyond_their_rate_are_noticed(rwt: Rwt) -> None:
+    with Server("ws://127.0.0.1:0") as robot, connect(robot.server.urls[0]):
+        (peer,) = robot.server.bridge.peers
+        peer.graph.work.add(1000.0, "messages")
+        ended = rwt("doctor", robot.server.urls[0])
+    assert "warning  server: rwt " in ended.out
+    assert "of whom 1 wait for each other" in ended.out
+    assert "limits.work_per_second allows more" in ended.out
 
 
 def test_nobody_there(rwt: Rwt) -> None:

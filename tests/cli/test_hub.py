@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import re
 import signal
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -127,3 +129,169 @@ def test_tokens_from_a_file(tmp_path: Path) -> None:
 def test_the_dial_token_is_not_shown() -> None:
     done = ended("config", "show", "--set", f"dial.token={_TOKEN}")
     assert _TOKEN not in done.stdout
+
+
+def _page(url: str, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    """Status, headers and body of a page; redirects are not followed."""
+    parts = urllib.parse.urlsplit(url)
+    connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 0, timeout=20)
+    try:
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+    finally:
+        connection.close()
+
+
+_ROLES = """
+[roles.viewer]
+subscribe = ["/camera/image_raw"]
+[auth.tokens.tablet]
+token = "tablet-0123456789"
+role = "viewer"
+[auth.tokens.owner]
+token = "owner-0123456789a"
+role = "admin"
+"""
+
+
+@pytest.fixture(scope="module")
+def robot_with_roles(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The URL of a hub, at which a robot called rosie has dialled in."""
+    config = tmp_path_factory.mktemp("robot") / "rwt.toml"
+    config.write_text(_ROLES)
+    with (
+        running("hub", "ws://127.0.0.1:0") as (_, url),
+        running(
+            *("serve", "--demo", "--config", str(config), "--dial", f"{url}/robots/rosie"), ready="dialing"
+        ),
+        _client(f"{url}/rosie?token=owner-0123456789a"),
+    ):
+        yield url
+
+
+def test_pages_and_pictures_of_a_robot_go_through_the_hub(robot_with_roles: str) -> None:
+    owner = "token=owner-0123456789a"
+    status, headers, _ = _page(robot_with_roles, f"/rosie/?{owner}")
+    assert (status, headers["content-type"]) == (200, "text/html; charset=utf-8")
+    assert "content-security-policy" in headers
+    host = urllib.parse.urlsplit(robot_with_roles).netloc
+    status, _, index = _page(robot_with_roles, f"/rosie/index?{owner}")
+    assert status == 200 and f"ws://{host}/rosie".encode() in index
+    status, headers, picture = _page(robot_with_roles, f"/rosie/snapshot?topic=/camera/image_raw&{owner}")
+    assert (status, headers["content-type"], picture[:2]) == (200, "image/jpeg", b"\xff\xd8")
+    status, _, metrics = _page(robot_with_roles, f"/rosie/metrics?{owner}")
+    assert status == 200 and b"rwt_dial_clients" in metrics
+    status, _, text = _page(robot_with_roles, f"/rosie/nothing?{owner}")
+    assert status == 404 and b"/snapshot" in text
+
+
+def test_a_stream_goes_on_until_its_reader_leaves(robot_with_roles: str) -> None:
+    parts = urllib.parse.urlsplit(robot_with_roles)
+    connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 0, timeout=20)
+    connection.request(
+        "GET", "/rosie/stream?topic=/camera/image_raw", headers={"Authorization": "Bearer tablet-0123456789"}
+    )
+    answer = connection.getresponse()
+    assert answer.status == 200
+    assert answer.getheader("content-type", "").startswith("multipart/x-mixed-replace")
+    read = b""
+    while read.count(b"\xff\xd8\xff") < 4:
+        read += answer.read(4096)
+    used = 'rwt_hub_used_connections{robot="rosie"}'
+    assert f"{used} 2" in _page(robot_with_roles, "/metrics")[2].decode()
+    answer.close()
+    connection.close()
+    for _ in range(200):
+        if f"{used} 1" in _page(robot_with_roles, "/metrics")[2].decode():
+            return
+        time.sleep(0.05)
+    raise AssertionError("the robot went on with a stream that nobody reads")
+
+
+@pytest.mark.parametrize(
+    ("path", "token", "status"),
+    [
+        ("/rosie/snapshot?topic=/camera/image_raw", "tablet-0123456789", 200),
+        ("/rosie/snapshot?topic=/camera/depth/image_raw", "tablet-0123456789", 403),
+        ("/rosie/metrics", "tablet-0123456789", 403),
+        ("/rosie/snapshot?topic=/camera/image_raw", "", 401),
+        ("/rosie/index", "nobody-0123456789", 401),
+        ("/rosie/healthz", "", 200),
+    ],
+)
+def test_the_robots_roles_decide_about_its_pages(
+    robot_with_roles: str, path: str, token: str, status: int
+) -> None:
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    assert _page(robot_with_roles, path, **headers)[0] == status
+
+
+def test_a_robots_pages_have_a_slash_at_the_end_of_its_name(robot_with_roles: str) -> None:
+    status, headers, _ = _page(robot_with_roles, "/rosie?token=x")
+    assert (status, headers["location"]) == (308, "/rosie/?token=x")
+    assert _page(robot_with_roles, "/nobody/")[0] == 404
+
+
+def test_head_costs_no_stream(robot_with_roles: str) -> None:
+    parts = urllib.parse.urlsplit(robot_with_roles)
+    connection = http.client.HTTPConnection(parts.hostname or "", parts.port or 0, timeout=20)
+    headers = {"Authorization": "Bearer tablet-0123456789"}
+    connection.request("HEAD", "/rosie/stream?topic=/camera/image_raw", headers=headers)
+    assert connection.getresponse().status == 200
+    connection.close()
+
+
+def test_a_hub_behind_a_proxy_keeps_its_prefix_and_logs_requests() -> None:
+    with running(
+        "hub", "ws://127.0.0.1:0", "--proxy", "127.0.0.1", "--host", "robots.example", "--access-log"
+    ) as (hub, url):
+        forwarded = {
+            "X-Forwarded-Prefix": "/fleet",
+            "X-Forwarded-Host": "robots.example",
+            "X-Forwarded-For": "192.0.2.7",
+        }
+        robot = running("serve", "--demo", "--dial", f"{url}/robots/rosie", ready="dialing")
+        with robot, _client(f"{url}/rosie"):
+            assert b"ws://robots.example/fleet/rosie" in _page(url, "/rosie/index", **forwarded)[2]
+            assert _page(url, "/rosie", **forwarded)[1]["location"] == "/fleet/rosie/"
+        hub.terminate()
+        _, log = hub.communicate(timeout=20)
+    assert re.search(r"192\.0\.2\.7 .*GET /rosie/index.* 200", log), log
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="there is no such signal here")
+def test_a_hangup_reads_tokens_again_and_a_bad_file_keeps_the_old(tmp_path: Path) -> None:
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"{_TOKEN}\n")
+    new = "another-long-token"
+
+    def dials_in(url: str, token: str) -> bool:
+        try:
+            with connect(f"{url}/robots/r", additional_headers={"Authorization": f"Bearer {token}"}):
+                return True
+        except InvalidStatus:
+            return False
+
+    def becomes(url: str, token: str) -> bool:
+        for _ in range(200):
+            if dials_in(url, token):
+                return True
+            time.sleep(0.05)
+        return False
+
+    with running("hub", "ws://127.0.0.1:0", "--token-file", str(tokens)) as (hub, url):
+        stays = {"Authorization": f"Bearer {_TOKEN}"}
+        with connect(f"{url}/robots/stays", additional_headers=stays) as wire:
+            tokens.write_text("short\n")
+            hub.send_signal(signal.SIGHUP)
+            assert dials_in(url, _TOKEN)
+            tokens.write_text(f"{new}\n")
+            hub.send_signal(signal.SIGHUP)
+            assert becomes(url, new)
+            assert not dials_in(url, _TOKEN)
+            assert wire.ping().wait(10)
+        hub.terminate()
+        _, log = hub.communicate(timeout=20)
+    assert "stay as they were: a token is 16 to 256" in log
+    assert "were read again" in log

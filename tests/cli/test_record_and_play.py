@@ -1,4 +1,4 @@
-"""`rwt record`, `rwt play` and `rwt recording` as their users meet them: processes, files and signals."""
+"""`rwt bag` as its users meet it: processes, files and signals."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FORMS = [("jazzy", "ros"), ("noetic", "json")]
 
 @pytest.fixture(autouse=True)
 def logging_as_before() -> Iterator[None]:
-    """`rwt record` quiets a logger of this process."""
+    """`rwt bag record` quiets a logger of this process."""
     own = logging.getLogger("rwt_nodes.recording.writer")
     level = own.level
     yield
@@ -69,12 +69,23 @@ def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
 ) -> None:
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     with running("serve", "ws://127.0.0.1:0", "--demo", "--distro", distro) as (_, url):
-        arguments = ("record", url, "-o", str(first), "--encoding", encoding, *OWN)
+        arguments = ("bag", "record", "--url", url, "-o", str(first), "--encoding", encoding, *OWN)
         with running(*arguments, ready="recording ") as (recorder, _):
             until(lambda: first.stat().st_size > 20_000)
-    player_arguments = ("play", str(first), "ws://127.0.0.1:0", "--paused", "--speed", "4")
+    player_arguments = ("bag", "play", str(first), "ws://127.0.0.1:0", "--start-paused", "--rate", "4")
     with running(*player_arguments) as (player, url):
-        again = ("record", url, "-o", str(second), "--encoding", encoding, "--no-reconnect", *OWN)
+        again = (
+            "bag",
+            "record",
+            "--url",
+            url,
+            "-o",
+            str(second),
+            "--encoding",
+            encoding,
+            "--no-reconnect",
+            *OWN,
+        )
         with running(*again, ready="recording ") as (recorder, _):
             with connect(url) as robot:
                 assert robot.call("/rosbag2_player/is_paused").paused
@@ -91,7 +102,7 @@ def test_a_recording_survives_kill_9(tmp_path: Path, capsys: pytest.CaptureFixtu
     path, whole = tmp_path / "run.mcap", tmp_path / "whole.mcap"
     with (
         running("serve", "ws://127.0.0.1:0", "--demo") as (_, url),
-        running("record", url, "-o", str(path), *OWN, ready="recording ") as (recorder, _),
+        running("bag", "record", "--url", url, "-o", str(path), *OWN, ready="recording ") as (recorder, _),
     ):
         began = path.stat().st_size
         until(lambda: path.stat().st_size > began + 50_000)
@@ -102,10 +113,10 @@ def test_a_recording_survives_kill_9(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert {"/odom", "/map"} <= {topic.name for topic in recording.topics}
         count = len(list(recording.messages()))
     assert count > 10  # one picture alone is more than 5000 bytes
-    assert main(["recording", "recover", str(path), "-o", str(whole)]) == 0
+    assert main(["bag", "recover", str(path), "-o", str(whole)]) == 0
     assert f"{count} messages" in capsys.readouterr().out
     assert len(rows(whole)) == count
-    assert main(["recording", "info", "--json", str(path)]) == 0
+    assert main(["bag", "info", "--json", str(path)]) == 0
     assert json.loads(capsys.readouterr().out)["complete"] is False
 
 
@@ -122,11 +133,11 @@ def test_of_a_damaged_recording_the_rest_is_played_and_recovered_and_the_end_is_
                 channel, number, number, b"\0\1\0\0" + (400_001).to_bytes(4, "little") + text + b"\0"
             )
     path.write_bytes(path.read_bytes().replace(b"DDDDDDDD", b"????????", 1))
-    played = processes.ended("play", str(path), "ws://127.0.0.1:0")
+    played = processes.ended("bag", "play", str(path), "ws://127.0.0.1:0")
     assert played.returncode == 1
     assert "not played: 1 damaged places of the recording" in played.stderr
     assert "Traceback" not in played.stderr
-    assert main(["recording", "recover", str(path), "-o", str(to)]) == 1
+    assert main(["bag", "recover", str(path), "-o", str(to)]) == 1
     printed = capsys.readouterr()
     assert "6 messages of 1 topics" in printed.out
     assert "1 damaged chunks" in printed.err
@@ -138,7 +149,7 @@ def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, how: signal.Signals) 
     path = tmp_path / "run.mcap"
     with (
         running("serve", "ws://127.0.0.1:0", "--demo") as (_, url),
-        running("record", url, "-o", str(path), "--topics", "/odom", "tf*", ready="recording ") as (
+        running("bag", "record", "/odom", "tf*", "--url", url, "-o", str(path), ready="recording ") as (
             recorder,
             _,
         ),
@@ -155,7 +166,7 @@ def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, how: signal.Signals) 
 
 def test_serve_records_topics_and_calls(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    arguments = ("serve", "ws://127.0.0.1:0", "--demo", "--record", str(path))
+    arguments = ("serve", "ws://127.0.0.1:0", "--demo", "--introspection", "--record", str(path))
     with running(*arguments) as (server, url):
         with connect(url) as robot:
             assert robot.call("/add_two_ints", {"a": 20, "b": 22}).sum == 42
@@ -163,7 +174,7 @@ def test_serve_records_topics_and_calls(tmp_path: Path) -> None:
         server.communicate(timeout=10)
         assert server.returncode == 0
     with (
-        running("play", str(path), "ws://127.0.0.1:0", "--paused") as (_, url),
+        running("bag", "play", str(path), "ws://127.0.0.1:0", "--start-paused") as (_, url),
         connect(url) as robot,
     ):
         assert robot.call("/add_two_ints", {"a": 20, "b": 22}).sum == 42
@@ -172,10 +183,10 @@ def test_serve_records_topics_and_calls(tmp_path: Path) -> None:
 def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     serve = ("serve", "ws://127.0.0.1:0", "--demo", "--introspection")
-    record = ("--topics", "/late", "/add_two_ints/*", "--services")
+    record = ("bag", "record", "/late", "/add_two_ints/*", "--services", "-o", str(path))
     with (
         running(*serve) as (_, url),
-        running("record", url, "-o", str(path), *record, ready="recording ") as (recorder, _),
+        running(*record, "--url", url, ready="recording ") as (recorder, _),
         connect(url) as robot,
     ):
         robot.call("/add_two_ints", {"a": 1, "b": 1})
@@ -196,9 +207,10 @@ def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
     there.touch()
     with running("serve", "ws://127.0.0.1:0", "--demo") as (_, url):
         # The shell's limit on a file's size stands for a full disk: the kernel refuses to write.
-        limited = f"ulimit -f 40; exec {sys.executable} -m rwt_cli record {url} --compression none -o {path}"
+        limited = f"ulimit -f 40; exec {sys.executable} -m rwt_cli bag record"
+        limited += f" --url {url} --compression none -o {path}"
         full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=25)
-        again = [sys.executable, "-m", "rwt_cli", "record", url, "-o", str(there)]
+        again = [sys.executable, "-m", "rwt_cli", "bag", "record", "--url", url, "-o", str(there)]
         refused = subprocess.run(again, capture_output=True, text=True, timeout=25)
     assert full.returncode == 1
     assert (
@@ -213,7 +225,17 @@ def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
 
 def test_a_robot_without_rosapi_cannot_be_recorded(tmp_path: Path) -> None:
     with running("serve", "ws://127.0.0.1:0", "--set", "nodes=[]") as (_, url):
-        command = [sys.executable, "-m", "rwt_cli", "record", url, "-o", str(tmp_path / "run.mcap")]
+        command = [
+            sys.executable,
+            "-m",
+            "rwt_cli",
+            "bag",
+            "record",
+            "--url",
+            url,
+            "-o",
+            str(tmp_path / "run.mcap"),
+        ]
         done = subprocess.run(command, capture_output=True, text=True, timeout=25)
     assert done.returncode == 1
     assert "does not answer rosapi's questions" in done.stderr
@@ -225,7 +247,7 @@ def test_a_recording_of_topics_that_are_not_there_says_so(
 ) -> None:
     with running("serve", "ws://127.0.0.1:0") as (_, url):
         seconds = ("--max-seconds", "0.1")
-        assert main(("record", url, "-o", str(tmp_path / "a.mcap"), "--topics", "/odm", *seconds)) == 0
+        assert main(("bag", "record", "/odm", "--url", url, "-o", str(tmp_path / "a.mcap"), *seconds)) == 0
     assert "no message came on the topics that were asked for" in capsys.readouterr().err
 
 
@@ -234,22 +256,36 @@ def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFi
     path.write_bytes(b"")
     good = tmp_path / "good.mcap"
     RecordingWriter(good, JAZZY).close()
+    play = ("bag", "play")
+    here = (*play, str(good), "ws://127.0.0.1:0")
     for arguments, code, text in (
-        (("play",), 2, "expected a recording to play"),
-        (("play", "--topics", "/odom", str(good)), 2, "it stands before options that take several words"),
-        (("play", str(good), "--topics", "/odom", "ws://127.0.0.1:0"), 2, "'ws://127.0.0.1:0' is no pattern"),
-        (("record", "--topics", "/odom", "ws://robot:9090"), 2, "'ws://robot:9090' is no pattern of topics"),
-        (("record", "run.mcap"), 2, "to record to it: -o run.mcap"),
-        (("record", "--max-seconds", "-1"), 2, "expected seconds, for example 2.5, got '-1'"),
-        (("play", "ws://127.0.0.1:0"), 2, "expected a recording to play"),
-        (("play", str(path)), 1, "is not a recording"),
-        (("play", str(tmp_path)), 1, "is no recording: a folder of rosbag2 has a file metadata.yaml"),
-        (("play", str(tmp_path / "gone.mcap")), 1, "there is no such file"),
-        (("record", "ws://127.0.0.1:1", "-o", str(tmp_path / "new.mcap")), 3, "rwt: "),
-        (("play", str(good), "ws://127.0.0.1:0", "--start", "9"), 2, "cannot be played from 9.0 s"),
-        (("play", str(good), "ws://127.0.0.1:0", "--speed", "0"), 2, "at a rate from 0.001 to 1000"),
-        (("play", str(good), "tcp://256.0.0.1:1"), 1, "rwt: "),
-        (("recording", "info", str(path)), 1, "is not a recording"),
+        (play, 2, "expected a recording to play"),
+        (
+            ("bag", "play", "--topics", "/odom", str(good)),
+            2,
+            "it stands before options that take several words",
+        ),
+        (
+            ("bag", "play", str(good), "--topics", "/odom", "ws://127.0.0.1:0"),
+            2,
+            "'ws://127.0.0.1:0' is no pattern",
+        ),
+        (("bag", "record", "/odom", "ws://robot:9090"), 2, "'ws://robot:9090' is no pattern of topics"),
+        (("bag", "record", "run.mcap"), 2, "to record to it: -o run.mcap"),
+        (("bag", "record", "--max-seconds", "-1"), 2, "expected seconds, for example 2.5, got '-1'"),
+        (("bag", "play", "ws://127.0.0.1:0"), 2, "expected a recording to play"),
+        (("bag", "play", str(path)), 1, "is not a recording"),
+        (("bag", "play", str(tmp_path)), 1, "is no recording: a folder of rosbag2 has a file metadata.yaml"),
+        (("bag", "play", str(tmp_path / "gone.mcap")), 1, "there is no such file"),
+        (("bag", "record", "--url", "ws://127.0.0.1:1", "-o", str(tmp_path / "new.mcap")), 3, "rwt: "),
+        (
+            ("bag", "play", str(good), "ws://127.0.0.1:0", "--start-offset", "9"),
+            2,
+            "cannot be played from 9.0 s",
+        ),
+        ((*here, "--rate", "0"), 2, "at a rate from 0.001 to 1000"),
+        (("bag", "play", str(good), "tcp://256.0.0.1:1"), 1, "rwt: "),
+        (("bag", "info", str(path)), 1, "is not a recording"),
         (("serve", "ws://127.0.0.1:0", "--record", str(path)), 1, "run.mcap is there already"),
         (("serve", "ws://127.0.0.1:0", "--introspection", "--distro", "noetic"), 2, "is of ROS 2"),
     ):
@@ -302,7 +338,16 @@ def test_space_in_a_terminal_goes_on_until_the_end(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     RecordingWriter(path, JAZZY).close()
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "rwt_cli", "play", str(path), "ws://127.0.0.1:0", "--paused"]
+    command = [
+        sys.executable,
+        "-m",
+        "rwt_cli",
+        "bag",
+        "play",
+        str(path),
+        "ws://127.0.0.1:0",
+        "--start-paused",
+    ]
     # A session of its own, with the terminal in its foreground, as a shell would start it.
     program = (
         "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0);"

@@ -71,7 +71,7 @@ def test_plain_http_on_the_same_port() -> None:
         base = url.replace("ws", "http", 1)
         with urllib.request.urlopen(f"{base}/healthz", timeout=10) as answer:
             assert json.load(answer)["status"] == "ok"
-        with urllib.request.urlopen(base, timeout=10) as answer:
+        with urllib.request.urlopen(f"{base}/index", timeout=10) as answer:
             page = answer.read().decode()
         assert url in page
         assert "/cmd_vel" in page

@@ -287,7 +287,9 @@ def test_delay(rwt: Rwt) -> None:
 
 def test_top(rwt: Rwt) -> None:
     head, columns, *rows = rwt("top", "/odom", "/map", "--interval", "0.5").out.splitlines()
-    assert re.fullmatch(r"2 topics, [\d.]+ KB/s; \d+ nodes; \d+ clients", head)
+    assert re.fullmatch(
+        r"2 topics, [\d.]+ KB/s; \d+ nodes; \d+ clients, \d+% of a processor at work for them", head
+    )
     assert columns.split() == ["Hz", "a", "second", "topic", "type"]
     assert rows[0].split()[3:] == ["/odom", "nav_msgs/msg/Odometry"]
     assert rows[1].split() == ["0.0", "0", "B", "/map", "nav_msgs/msg/OccupancyGrid"]  # kept, not published
@@ -295,6 +297,7 @@ def test_top(rwt: Rwt) -> None:
     first, second = rwt("top", "/odom", "--json", "-n", "2", "--interval", "0.5").records
     assert "/demo_robot" in first["nodes"]
     assert first["clients"] >= 1
+    assert 0 <= first["work"] < 10
     assert second["topics"][0]["rate"] > 0
 
 
@@ -437,7 +440,7 @@ def test_param_that_is_refused(rwt: Rwt) -> None:
     ended = rwt("param", "set", "/demo_robot", "max_speed", "fast")
     assert (ended.code, "expected double, got string" in ended.err) == (1, True)
     ended = rwt("param", "get", "/demo_robot", "max_sped")
-    assert (ended.code, "did you mean /demo_robot max_speed?" in ended.err) == (1, True)
+    assert (ended.code, "did you mean /demo_robot:max_speed?" in ended.err) == (1, True)
     assert rwt("param", "delete", "/demo_robot", "max_speed").code == 1
 
 
@@ -568,6 +571,8 @@ def test_ros_1(rwt: Rwt) -> None:
     ("words", "expected"),
     [
         (("tpic",), "unknown command 'tpic'; did you mean topic?"),
+        (("play", "run.mcap"), "unknown command 'play'; did you mean `rwt bag play`?"),
+        (("delay",), "unknown command 'delay'; did you mean `rwt topic delay`?"),
         (("topic", "lst"), "unknown command 'lst'; did you mean list?"),
         (("topic", "list", "--showtypes"), "--showtypes"),
         (("topic", "echo", "/odom", "--qos-history", "keep_lst"), "did you mean keep_last?"),

@@ -186,7 +186,7 @@ async def test_types_of_the_robots_own_come_from_its_graph() -> None:
 async def test_the_graphs_definition_wins_over_the_standard_one() -> None:
     async with scripted() as (server, robot):
         separator = "=" * 80
-        text = f"string data\nmy_msgs/Mood mood\n{separator}\nMSG: my_msgs/Mood\nuint8 level"
+        text = f"string data\nmy_msgs/Mood mood\n\n{separator}\nMSG: my_msgs/Mood\nuint8 level"
         server.answers["/rosapi/get_ros_version"] = {"version": 2, "distro": "jazzy"}
         server.answers["/rosapi/topics_and_raw_types"] = {
             "topics": ["/a", "/b"],
@@ -247,9 +247,24 @@ async def test_a_name_that_is_misspelled_is_told_with_the_nearest() -> None:
     async with world() as it:
         it.node.advertise("/odom", "nav_msgs/Odometry")
         it.node.advertise_service("/reset", "std_srvs/Empty", lambda _: None)
-        with pytest.raises(NotFound, match=r"no topic /odm \(did you mean /odom\?\); name its type if"):
+        with pytest.raises(NotFound, match=r"no topic /odm; did you mean /odom\?$"):
             await it.robot.once("/odm")
-        with pytest.raises(ProviderNotFound, match=r"no service /rset \(did you mean /reset\?\)"):
+        with pytest.raises(ProviderNotFound, match=r"no service /rset; did you mean /reset\?$"):
             await it.robot.call("/rset")
         with pytest.raises(ProviderNotFound, match=r"no action /nothing; name its type if"):
             await it.robot.send_goal("/nothing")
+
+
+async def test_a_parameter_that_is_misspelled_is_told_with_the_nearest() -> None:
+    async with world() as it:
+        it.node.parameters.declare("max_speed", 0.5)
+        params = it.robot.params
+        meant = r"; did you mean /test_robot:max_speed\?$"
+        for name in ("/test_robot:max_sped", "/test_robt:max_speed"):
+            with pytest.raises(NotFound, match=meant):
+                await params.get(name)
+            with pytest.raises(ParameterRejected, match=meant):
+                await params.set(name, 1.0)
+            with pytest.raises(NotFound, match=meant):
+                await params.delete(name)
+        assert await params.get("/test_robot:max_sped", 7) == 7

@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 
-from conformance.client_runner import run_client_cases
-from conformance.command import ADAPTERS
-from conformance.reports import json_file
-from conformance.reports.terminal import failure
-from conformance.runner import Conditions, select
-from conformance.suite.loading import CLIENT_CASES, load_cases
-from conformance.suite.rules import load_rules
-from conformance.suite.target import find_client_target
+from rosbridge_conformance.client_runner import run_client_cases
+from rosbridge_conformance.command import ADAPTERS
+from rosbridge_conformance.reports import json_file
+from rosbridge_conformance.reports.terminal import failure
+from rosbridge_conformance.runner import Conditions, select
+from rosbridge_conformance.suite.loading import CLIENT_CASES, load_cases
+from rosbridge_conformance.suite.rules import load_rules
+from rosbridge_conformance.suite.target import find_client_target
 
 NODE = str(Path(__file__).parent / "node")
 

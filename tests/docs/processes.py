@@ -40,7 +40,7 @@ class Running:
         folder: Path,
         commands: Path,
         limit: float = LIMIT,
-        packages: Sequence[Path] = (ROOT / "src",),
+        packages: Sequence[Path] = (ROOT / "src", ROOT / "conformance"),
     ) -> None:
         self._errors = folder / "stderr.log"
         environment = {

@@ -17,7 +17,8 @@ from tests.docs.processes import LIMIT, Running, commands_folder
 pytestmark = pytest.mark.timeout(90)
 
 _FOLDER = ROOT / "docs" / "contributing"
-_PAGES = sorted(page for page in _FOLDER.glob("*.md") if page.name != "README.md")
+_PAGES = sorted(page for page in _FOLDER.glob("*.md") if page.name not in ("README.md", "release.md"))
+"""The pages about what can be added."""
 _COPIED = ("src", "conformance")
 _PUT = re.compile(r'(after|before|replace) "(.*)" in (\S+)')
 _ROW = re.compile(r"^\| \[[^]]*\]\((\S+)\) \| (\d+) \|", re.MULTILINE)
@@ -64,7 +65,7 @@ class Copy:
         script = {"python": ["show.py", sys.executable], "sh": ["show.sh", "sh", "-eu"]}[block.language]
         (self.folder / script[0]).write_text(block.code, encoding="utf-8")
         command = [*script[1:], script[0]]
-        packages = (self.folder / "src", self.folder)
+        packages = (self.folder / "src", self.folder / "conformance", self.folder)
         return Running(command, self.folder, self._commands, packages=packages)
 
     def output(self, *command: str) -> str:

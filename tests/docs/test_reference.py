@@ -14,8 +14,8 @@ import pytest
 import rwt
 import rwt_graph
 from rwt import Settings
-from rwt_cli.commands.bag.play import add_play_command
-from rwt_cli.commands.bag.record import add_record_command
+from rwt_cli.commands.bag.play import add_play_verb
+from rwt_cli.commands.bag.record import add_record_verb
 from rwt_cli.commands.serve import add_serve_command
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi
@@ -35,8 +35,8 @@ def _page(name: str) -> str:
     ("add", "name", "known"),
     [
         (add_serve_command, "serve", "--demo"),
-        (add_record_command, "record", "--split"),
-        (add_play_command, "play", "--loop"),
+        (add_record_verb, "record", "--split"),
+        (add_play_verb, "play", "--loop"),
     ],
 )
 def test_every_option_of_a_command_is_listed(

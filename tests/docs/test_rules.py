@@ -10,7 +10,9 @@ from pathlib import Path
 
 from tests.docs.blocks import ROOT
 
-_RULES = set(json.loads((ROOT / "conformance" / "rules.json").read_text(encoding="utf-8")))
+_RULES = set(
+    json.loads((ROOT / "conformance" / "rosbridge_conformance" / "rules.json").read_text(encoding="utf-8"))
+)
 _RULE = re.compile(rf"\b(?:{'|'.join(sorted({rule[:3] for rule in _RULES}))})-\d\d\b|\bX\d\d\b")
 _ROW = re.compile(r"^\| (X\d\d) \|", re.MULTILINE)
 _NEW = re.compile(r'^ "([A-Z]{3}-\d\d)": \{$', re.MULTILINE)

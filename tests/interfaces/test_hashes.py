@@ -50,6 +50,13 @@ def test_every_message_has_the_fingerprints_of_its_distribution(registries: dict
 @pytest.mark.parametrize(
     ("name", "md5"),
     [
+        ("move_base_msgs/MoveBaseAction", "70b6aca7c7f7746d8d1609ad94c80bb8"),
+        ("octomap_msgs/Octomap", "9a45536b45c5e409cd49f04bb2d9999f"),
+        ("octomap_msgs/OctomapWithPose", "20b380aca6a508a657e95526cddaf618"),
+        ("turtle_actionlib/ShapeGoal", "3b9202ab7292cebe5a95ab2bf6b9c091"),
+        ("turtle_actionlib/Velocity", "9d5c2dcd348ac8f76ce2a4307bd63a13"),
+        ("turtlesim/Color", "353891e354491c51aabe32df673fb446"),
+        ("turtlesim/Pose", "863b248d5016ca62ea2e895ae5265cf9"),
         ("std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1"),
         ("std_msgs/Header", "2176decaecbce78abc3b96ef049fabed"),
         ("std_msgs/Empty", "d41d8cd98f00b204e9800998ecf8427e"),

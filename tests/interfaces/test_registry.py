@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import tracemalloc
+from pathlib import Path
 
 import pytest
 
@@ -214,7 +215,7 @@ def test_full_text_is_the_definition_and_all_it_contains(distro: Distro) -> None
     registry.add_text("# Two stamps.\nHeader header\nPart[] parts # many\nPart last\n", "p/Whole")
     registry.add_text("time at\n", "p/Part")
     text = registry.full_text(registry.message("p/Whole"))
-    root, *sections = text.split("=" * 80 + "\n")
+    root, *sections = text.split("\n" + "=" * 80 + "\n")
     assert root == "# Two stamps.\nHeader header\nPart[] parts # many\nPart last\n"
     heads = [section.splitlines()[0] for section in sections]
     if distro is NOETIC:
@@ -292,9 +293,7 @@ def test_a_missing_part_is_named_with_where_it_is_missing() -> None:
     registry = Registry()
     registry.add_text("Inner inner\n", "p/Outer")
     registry.add_text("geometry_msgs/Pont where\n", "p/Inner")
-    message = (
-        'p/Inner, field where: no message "geometry_msgs/Pont" is known; did you mean geometry_msgs/Point'
-    )
+    message = 'p/Inner.msg:1: no message "geometry_msgs/Pont" is known; did you mean geometry_msgs/Point'
     for ask in (lambda: registry.message("p/Outer"), registry.verify):
         with pytest.raises(UnknownType) as caught:
             ask()
@@ -302,6 +301,37 @@ def test_a_missing_part_is_named_with_where_it_is_missing() -> None:
     registry.add_text("geometry_msgs/Point where\n", "p/Inner")
     registry.verify()
     assert registry.message("p/Outer")
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [
+        ("float23", "float32"),
+        ("strng[]", "string"),
+        ("boolean", "bool"),
+        ("double[3]", "float64"),
+        ("Float", "float32 or float64"),
+        ("Statu", "p/Status"),
+        ("Heder", "std_msgs/Header"),
+        ("Twits", "geometry_msgs/Twist"),
+    ],
+)
+def test_a_type_without_a_package_may_be_a_primitive_or_a_message_of_any(
+    tmp_path: Path, word: str, meant: str
+) -> None:
+    package = tmp_path / "p" / "msg"
+    package.mkdir(parents=True)
+    (package / "Status.msg").write_text("bool ok\n")
+    (package / "Broken.msg").write_text(f"# A comment.\nint8 fine\n{word} field\n")
+    registry = Registry()
+    registry.add_directory(tmp_path)
+    base = word.partition("[")[0]
+    known = f'no primitive is called "{base}", and no message of p'
+    text = f"{package / 'Broken.msg'}:3: {known}; did you mean {meant}?"
+    for ask in (registry.verify, lambda: registry.message("p/Broken")):
+        with pytest.raises(UnknownType) as caught:
+            ask()
+        assert str(caught.value) == text
 
 
 def test_a_message_that_contains_itself_is_refused() -> None:

@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 from rwt_interfaces import payload as payload_form
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.field_types import Array, Message
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import long_arrays, long_strings
+from rwt_interfaces.serialise import cbor, long_arrays, long_strings, pack
 from rwt_interfaces.structs import MessageType
 
 REGISTRIES = {1: Registry(NOETIC), 2: Registry(JAZZY)}
@@ -32,6 +33,7 @@ for _registry in REGISTRIES.values():
     _registry.add_text(
         "string[] s\nMixed one\nwstring w\nduration d\nuint8[<=9] few", "t_msgs/Deep"
     ) if _registry is REGISTRIES[2] else _registry.add_text("string[] s\nMixed one\ntime d", "t_msgs/Deep")
+    _registry.add_text("string s\nnav_msgs/OccupancyGrid map\nfloat64[] v\nMixed[] m", "t_msgs/Holder")
 NAMES = (
     "sensor_msgs/Image",
     "sensor_msgs/PointCloud2",
@@ -45,6 +47,11 @@ NAMES = (
     "std_msgs/UInt64MultiArray",
     "nav_msgs/OccupancyGrid",
     "geometry_msgs/PoseWithCovariance",
+    "nav_msgs/Path",
+    "sensor_msgs/PointCloud",
+    "visualization_msgs/MarkerArray",
+    "trajectory_msgs/JointTrajectory",
+    "t_msgs/Holder",
 )
 TEXTS = st.lists(
     st.sampled_from(["word ", "é", "\U0001f600", "\n", '"', "\\", "/", ",", " ", "}", ":"])
@@ -95,9 +102,21 @@ def scrambled(value: Any, chance: Random) -> Any:
     return dict(given)
 
 
+def peopled(kind: MessageType, chance: Random, deep: int = 0) -> Any:
+    """A complete message in whose arrays of messages there are some."""
+    message: Any = json.loads(bytes(Payload.from_value(kind, {}, now).json()))
+    for slot in kind.slots:
+        if isinstance(slot.type, Array) and isinstance(slot.type.element, Message) and deep < 2:
+            count = chance.choice((0, 1, 3, 12))
+            message[slot.name] = [peopled(slot.type.element.type, chance, deep + 1) for _ in range(count)]
+        elif isinstance(slot.type, Message) and deep < 2:
+            message[slot.name] = peopled(slot.type.type, chance, deep + 1)
+    return message
+
+
 def with_content(kind: MessageType, content: str, chance: Random) -> Any:
     """A complete message with the content in one of its strings, or octets."""
-    message: Any = json.loads(bytes(Payload.from_value(kind, {}, now).json()))
+    message = peopled(kind, chance)
     spots: list[tuple[Any, Any]] = []
     level = [message]
     while level:
@@ -139,24 +158,47 @@ def wholly(kind: MessageType, raw: bytes) -> object:
     CONTENTS,
     CHANCES,
     st.booleans(),
+    st.sampled_from((0, 7, 60)),
+    st.sampled_from(((",", ":"), (", ", ": "))),
 )
 def test_to_splice_is_to_decode_and_encode(
-    name: str, version: int, content: str, chance: Random, ascii_only: bool
+    name: str,
+    version: int,
+    content: str,
+    chance: Random,
+    ascii_only: bool,
+    piece: int,
+    separators: tuple[str, str],
 ) -> None:
     kind = REGISTRIES[version].message(name)
-    raw = json.dumps(scrambled(with_content(kind, content, chance), chance), ensure_ascii=ascii_only).encode()
+    message = scrambled(with_content(kind, content, chance), chance)
+    raw = json.dumps(message, ensure_ascii=ascii_only, separators=separators).encode()
     expected = wholly(kind, raw)
     with pytest.MonkeyPatch().context() as small:
         small.setattr(long_strings, "BASE64_PIECE", 64)
         small.setattr(long_strings, "TEXT_PIECE", 64)
         small.setattr(payload_form, "LARGE", 1)
+        small.setattr(payload_form, "PIECE", 1)
         small.setattr(long_arrays, "LARGE", 1)
+        small.setattr(long_arrays, "PIECE", piece)
+        small.setattr(long_arrays, "SLOW_PIECE", piece // 2)
+        small.setattr(long_strings, "_LONG_PART", piece)
+        for module in (long_strings, long_arrays, cbor, pack):
+            small.setattr(module, "FEW", 2)
+        small.setattr(long_strings, "NUMBERS", 3)
         for take in (
             lambda: Payload.from_json(kind, raw, now),
             lambda: Payload.from_json(kind, memoryview(raw), now).detach(),
             lambda: _asked(Payload.from_json(kind, memoryview(raw), now)).detach(),
+            lambda: _prepared(Payload.from_json(kind, memoryview(raw), now)),
+            lambda: _prepared(Payload.from_value(kind, Payload.from_json(kind, raw, now).value())),
         ):
             assert outcome(take) == expected
+
+
+def _prepared(payload: Payload) -> Payload:
+    long_strings.finished(payload.prepare(("json", "cbor", "serialised")))
+    return payload
 
 
 def _asked(payload: Payload) -> Payload:

@@ -3,8 +3,27 @@
 from __future__ import annotations
 
 
+class CountedWork:
+    """Work that is counted, and waits only if a test says so.
+
+    Attributes:
+        seconds: that were counted.
+        excess: seconds that it is beyond its rate.
+    """
+
+    def __init__(self, excess: float = 0.0) -> None:
+        self.seconds = 0.0
+        self.excess = excess
+
+    def add(self, seconds: float, kind: str) -> None:
+        self.seconds += seconds
+
+
 class SeesNothing:
     """A reader who may subscribe to no topic."""
+
+    def __init__(self) -> None:
+        self.work = CountedWork()
 
     def may_subscribe(self, topic: str) -> bool:
         return False

@@ -12,6 +12,7 @@ import pytest
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.disclosure import NOTHING, Disclosure, Lists, ListsProviders, Reads, Writes
 from rwt_graph.parameters.services import DISCLOSURES as OF_PARAMETERS
+from rwt_graph.program.logs import DISCLOSURES as OF_LOGGERS
 from rwt_interfaces import Payload
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
@@ -22,7 +23,7 @@ from rwt_program.goals import ReceivedGoal
 
 pytestmark = pytest.mark.anyio
 
-DECLARED: Mapping[str, Disclosure] = {**OF_ROSAPI, **OF_PARAMETERS}
+DECLARED: Mapping[str, Disclosure] = {**OF_ROSAPI, **OF_PARAMETERS, **OF_LOGGERS}
 FIBONACCI = "example_interfaces/Fibonacci"
 #: What is asked for, by the field of a request: things that a client may see.
 REQUEST: Mapping[str, object] = {

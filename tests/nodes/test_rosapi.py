@@ -247,8 +247,15 @@ async def test_viewers_find_the_description_of_the_one_robot_under_its_old_name(
 
 async def test_the_default_of_a_missing_parameter(asker: Asker, distro: str) -> None:
     field = "default_value" if distro == "jazzy" else "default"
-    answer = await asker.ask("/rosapi/get_param", name="/nothing", **{field: "42"})
-    assert answer["value"] == "42"
+    for default, value in (("42", "42"), ("plain text", '"plain text"'), ('{"a": [1]}', '{"a": [1]}')):
+        answer = await asker.ask("/rosapi/get_param", name="/nothing", **{field: default})
+        assert answer["value"] == value
+
+
+async def test_a_parameter_that_is_not_set_can_be_deleted_on_ros_1(asker: Asker, distro: str) -> None:
+    reply = await asker.reply("/rosapi/delete_param", name="/nothing")
+    assert reply["result"] is True
+    assert reply["values"].get("successful", True) is (distro == "noetic")
 
 
 async def test_a_value_that_is_not_json_is_refused(asker: Asker, distro: str) -> None:

@@ -10,12 +10,15 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from rwt import BlockingNode, Server
 from rwt.blocking import Loop
+
+ROOT = Path(__file__).parents[2]
 
 _IMPORTS = """
 import asyncio, sys, threading, time
@@ -229,3 +232,68 @@ def test_a_program_that_returns_has_ended(loop: Loop, capsys: pytest.CaptureFixt
     assert done == [True, True]
     said = capsys.readouterr().out.splitlines()
     assert [line.rpartition(":")[0] for line in said] == ["listening on ws://127.0.0.1"] * 2
+
+
+@pytest.mark.parametrize("missing", ["open_signal_receiver", "add_signal_handler"])
+def test_nothing_asks_an_event_loop_for_signals(missing: str) -> None:
+    """Windows has neither: `rwt.signals` is for every system."""
+    sources = [*(ROOT / "src").rglob("*.py"), *(ROOT / "examples").rglob("*.py")]
+    assert len(sources) > 300
+    assert [path for path in sources if missing in path.read_text(encoding="utf-8")] == []
+
+
+_THREADS = """
+{imports}
+stop = threading.Event()
+told = []
+
+def function(node):
+    motors = serve(node)
+    try:
+        node.call("/rosapi/get_time")
+        stop.wait()
+    finally:
+        motors.publish({{}})
+        told.append("function cleaned up")
+
+async def coroutine(server):
+    motors = serve(server.node("my_robot"))
+    try:
+        await anyio.to_thread.run_sync(stop.wait, abandon_on_cancel=True)
+    finally:
+        motors.publish({{}})
+        told.append("coroutine cleaned up")
+
+def block():
+    with Server("ws://127.0.0.1:0", loop="{loop}") as node:
+        motors = serve(node)
+        stop.wait()
+        motors.publish({{}})
+    told.append("block cleaned up")
+
+def run(main):
+    code = Server("ws://127.0.0.1:0", loop="{loop}").run(main)
+    told.append(f"{{main.__name__}} ended with {{code}}")
+
+threads = [threading.Thread(target=run, args=(main,)) for main in (function, coroutine)]
+threads.append(threading.Thread(target=block))
+for thread in threads:
+    thread.start()
+stop.set()
+for thread in threads:
+    thread.join()
+print("\\n" + "\\n".join(sorted(told)))
+"""
+
+
+def test_threads_of_a_program_without_a_loop_have_robots_of_their_own(loop: Loop) -> None:
+    code = _THREADS.format(imports=_IMPORTS, loop=loop)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=25)
+    assert done.stdout.splitlines()[-5:] == [
+        "block cleaned up",
+        "coroutine cleaned up",
+        "coroutine ended with 0",
+        "function cleaned up",
+        "function ended with 0",
+    ]
+    assert (done.returncode, done.stderr) == (0, "")

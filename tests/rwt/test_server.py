@@ -48,7 +48,7 @@ async def test_a_program_has_its_graph_and_rosapi_and_pictures_without_asking() 
             assert (await client.once("/battery")).data == 12.5
             assert {"/rosapi", "/my_robot", "/web_video_server"} <= set(await client.api.nodes())
             assert server.bridge.client_count == 1
-        assert b"Image topics" in await get(server.urls[0], "/")
+        assert b"Image topics" in await get(server.urls[0], "/index")
         assert b"rwt_connections_total 1" in await get(server.urls[0], "/metrics")
 
 

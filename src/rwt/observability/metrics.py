@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -16,10 +17,12 @@ from rwt.observability.prometheus import PrometheusText
 
 if TYPE_CHECKING:
     from rwt.observability.prometheus import Kind
+    from rwt_access.quotas import WorkTotals
     from rwt_bridge.bridge import Bridge
     from rwt_bridge.peer import Peer
     from rwt_delivery.counters import Counters, EncodingCounts, TopicCounts
-    from rwt_graph.clock import Clock, Timer
+    from rwt_graph.clock import Clock
+    from rwt_program.timers import Timer
     from rwt_protocol.transport import Traffic
     from rwt_transports.http import HttpExtension
     from rwt_transports.relay.dial import RelayStatus
@@ -39,7 +42,7 @@ class ServerMetrics:
     def __init__(self, bridge: Bridge, extensions: Iterable[HttpExtension] = ()) -> None:
         self._bridge = bridge
         self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
-        self._loop_lag = LoopLag(bridge.shared.graph.clock)
+        self._loop_lag = LoopLag(bridge.shared.graph.clock, bridge.access.work)
         self.dials: list[RelayStatus] = []
 
     def text(self) -> bytes:
@@ -50,6 +53,7 @@ class ServerMetrics:
             fanout.settle()
         clients = [(peer, peer.sink.traffic) for peer in bridge.peers]
         _write_totals(page, bridge, clients)
+        _write_work(page, bridge)
         _write_dials(page, self.dials)
         page.histogram(
             "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
@@ -62,6 +66,16 @@ class ServerMetrics:
                 page.family(*family)
         write_process(page)
         return page.text()
+
+    @property
+    def work(self) -> float:
+        """Seconds of work for clients in each of the last seconds."""
+        return self._loop_lag.rate_of_work
+
+    @property
+    def clients_beyond_rate(self) -> int:
+        """Clients that cause more work now than their rate allows."""
+        return sum(peer.graph.work.excess > 0.0 for peer in self._bridge.peers)
 
     def close(self) -> None:
         """Stop measuring."""
@@ -102,6 +116,18 @@ def _write_totals(page: PrometheusText, bridge: Bridge, clients: list[tuple[Peer
     )  # fmt: skip
 
 
+def _write_work(page: PrometheusText, bridge: Bridge) -> None:
+    work = bridge.access.work
+    page.family(
+        "rwt_work_seconds_total", "counter", "Seconds of work for clients, by what it was for.",
+        [({"kind": kind}, seconds) for kind, seconds in work.seconds.items()],
+    )  # fmt: skip
+    help_ = "Times that the work of a client beyond its rate waited for a turn of its own."
+    page.single("rwt_work_waits_total", "counter", help_, work.waits)
+    help_ = "Requests over HTTP that were refused, since their address was beyond its rate of work."
+    page.single("rwt_work_refusals_total", "counter", help_, work.refused)
+
+
 def _write_dials(page: PrometheusText, dials: Iterable[RelayStatus]) -> None:
     """How each dial-out goes; nothing where there are none."""
     families: tuple[tuple[str, str, Callable[[RelayStatus], int]], ...] = (
@@ -124,7 +150,7 @@ _OF_ENCODING: Final[tuple[tuple[str, str, Callable[[EncodingCounts], int]], ...]
     ("rwt_topic_sent_messages_total", "Messages handed to clients' connections.", lambda it: it.messages),
     ("rwt_topic_sent_bytes_total", "Bytes handed to clients' connections.", lambda it: it.bytes),
 )  # fmt: skip
-_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[Peer, Traffic], int]], ...]] = (
+_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[Peer, Traffic], float]], ...]] = (
     ("rwt_client_received_messages_total", "Messages from a client.", lambda peer, _: peer.messages),
     ("rwt_client_received_bytes_total", "Bytes read from a client.", lambda _, it: it.received_bytes),
     ("rwt_client_sent_messages_total", "Messages to a client.", lambda _, it: it.messages),
@@ -134,6 +160,8 @@ _OF_CLIENT: Final[tuple[tuple[str, str, Callable[[Peer, Traffic], int]], ...]] =
     ("rwt_client_queued_bytes", "Bytes that wait for a client to read.", lambda _, it: it.queued_bytes),
     ("rwt_client_kept_bytes", "Bytes of requests and latched samples kept for a client.",
      lambda peer, _: peer.graph.kept_bytes),
+    ("rwt_client_work_seconds_total", "Seconds of work for a client.",
+     lambda peer, _: peer.graph.work.seconds),
 )  # fmt: skip
 
 
@@ -198,8 +226,13 @@ LAG_BUCKETS: Final = (0.001, 0.005, 0.02, 0.1, 0.5, 2.0)
 """Upper bounds in seconds."""
 
 
+_LOOKS_OF_WORK: Final = 20
+"""Looks over which the rate of work is taken."""
+
+
 class LoopLag:
-    """How late the event loop is: a histogram of when a timer runs after it should have.
+    """How late the event loop is: a histogram of when a timer runs after it should have; and how much work
+    is done for clients meanwhile.
 
     Attributes:
         counts: looks whose lag was at most the bucket's bound and above that of the one before; the last
@@ -207,12 +240,26 @@ class LoopLag:
         total: the sum of all lags, in seconds.
     """
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: Clock, work: WorkTotals) -> None:
         self._clock = clock
+        self._work = work
         self.counts = [0] * (len(LAG_BUCKETS) + 1)
         self.total = 0.0
-        self._due = clock.monotonic() + LAG_PERIOD
+        now = clock.monotonic()
+        self._worked = deque([(now, self._seconds)], _LOOKS_OF_WORK)
+        self._due = now + LAG_PERIOD
         self._timer: Timer = clock.call_later(LAG_PERIOD, self._look)
+
+    @property
+    def _seconds(self) -> float:
+        return sum(self._work.seconds.values())
+
+    @property
+    def rate_of_work(self) -> float:
+        """Seconds of work for clients in each of the last seconds."""
+        since, worked = self._worked[0]
+        elapsed = self._clock.monotonic() - since
+        return (self._seconds - worked) / elapsed if elapsed > 0.0 else 0.0
 
     def close(self) -> None:
         """Look no more."""
@@ -223,5 +270,6 @@ class LoopLag:
         lag = max(0.0, now - self._due)
         self.total += lag
         self.counts[sum(lag > bound for bound in LAG_BUCKETS)] += 1
+        self._worked.append((now, self._seconds))
         self._due = now + LAG_PERIOD
         self._timer = self._clock.call_later(LAG_PERIOD, self._look)

@@ -28,6 +28,13 @@ class LimitSettings(BridgeLimits):
     connections: Annotated[
         Count, Field(description="open connections of one listener, plain HTTP included")
     ] = 1024
+    incoming_bytes: Annotated[
+        Bytes,
+        Field(
+            description="bytes of messages whose end has not come, over all connections of a listener; beyond"
+            " it the client whose message began first is disconnected"
+        ),
+    ] = 64 * MIB
     handshake_seconds: Annotated[
         Seconds, Field(description="from connecting to the end of the HTTP request")
     ] = 10.0
@@ -109,6 +116,23 @@ class ZenohSettings(Table):
     ] = 0
 
 
+class WebSettings(Table):
+    """The robot's own page, which browsers get at `/`."""
+
+    enabled: Annotated[
+        bool,
+        Field(description="whether the page is served, where it is built; else `/` is a plain list"),
+    ] = True
+    layouts: Annotated[
+        Path | None,
+        Field(description="folder of layouts, `NAME.json`, which everybody can open with `?layout=NAME`"),
+    ] = None
+    embed: Annotated[
+        tuple[str, ...],
+        Field(description="origins of pages that may show this one in a frame, as `https://example.org`"),
+    ] = ()
+
+
 class Settings(BridgeSettings):
     """The settings of a server, every one of them."""
 
@@ -144,6 +168,7 @@ class Settings(BridgeSettings):
     limits: LimitSettings = LimitSettings()
     tls: TlsSettings = TlsSettings()
     dial: DialSettings = DialSettings()
+    web: WebSettings = WebSettings()
     graph: Annotated[
         Literal["memory", "zenoh"],
         Field(description="`zenoh` joins the graph with those of other processes; needs the extra `zenoh`"),

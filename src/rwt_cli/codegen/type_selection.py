@@ -11,6 +11,7 @@ from rwt_interfaces import field_types
 from rwt_interfaces.errors import InterfaceError, UnknownType
 from rwt_interfaces.names import KINDS, Kind, parse_type_name, two_part
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_program.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -117,8 +118,6 @@ def find_types(registry: Registry, words: Iterable[str]) -> list[InterfaceType]:
 
 
 def _no_package(registry: Registry, word: str) -> str:
-    from rwt_cli.errors import did_you_mean
-
     packages = {name.partition("/")[0] for kind in KINDS for name in registry.names(kind)}
     return f"no package {word} is known{did_you_mean(word, packages) or '; --interfaces DIR adds your own'}"
 

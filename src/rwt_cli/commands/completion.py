@@ -12,7 +12,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from typing import TYPE_CHECKING, Final, NoReturn, cast
 
 from rwt_cli.console.output import standard_output
-from rwt_cli.parser import Commands, add_commands
+from rwt_cli.parser import Commands, add_commands, commands_of, leave_out_unavailable
 from rwt_cli.verbs import Arguments, connecting, sentence
 
 if TYPE_CHECKING:
@@ -81,8 +81,11 @@ def complete() -> NoReturn:
 
     typed = os.environ.get("COMP_LINE", "").split()[1:]
     command = next((word for word in typed if not word.startswith("-")), None)
+    parser = parser_for(command)
+    for group in commands_of(parser).values():
+        leave_out_unavailable(group)
     argcomplete.autocomplete(
-        parser_for(command), always_complete_options=False, default_completer=cast("BaseCompleter", _values)
+        parser, always_complete_options=False, default_completer=cast("BaseCompleter", _values)
     )
     raise SystemExit  # only where no shell has asked
 

@@ -1,8 +1,10 @@
-"""`rwt conformance`: grade any rosbridge server or client with the suite in `conformance/`."""
+"""`rwt conformance`: grade any rosbridge server or client with the suite of `rosbridge-conformance`."""
 
 from __future__ import annotations
 
 import argparse
+
+from rwt_cli.errors import CommandError
 
 
 def add_conformance_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -17,8 +19,12 @@ def add_conformance_command(commands: argparse._SubParsersAction[argparse.Argume
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from conformance.command import (
-        main,
-    )  # Hundreds of cases and a WebSocket client, read only where they run.
-
-    return main(arguments.arguments)
+    try:
+        # A distribution of its own, with hundreds of cases and a WebSocket client.
+        from rosbridge_conformance.command import main
+    except ImportError as error:
+        raise CommandError(
+            "the conformance suite is a distribution of its own, rosbridge-conformance: install the folder"
+            " conformance of a clone of the project"
+        ) from error
+    return main(arguments.arguments, prog="rwt conformance")

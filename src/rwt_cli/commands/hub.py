@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import anyio
 
-from rwt.signals import STOP_SIGNALS, on_signals
+from rwt.observability.prometheus import PrometheusText
+from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
+from rwt_access.audit import bounded_log
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError, TlsSettings
-from rwt_access.tls import server_tls
+from rwt_access.tls import renew_server_tls, server_tls
 from rwt_cli.console.logs import FORMATS, log_to_stderr
 from rwt_cli.errors import CommandError
 from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.errors import TransportError
+from rwt_transports.http import MetricFamily, Proxies
 from rwt_transports.relay.hub import open_hub
+
+logger = logging.getLogger("rwt_cli.hub")
 
 TOKEN_VARIABLE = "ROBOT_HUB_TOKEN"
 """Not one of the `RWT_` variables, which are settings of a server."""
@@ -71,6 +78,14 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
     )
     parser.add_argument("--certfile", type=Path, metavar="FILE", help="certificate for wss://, PEM")
     parser.add_argument("--keyfile", type=Path, metavar="FILE", help="its private key, PEM")
+    parser.add_argument(
+        "--proxy",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="address or network of a reverse proxy whose Forwarded headers count; several may be given",
+    )
+    parser.add_argument("--access-log", action="store_true", help="log each HTTP request")
     parser.add_argument("--log-format", choices=FORMATS, default="text", help="how to log (default text)")
     parser.add_argument("--verbose", "-v", action="store_true", help="log more")
     parser.set_defaults(run=_run)
@@ -93,7 +108,7 @@ def _run(arguments: argparse.Namespace) -> int:
         )
     raise_descriptor_limit()
     try:
-        anyio.run(_serve, arguments.url, tokens, _tls(arguments), arguments.host)
+        anyio.run(_serve, arguments, tokens, _tls(arguments))
     except TransportError as error:
         raise CommandError(str(error)) from error
     except SettingsError as error:
@@ -121,9 +136,48 @@ def _tls(arguments: argparse.Namespace) -> TlsSettings:
     return TlsSettings(certfile=arguments.certfile, keyfile=arguments.keyfile)
 
 
-async def _serve(url: str, tokens: tuple[str, ...], tls: TlsSettings, hosts: list[str]) -> None:
+async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: TlsSettings) -> None:
     stop = anyio.Event()
-    with on_signals(dict.fromkeys(STOP_SIGNALS, stop.set)):
-        async with open_hub(url, tokens=tokens, tls=server_tls(tls), hosts=hosts) as hub:
+    try:
+        proxies = Proxies(arguments.proxy)
+    except ValueError as error:
+        raise CommandError(f"--proxy: {error}", exit_code=2) from None
+    context = server_tls(tls)
+    opened = open_hub(
+        arguments.url,
+        tokens=tokens,
+        tls=context,
+        hosts=arguments.host,
+        proxies=proxies,
+        access_log=arguments.access_log,
+        metrics_page=_metrics_page,
+    )
+    async with opened as hub:
+
+        def reload() -> None:
+            """Read tokens and certificate again; what cannot be used leaves all as it was."""
+            try:
+                again = _tokens(arguments)
+                if not again and not is_loopback_listener(arguments.url):
+                    raise CommandError("no token is left, and others can reach this hub")
+                if context is not None:
+                    renew_server_tls(context, tls)
+            except (CommandError, SettingsError) as error:
+                logger.error("tokens and certificate stay as they were: %s", error)
+                return
+            hub.take_tokens(again)
+            logger.info("tokens and certificate were read again")
+
+        handlers: dict[int, Callable[[], object]] = dict.fromkeys(STOP_SIGNALS, stop.set)
+        if HANGUP is not None:
+            handlers[HANGUP] = lambda: stop.set() if terminal_is_gone() else reload()
+        with on_signals(handlers), bounded_log():
             print(f"listening on {hub.url}", flush=True)
             await stop.wait()
+
+
+def _metrics_page(families: Iterable[MetricFamily]) -> bytes:
+    page = PrometheusText()
+    for family in families:
+        page.family(*family)
+    return page.text()

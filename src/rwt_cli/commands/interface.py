@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rwt_cli.console.output import Output, note, standard_output
-from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError, did_you_mean
+from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt_cli.parser import Commands, add_commands
 from rwt_cli.verbs import Arguments, add_robot_options, connecting, epilog, run_async, sentence
+from rwt_program.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_cli.codegen.type_selection import InterfaceType, TypeSelection

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Final
 
 from rwt_cli.console.message_argument import STDIN, read_value
 from rwt_cli.console.output import Output
-from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError, did_you_mean
+from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt_cli.graph_lookup import absolute_name, ask_rosapi, unknown
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments, Verb, add_family, gather
-from rwt_protocol.spelling import nearest
+from rwt_program.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_cli.console.yaml_text import YamlValue
@@ -92,10 +92,7 @@ async def _get_value(robot: Robot, name: str) -> YamlValue:
     try:
         return await ask_rosapi(lambda: robot.params.get(name))
     except NotFound as error:
-        near = nearest(name, await _names(robot)) or ""
-        node, _, parameter = near.rpartition(":")
-        meant = f"; did you mean {f'{node} {parameter}' if node else near}?" if near and near != name else ""
-        raise CommandError(f"{str(error).rstrip('.')}{meant}", FAILED) from error
+        raise CommandError(str(error), FAILED) from error
 
 
 # -- list, get, set, delete --------------------------------------------------------------------------------
@@ -117,7 +114,8 @@ async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
         if node and arguments.node is None:
             output.line(f"{output.styled(node, 'name')}:")
         for parameter in parameters:
-            output.line(f"  {parameter}" if node else parameter)
+            shown = output.escape_terminal(parameter)
+            output.line(f"  {shown}" if node else shown)
 
 
 def _name_arguments(parser: argparse.ArgumentParser) -> None:
@@ -327,7 +325,8 @@ async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
         if refused:
             failures.append(f"{parameter}: {refused}")
         if not output.json:
-            output.line(f"Set parameter {parameter} {f'failed: {refused}' if refused else 'successful'}")
+            outcome = f"failed: {refused}" if refused else "successful"
+            output.line(output.escape_terminal(f"Set parameter {parameter} {outcome}"))
     if output.json:
         output.record({"node": node, "set": len(parameters) - len(failures), "failed": failures})
     if failures:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import signal
 from contextlib import aclosing, suppress
 from typing import TYPE_CHECKING, Final
 
+from rwt.signals import HANGUP, STOP_SIGNALS, on_signals
 from rwt_cli.console.key_presses import Key, can_press_keys, key_presses
 from rwt_cli.console.output import Output, note
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
@@ -98,21 +98,16 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
     held = HeldKey()
     try:
         async with anyio.create_task_group() as tasks:
-
-            async def until_signal() -> None:
-                # Handled here, so that whatever ends the program leaves a robot that stands.
-                with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM, signal.SIGHUP) as signals:
-                    async for _ in signals:
-                        tasks.cancel_scope.cancel()
-
-            tasks.start_soon(until_signal)
-            tasks.start_soon(_drive, publisher, held, arguments, output)
-            async with aclosing(key_presses()) as pressed:
-                async for key in pressed:
-                    if key == "q":
-                        break
-                    held.press(key, anyio.current_time())
-            tasks.cancel_scope.cancel()
+            # Handled here, so that whatever ends the program leaves a robot that stands.
+            ends = STOP_SIGNALS if HANGUP is None else (*STOP_SIGNALS, HANGUP)
+            with on_signals(dict.fromkeys(ends, tasks.cancel_scope.cancel)):
+                tasks.start_soon(_drive, publisher, held, arguments, output)
+                async with aclosing(key_presses()) as pressed:
+                    async for key in pressed:
+                        if key == "q":
+                            break
+                        held.press(key, anyio.current_time())
+                tasks.cancel_scope.cancel()
     finally:
         with anyio.CancelScope(shield=True), anyio.move_on_after(_FAREWELL_SECONDS):
             await _stop(robot, publisher)

@@ -11,9 +11,10 @@ from rwt_cli.commands.topic.rates import in_bytes
 from rwt_cli.console.output import Output
 from rwt_cli.graph_lookup import ask_rosapi, topics_of
 from rwt_cli.parser import Commands
-from rwt_cli.verbs import Arguments, Verb, add_verb, count, seconds, topic_glob
+from rwt_cli.verbs import Arguments, Verb, add_verb, count, seconds, tls_of, topic_glob, url_of
 
 if TYPE_CHECKING:
+    from rwt_cli.health import Health
     from rwt_client import Robot
     from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
 
@@ -116,6 +117,12 @@ class _Look:
             except UnknownType:
                 continue  # It stays in the list, and nothing is heard of it.
 
+    async def health(self, arguments: Arguments) -> Health | None:
+        """How busy the server is, where it says so over HTTP."""
+        from rwt_cli.health import health_of
+
+        return await health_of(url_of(arguments), arguments.interval, tls_of(arguments))
+
     def rates(self, elapsed: float) -> list[_Rate]:
         """What came since the last time, `elapsed` seconds ago, the most bytes first."""
         found = []
@@ -136,22 +143,30 @@ async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
         await anyio.sleep_until(since + arguments.interval)
         now = anyio.current_time()
         rates, since = look.rates(now - since), now
-        _print(rates, sorted(await ask_rosapi(robot.api.nodes)), look.clients, output)
+        nodes = sorted(await ask_rosapi(robot.api.nodes))
+        _print(rates, nodes, look.clients, await look.health(arguments), output)
         await look.follow()
         times = None if times is None else times - 1
 
 
-def _print(rates: list[_Rate], nodes: list[str], clients: int | None, output: Output) -> None:
+def _print(
+    rates: list[_Rate], nodes: list[str], clients: int | None, health: Health | None, output: Output
+) -> None:
     if output.json:
         topics = [
             {"name": rate.name, "type": rate.type, "rate": rate.messages, "bytes_per_second": rate.octets}
             for rate in rates
         ]
-        output.record({"topics": topics, "nodes": nodes, "clients": clients})
+        work = health.work if health is not None and health.version else None
+        output.record({"topics": topics, "nodes": nodes, "clients": clients, "work": work})
         return
     total = in_bytes(sum(rate.octets for rate in rates))
     head = f"{len(rates)} topics, {total}/s; {len(nodes)} nodes"
     lines = [head if clients is None else f"{head}; {clients} clients"]
+    if health is not None and health.version:
+        lines[0] += f", {health.work:.0%} of a processor at work for them"
+        if health.clients_beyond_rate:
+            lines[0] += f", {health.clients_beyond_rate} beyond limits.work_per_second"
     shown = rates[: max(1, shutil.get_terminal_size().lines - _FRAME_LINES)] if output.people else rates
     width = max((len(rate.name) for rate in shown), default=0)
     lines.append(output.styled(f"{'Hz':>8}  {'a second':>10}  {'topic':<{width}}  type", "heading"))
@@ -172,8 +187,8 @@ _TOP = Verb(
     _top,
     "rwt top\nrwt top '/camera/*' --interval 5",
     'one line for each look: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,\n'
-    '"bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2}; clients are null where\n'
-    "the server does not tell",
+    '"bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2, "work": 0.03}; clients and\n'
+    "the seconds of work for them each second are null where the server does not tell",
     _arguments,
     definitions=True,
     lasting=True,

@@ -8,8 +8,6 @@ import sys
 from datetime import UTC, datetime
 from typing import Final, Literal, TextIO
 
-from rwt_access.audit import LogRate
-
 Format = Literal["text", "json"]
 
 FORMATS: Final[tuple[Format, ...]] = ("text", "json")
@@ -87,10 +85,8 @@ class SteadyHandler(logging.StreamHandler[TextIO]):
 
 
 def log_to_stderr(style: Format, *, verbose: bool) -> None:
-    """Let everything of level info and above, or debug if `verbose`, go to stderr in that format; lines that
-    come in a flood are left out and counted."""
+    """Let everything of level info and above, or debug if `verbose`, go to stderr in that format."""
     handler = SteadyHandler(sys.stderr)
-    handler.addFilter(LogRate())
     handler.setFormatter(JsonFormatter() if style == "json" else logging.Formatter(_TEXT))
     root = logging.getLogger()
     root.addHandler(handler)

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import pybase64
 
-from rwt_cli.errors import CALLED_WRONGLY, CommandError, did_you_mean
+from rwt_cli.errors import CALLED_WRONGLY, CommandError
 from rwt_interfaces import field_types
+from rwt_program.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt_cli.console.yaml_text import YamlValue

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final, Literal, TextIO
@@ -17,6 +19,13 @@ _CODES: Final[dict[Style, str]] = {
     "name": "36", "type": "32", "good": "32", "warning": "33", "bad": "31", "faint": "2", "heading": "1",
 }  # fmt: skip
 _UP_AND_CLEAR: Final = "\x1b[{}F\x1b[J"
+
+
+_OWN_CODE: Final = "|".join(re.escape(f"\x1b[{code}m") for code in sorted({*_CODES.values(), "0"}))
+_COMMANDS: Final = re.compile(
+    f"({_OWN_CODE})|[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]"
+)
+"""What a terminal takes for a command, or turns the direction of a text by; a colour of this module first."""
 
 
 class OutputClosed(Exception):
@@ -59,6 +68,10 @@ class Output:
             OutputFailed: it cannot be written.
         """
         self._live_lines = 0
+        # Whoever prints has replaced what a robot's names may hold; whoever forgot it does no harm.
+        self._write(_COMMANDS.sub(_shown, text) if self.people else text)
+
+    def _write(self, text: str) -> None:
         try:
             self._stream.write(text)
             self._stream.flush()
@@ -68,8 +81,9 @@ class Output:
             raise OutputFailed(f"the output cannot be written: {error.strerror}") from None
 
     def record(self, value: object) -> None:
-        """Print a value as one line of JSON."""
-        self.line(json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(", ", ": ")))
+        """Print a value as one line of JSON, in which no character is a terminal's command."""
+        text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(", ", ": "))
+        self.line(_COMMANDS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
     def styled(self, text: str, style: Style) -> str:
         """`text` in a colour where there are colours; control characters are replaced on a terminal."""
@@ -97,8 +111,9 @@ class Output:
 
     def live(self, lines: Sequence[str]) -> None:
         """Print lines for people in the place of those printed live before."""
-        above = self._live_lines
-        self.text((_UP_AND_CLEAR.format(above) if above else "") + "".join(f"{line}\n" for line in lines))
+        if self._live_lines:
+            self._write(_UP_AND_CLEAR.format(self._live_lines))
+        self.text("".join(f"{line}\n" for line in lines))
         self._live_lines = len(lines)
 
 
@@ -111,6 +126,10 @@ def standard_output(*, json: bool) -> Output:
     people = stream.isatty() and not json
     colour = people and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
     return Output(stream, people=people, colour=colour, json=json)
+
+
+def _shown(found: re.Match[str]) -> str:
+    return found[1] or "\N{REPLACEMENT CHARACTER}"
 
 
 def printable(text: str) -> str:
@@ -141,4 +160,19 @@ def failure_line(error: CommandError) -> str:
 
 def note(text: str) -> None:
     """Print a line on standard error: something for people that is not the answer."""
-    print(text, file=sys.stderr, flush=True)
+    print(printable(text), file=sys.stderr, flush=True)
+
+
+class NoteFormatter(logging.Formatter):
+    """Lines of a log for people, in each of which a robot's text is no terminal's command."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        """One line, whatever a robot's text has in it."""
+        return printable(" ".join(super().formatMessage(record).splitlines()))
+
+
+def log_notes(form: str) -> None:
+    """Write warnings to standard error, in that format of :mod:`logging`."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(NoteFormatter(form))
+    logging.basicConfig(level=logging.WARNING, handlers=[handler])

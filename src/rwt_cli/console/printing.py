@@ -17,7 +17,7 @@ def print_names(named: Sequence[tuple[str, str]], output: Output, *, types: bool
         return
     for name, kind in named:
         shown = output.styled(name, "name")
-        output.line(f"{shown} [{kind}]" if types else shown)
+        output.line(f"{shown} [{output.escape_terminal(kind)}]" if types else shown)
 
 
 def print_type(name: str, kind: str, output: Output) -> None:

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING
 from rwt_client.endpoints.services import call_error, failure_text
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import MessageReader
-from rwt_program.errors import CallFailed, GoalRejected, InvalidMessage
+from rwt_program.errors import CallFailed, GoalRejected, InvalidMessage, ProviderNotFound
 from rwt_program.goals import Goal, GoalResult, GoalStatus
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
 from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
     from rwt_client.wire.session import ReconnectingSession
+    from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
@@ -57,7 +60,7 @@ class SentGoal:
         if not op.result or isinstance(op.values, str):
             text = failure_text(op.values, f"{self.goal.action} failed and gave no reason")
             otherwise = CallFailed if op.status else GoalRejected
-            self.goal.end(call_error(text, self.goal.action, otherwise))
+            self._goals.end(self.goal, call_error(text, self.goal.action, otherwise))
             return
         try:
             message = self._result.read(op.values)
@@ -68,10 +71,21 @@ class SentGoal:
 
 
 class SentGoals:
-    """The goals that have not ended, by their id."""
+    """The goals that have not ended, by their id.
 
-    def __init__(self, session: ReconnectingSession) -> None:
+    Args:
+        meant: what is added to the error about an action that is not there; asks the robot.
+    """
+
+    def __init__(
+        self,
+        session: ReconnectingSession,
+        tasks: TaskStarter,
+        meant: Callable[[str, str], Awaitable[str]],
+    ) -> None:
         self.session = session
+        self._tasks = tasks
+        self._meant = meant
         self._sent: dict[str, SentGoal] = {}
 
     def send(
@@ -101,6 +115,16 @@ class SentGoals:
         """A goal has ended."""
         self._sent.pop(id, None)
         self.session.remove(id)
+
+    def end(self, goal: Goal, error: CallFailed) -> None:
+        """A goal has ended in an error, of which more may be said where its action is not there."""
+        if isinstance(error, ProviderNotFound):
+            self._tasks.start_soon(self._end_with_advice, goal, error)
+        else:
+            goal.end(error)
+
+    async def _end_with_advice(self, goal: Goal, error: ProviderNotFound) -> None:
+        goal.end(ProviderNotFound(f"{error}{await self._meant('action', goal.action)}"))
 
     def on_feedback(self, _: None, op: ActionFeedback) -> None:
         """Feedback of some goal."""

@@ -6,16 +6,17 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Any, Final, Literal, TypeVar
 
+import anyio
 import msgspec
 
-from rwt_client.rosapi import UNANSWERED, Ask
+from rwt_client.rosapi import ADVICE_SECONDS, UNANSWERED, Ask
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.decoding import MessageReader
 from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry
 from rwt_interfaces.names import parse_type_name
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_program.errors import NotFound, ProviderNotFound, UnknownType
-from rwt_protocol.spelling import nearest
+from rwt_program.spelling import did_you_mean
 
 logger = logging.getLogger("rwt_client")
 
@@ -193,20 +194,31 @@ class RemoteTypes:
             raise UnknownType(f"the robot does not tell the type of {name}, so name it: {error}") from None
         found = answer.get("type") if isinstance(answer, dict) else None
         if not isinstance(found, str) or not found:
-            near = nearest(name, await self._names(what))
-            meant = f" (did you mean {near}?)" if near else ""
+            # A topic that somebody only waits for has a name, too.
+            others = [each for each in await self._names(what) if each != name]
+            meant = did_you_mean(name, others) or "; name its type if it will come"
             raise (NotFound if what == "topic" else ProviderNotFound)(
-                f"the robot knows no {what} {name}{meant}; name its type if it will come"
+                f"the robot knows no {what} {name}{meant}"
             )
         return found
+
+    async def meant(self, what: str, name: str) -> str:
+        """`; did you mean X?` with the nearest name of what the robot has; empty if it has `name` itself.
+
+        Args:
+            what: `topic`, `service` or `action`.
+        """
+        return did_you_mean(name, await self._names(what))
 
     async def _names(self, what: str) -> list[str]:
         """The names of the robot's topics, services or actions; none where it does not tell."""
         question, key = _LISTS[what]
-        try:
-            answer = await self._ask(question, {})
-        except UNANSWERED:
-            return []
+        answer: object = None
+        with anyio.move_on_after(ADVICE_SECONDS):
+            try:
+                answer = await self._ask(question, {})
+            except UNANSWERED:
+                return []
         names = answer.get(key) if isinstance(answer, dict) else None
         return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -10,7 +11,7 @@ from typing import Any, Final
 from rwt_client.errors import ConnectionLost
 from rwt_client.events import ConnectionEvent
 from rwt_program.errors import RobotError
-from rwt_program.transforms import Subscribe, Transforms
+from rwt_program.transforms import Advertise, Subscribe, Transforms
 
 logger = logging.getLogger("rwt_client")
 
@@ -38,6 +39,7 @@ class RemoteTransforms(Transforms):
     Args:
         subscribe: how to hear `/tf` and `/tf_static`.
         subscribe_compact: how to hear the republisher: in CBOR, where the connection carries it.
+        advertise: how to publish on `/tf` and `/tf_static`.
         call: how to call the republisher.
         background: starts a task.
         timeout: seconds that a question waits for its answer by default; None waits as long as it takes.
@@ -47,11 +49,12 @@ class RemoteTransforms(Transforms):
         self,
         subscribe: Subscribe,
         subscribe_compact: Subscribe,
+        advertise: Advertise,
         call: Callable[[str, dict[str, object], str], Awaitable[Any]],
         background: Callable[[Callable[[], Any]], object],
         timeout: float | None,
     ) -> None:
-        super().__init__(self._listen, timeout)
+        super().__init__(self._listen, advertise, time.time_ns, timeout)
         self._subscribe_all = subscribe
         self._subscribe_compact = subscribe_compact
         self._call = call
@@ -103,9 +106,11 @@ class RemoteTransforms(Transforms):
         """Something has happened to the connection."""
         if event.kind == "closed":
             self.end(ConnectionLost("the connection was closed before the transform was known"))
-        elif event.kind == "restored" and self._thresholds is not None:
-            # The topic of the connection that was lost has gone with it.
-            self._background(self._follow_again)
+        elif event.kind == "restored":
+            # What was kept for late joiners has gone with the connection, and so has the republisher's topic.
+            self.send_static_again()
+            if self._thresholds is not None:
+                self._background(self._follow_again)
 
     async def _follow_again(self) -> None:
         try:

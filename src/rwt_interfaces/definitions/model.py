@@ -45,11 +45,13 @@ class Field:
         name: as written.
         type: its type.
         default: the value written in the definition (ROS 2), of the field's type; a tuple for an array.
+        where: in which text and on which line it is written, `my_msgs/msg/Status.msg:3`; empty if nowhere.
     """
 
     name: str
     type: WrittenType
     default: object | None = None
+    where: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True, slots=True)

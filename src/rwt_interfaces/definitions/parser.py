@@ -177,7 +177,7 @@ class _Message:
         constants: dict[str, Constant] = {}
         for number, line in lines:
             try:
-                item = self._line(line.strip())
+                item = self._line(line.strip(), f"{self.source}:{number}")
                 if item is None:
                     continue
                 if item.name in fields or item.name in constants:
@@ -199,7 +199,7 @@ class _Message:
             definition.name, definition.fields, definition.constants, format_message(definition)
         )
 
-    def _line(self, line: str) -> Field | Constant | None:
+    def _line(self, line: str, where: str) -> Field | Constant | None:
         if not line or line.startswith("#"):
             return None
         written, *following = line.split(maxsplit=1)
@@ -215,8 +215,8 @@ class _Message:
         if rest.startswith("="):
             return self._constant(field_type, name, rest[1:].strip())
         if not rest or rest.startswith("#"):
-            return Field(name, field_type)
-        return Field(name, field_type, self._default(field_type, rest))
+            return Field(name, field_type, where=where)
+        return Field(name, field_type, self._default(field_type, rest), where)
 
     def _type(self, written: str) -> WrittenType:
         match = _TYPE.fullmatch(written) if len(written) <= _LONGEST_WORD else None

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.long_strings import FEW, Chunks, JoinedParts, Parts, Steps, chunks_of
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
 
 #: Encodes one field's value.
 _Encode = Callable[[Any], bytes]
-#: A leaf of a message: the constant bytes before it, its attributes from the root, its encoder.
-_Leaf = tuple[bytes, str, _Encode]
+#: A leaf of a message: the constant bytes before it, its attributes from the root, its encoder and its type.
+_Leaf = tuple[bytes, str, _Encode, FieldType | None]
 
 _UNSIGNED, _NEGATIVE, _BYTES, _TEXT, _ARRAY, _MAP, _TAG = range(7)
 
@@ -85,11 +86,11 @@ def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
     if not leaves:
         return lambda value: tail
     template: list[bytes] = []
-    for constant, _, _ in leaves:
+    for constant, *_ in leaves:
         template += (constant, b"")
     template.append(tail)
-    encoders = [encode for _, _, encode in leaves]
-    fetch = attrgetter(*[path for _, path, _ in leaves])
+    encoders = [encode for _, _, encode, _ in leaves]
+    fetch = attrgetter(*[path for _, path, _, _ in leaves])
     several = len(leaves) > 1
 
     def encode(value: msgspec.Struct) -> bytes:
@@ -99,6 +100,54 @@ def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
         return b"".join(parts)
 
     return encode
+
+
+def compile_steps(message: MessageType) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
+    """A function that encodes a message of that type in steps, some items of a long list in each; lists that
+    are given apart take the place of those in the message."""
+    leaves = [
+        (constant, path, attrgetter(path) if path else None, encode, field_type)
+        for constant, path, encode, field_type in _leaves(message, "", b"")
+    ]
+
+    def encode_in_steps(value: msgspec.Struct, apart: Chunks) -> Steps[Parts]:
+        parts = JoinedParts()
+        for constant, path, fetch, encode, field_type in leaves:
+            parts.append(constant)
+            if fetch is None:
+                continue
+            leaf = fetch(value)
+            if isinstance(field_type, field_types.Array) and (path in apart or len(leaf) > FEW):
+                is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
+                chunks = apart.get(path) or chunks_of(leaf, is_numbers)
+                yield from _long_array(parts, chunks, field_type.element)
+            else:
+                parts.append(encode(leaf))
+        return parts.all()
+
+    return encode_in_steps
+
+
+def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -> Steps[None]:
+    items = JoinedParts()
+    count = 0
+    encode = _encoder(element)
+    for chunk in chunks:
+        count += len(chunk)
+        items.append(
+            little_endian(chunk, element.code)
+            if isinstance(element, field_types.Int | field_types.Float)
+            else b"".join([encode(item) for item in chunk])
+        )
+        yield
+    if isinstance(element, field_types.Int | field_types.Float):
+        if element.name not in ("uint8", "char"):
+            parts.append(head(_TAG, _TAGS[element.code]))
+        parts.append(head(_BYTES, count * struct.calcsize(element.code)))
+    else:
+        parts.append(head(_ARRAY, count))
+    for part in items.all():
+        parts.append(part)
 
 
 def _leaves(message: MessageType, prefix: str, before: bytes) -> Iterator[_Leaf]:
@@ -112,9 +161,9 @@ def _leaves(message: MessageType, prefix: str, before: bytes) -> Iterator[_Leaf]
             before = nested.pop()[0]
             yield from nested
         else:
-            yield before, prefix + attribute, _encoder(field_type)
+            yield before, prefix + attribute, _encoder(field_type), field_type
             before = b""
-    yield before, "", bytes
+    yield before, "", bytes, None
 
 
 def _slots(message: MessageType) -> list[tuple[str, str, FieldType]]:

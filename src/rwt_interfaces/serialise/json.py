@@ -16,8 +16,8 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_arrays import long_arrays
-from rwt_interfaces.serialise.long_strings import LongString, RawText, cut_long_string
+from rwt_interfaces.serialise.long_arrays import LongArrays
+from rwt_interfaces.serialise.long_strings import LongString, RawText, Steps, cut_long_string
 from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ _FEW_OCTETS = 512
 
 #: What the strict checks raise, and nothing else.
 REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+#: Numbers of an array that are written at once.
+_MANY_NUMBERS = 1 << 16
 _parse = msgspec.json.Decoder().decode
 
 
@@ -36,7 +38,7 @@ class JsonCodec:
 
     Attributes:
         strict: the Struct that accepts only what may be passed on; immutable.
-        long_arrays: takes long arrays of numbers out of a text; None if the type has no such fields.
+        has_arrays: whether a field of the message is an array.
         check: accepts a text that may be passed on untouched, or raises one of :data:`REJECTIONS`.
     """
 
@@ -44,12 +46,14 @@ class JsonCodec:
         "_complete",
         "_decode",
         "_kinds",
+        "_long_arrays",
+        "_message",
         "_octets",
         "_pack",
         "_texts",
         "_unsendable",
         "check",
-        "long_arrays",
+        "has_arrays",
         "strict",
     )
 
@@ -63,16 +67,25 @@ class JsonCodec:
         self.check = _bounded(msgspec.json.Decoder(self.strict).decode, flaw_in(message, inexact))
         # Where a length is checked a short string cannot stand for a long one.
         sized = self._kinds & {"fixed octets", "bounded string"}
-        self.long_arrays = long_arrays(message)
+        self._message = message
+        self.has_arrays = _has_arrays(message)
+        self._long_arrays: LongArrays | None = None
         self._octets = not sized and "octets" in self._kinds
         self._texts = not sized and "string" in self._kinds
 
-    def cut(self, raw: RawText) -> LongString | None:
+    def cut(self, raw: RawText) -> Steps[LongString | None]:
         """A large text in two parts, of which the small one stands for the whole; None if it has no long
         string that is most of it."""
         if self._octets or self._texts:
-            return cut_long_string(raw, self._octets, self._texts)
+            return (yield from cut_long_string(raw, self._octets, self._texts))
         return None
+
+    @property
+    def long_arrays(self) -> LongArrays:
+        """Takes large texts apart from their long arrays."""
+        if self._long_arrays is None:
+            self._long_arrays = LongArrays(self._message)
+        return self._long_arrays
 
     def convert(self, value: object) -> msgspec.Struct:
         """Copy a mapping or object into a `strict` Struct, or raise one of :data:`REJECTIONS`."""
@@ -148,15 +161,34 @@ def _kinds(message: MessageType) -> Iterable[str]:
                 yield "string" if field_type.bound is None else "bounded string"
 
 
+def _has_arrays(message: MessageType) -> bool:
+    return any(
+        isinstance(slot.type, field_types.Array)
+        or (isinstance(slot.type, field_types.Message) and _has_arrays(slot.type.type))
+        for slot in message.slots
+    )
+
+
 def _plain(value: object) -> object:
     """What msgspec does not know itself: a numpy array becomes a list."""
     tolist = getattr(value, "tolist", None)
     if tolist is None:
         raise InvalidMessage("", f"{type(value).__name__} has no form in JSON")
-    return tolist()
+    if len(value) <= _MANY_NUMBERS:  # type: ignore[arg-type]  # it is an array
+        return tolist()
+    # A list of all the numbers would take eight times the memory of a float32 each.
+    parts = (value[start : start + _MANY_NUMBERS] for start in range(0, len(value), _MANY_NUMBERS))  # type: ignore[arg-type,index]
+    return msgspec.Raw(b"[%b]" % b",".join(_ENCODER.encode(part.tolist())[1:-1] for part in parts))
 
 
 _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
+
+
+def items_encoder(element: FieldType) -> Callable[[list[Any]], bytes]:
+    """A function that encodes a list of such values as compact JSON."""
+    pack = _pack_field(element)
+    encode = _ENCODER.encode
+    return encode if pack is None else lambda items: encode([pack(item) for item in items])
 
 
 def _packer(message: MessageType) -> Callable[[Any], Any] | None:
@@ -184,7 +216,12 @@ def _pack_field(field_type: FieldType) -> Callable[[Any], Any] | None:
             return _packer(field_type.type)
         case field_types.Array():
             pack = _pack_field(field_type.element)
-            return None if pack is None else lambda items: [pack(item) for item in items]
+            # A token may stand for a long array.
+            return (
+                None
+                if pack is None
+                else lambda items: items if isinstance(items, str) else [pack(item) for item in items]
+            )
         case _:
             return None
 

@@ -1,33 +1,269 @@
-"""Incomplete messages of which nearly all is arrays of numbers: an array that may be passed on is proven once
-and stays as it came, and the rest is completed around it."""
+"""Large JSON texts of which most is long arrays, of numbers or of messages.
+
+Each array is proven in pieces, and completed where it has to be; the rest is read with the arrays empty. So
+no step takes longer than a piece, and what may be passed on stays as it came.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
 from rwt_interfaces import field_types
-from rwt_interfaces.serialise.long_strings import LARGE, TOKEN, Parts, RawText
+from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.serialise.long_strings import (
+    FEW,
+    LARGE,
+    TOKEN,
+    Chunks,
+    JoinedParts,
+    Parts,
+    RawText,
+    Steps,
+    chunks_of,
+)
+from rwt_interfaces.serialise.splice import put
 from rwt_interfaces.serialise.strict import array_reader
+from rwt_interfaces.struct_fields import annotation
+from rwt_interfaces.validation.lenient_decoder import Completion, compile_field
+from rwt_interfaces.validation.mismatch import under
+from rwt_interfaces.validation.numbers import number_list
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-#: The text of an array as numbers, and whether it may be passed on.
-_Read = Callable[[msgspec.Raw], tuple[list[Any], bool]]
-Long = dict[str, tuple[list[Any], RawText | None]]
-"""By attribute, the numbers of each long array, and its text if that may be passed on."""
+PIECE: Final = 1 << 15
+"""Bytes of an array that are looked at in one step; a little more, up to the end of an item."""
+SLOW_PIECE: Final = 1 << 12
+"""The same of messages that have to be completed."""
+_FEW_NUMBERS: Final = 1 << 20
+"""Bytes of a text whose numbers are kept, for encodings that will need them."""
+MOST_GROWTH: Final = 1_000_000
+"""Bytes that the messages of an array may grow before the fields that they lack are counted."""
+_MOST_BRACKETS: Final = 64
+"""Brackets that are looked at in search of long arrays."""
+_BEGIN = re.compile(rb'\[[ \t\r\n]*(?:([-0-9NI])|(\{[ \t\r\n]*"[^"\\]{1,64}"[ \t\r\n]*:))')
+_BRACE: Final = ord("}")
+_QUOTED_TOKEN = b'"%b"' % TOKEN.encode()
+
+#: Subscripted at run time, which a checker cannot follow.
+_LIST: Any = list
+_Path = tuple[str, ...]
+_Order = tuple[int, ...]
+"""Where a field stands in its message: its number, and for one in a nested message those around it."""
+
+
+class _Region(NamedTuple):
+    """Where an array is in a text, and what stands between its items up to the first colon of an item.
+
+    Attributes:
+        begin, end: of the array, brackets included.
+        is_numbers: whether it ends at its first closing bracket, whatever it holds.
+        separators: before one of these an item ends with a brace, and behind the comma the next begins.
+    """
+
+    begin: int
+    end: int
+    is_numbers: bool
+    separators: tuple[bytes, ...]
+
+    def comma(self, data: bytes, start: int, last: int) -> int:
+        """Where the first comma between two items is behind `start`; `last` if there is none."""
+        if self.is_numbers:
+            comma = data.find(b",", start, last)
+            return comma if comma >= 0 else last
+        for separator in self.separators:
+            brace = data.find(separator, start, last)
+            if brace >= 0:
+                return brace + 1
+        return last
+
+
+def _regions(data: bytes) -> list[_Region]:
+    found = []
+    at = data.find(b"[")
+    for _ in range(_MOST_BRACKETS):
+        if at < 0:
+            break
+        region = _region(data, at)
+        if region is not None and region.end - at >= LARGE:
+            found.append(region)
+            at = region.end
+        at = data.find(b"[", at + 1)
+    return found
+
+
+def _region(data: bytes, begin: int) -> _Region | None:
+    first = _BEGIN.match(data, begin)
+    if first is None:
+        return None
+    if first[1]:
+        return _Region(begin, data.find(b"]", begin) + 1, True, ())
+    end = begin
+    for _ in range(_MOST_BRACKETS):
+        end = data.find(b"]", end) + 1
+        if end == 0 or data[end - 2] == _BRACE:
+            break
+    if end - begin < LARGE:
+        # It closes an array within an item.
+        end = data.rfind(b"]", begin) + 1
+    return _Region(begin, end, False, (b"}," + first[2], b"}, " + first[2]))
+
+
+class _Items:
+    """The items of the arrays of one field.
+
+    Attributes:
+        are_octets: whether the field holds octets, which go out as base64.
+        are_numbers: whether what :meth:`take` returns is what the field holds.
+        encode: encodes a list of items as JSON.
+    """
+
+    def __init__(self, type: field_types.Array | field_types.Octets, path: _Path) -> None:
+        from rwt_interfaces.serialise.json import items_encoder
+
+        self.are_octets = isinstance(type, field_types.Octets)
+        element = field_types.UINT8 if isinstance(type, field_types.Octets) else type.element
+        self.are_numbers = isinstance(element, field_types.Int | field_types.Float)
+        self._element = element
+        self._name = ".".join(path)
+        self._decode_leniently = compile_field(element)
+        self.encode = items_encoder(element)
+        self._decode_own: Callable[[bytes], list[Any]] = msgspec.json.Decoder(
+            _LIST[annotation(element)]
+        ).decode
+        self._read = array_reader(field_types.Array(element, None, None))
+
+    def take(self, text: bytes) -> tuple[list[Any], bool] | None:
+        """The items of a JSON array, whether its text may be passed on; None if they must be completed."""
+        from rwt_interfaces.serialise.json import REJECTIONS
+
+        try:
+            return self._read(text)
+        except REJECTIONS:
+            return None
+
+    def values(self, text: bytes) -> list[Any]:
+        """The items of a JSON array that may be passed on, as the field holds them."""
+        if self.are_numbers:
+            return self._read(text)[0]
+        try:
+            return self._decode_own(text)
+        except msgspec.ValidationError:
+            from rwt_interfaces.serialise.json import parse
+
+            # There is a null, which is NaN.
+            return self._completed(parse(text), 0, Completion(lambda: 0))
+
+    def complete(
+        self, text: bytes, offset: int, completion: Completion, room: int
+    ) -> tuple[list[Any], bytes, bool]:
+        """The items, their JSON, and whether that was quick.
+
+        Args:
+            text: a JSON array.
+            offset: the number of its first item.
+            completion: completes messages.
+            room: bytes that messages may grow without a count of the fields that they lack.
+
+        Raises:
+            InvalidMessage: an item does not fit.
+        """
+        from rwt_interfaces.serialise.json import REJECTIONS, parse
+
+        if isinstance(self._element, field_types.Message) and room > 0:
+            try:
+                items: list[Any] = self._element.type.complete_quickly.items(text, completion)
+            except REJECTIONS:
+                pass
+            else:
+                encoded = self.encode(items)
+                if len(encoded) - len(text) <= room:
+                    return items, encoded, True
+        items = self._completed(parse(text), offset, completion)
+        return items, self.encode(items), self.are_numbers
+
+    def _completed(self, values: Any, offset: int, completion: Completion) -> list[Any]:
+        if isinstance(self._element, field_types.Int | field_types.Float):
+            try:
+                return number_list(values, self._element)
+            except InvalidMessage as error:
+                number, _, rest = error.path.removeprefix("[").partition("]")
+                raise InvalidMessage(f"{self._name}[{offset + int(number)}]{rest}", error.reason) from None
+        items = []
+        for index, value in enumerate(values, offset):
+            try:
+                items.append(self._decode_leniently(value, completion))
+            except InvalidMessage as error:
+                raise under(f"{self._name}[{index}]", error) from None
+        return items
+
+
+class TakenArray(NamedTuple):
+    """One long array of a message that was taken from JSON.
+
+    Attributes:
+        path: the attributes that lead to it.
+        parts: its JSON; octets are one part of base64.
+        is_exact: whether that is how it came.
+        values: what the field holds; None for an array of messages.
+    """
+
+    path: _Path
+    parts: Parts
+    is_exact: bool
+    values: list[Any] | bytes | None
+
+
+class TakenMessage(NamedTuple):
+    """A message apart from its long arrays.
+
+    Attributes:
+        is_exact: whether the whole may be passed on as it came.
+        short: the complete message, its long arrays empty; None if it is exact.
+        arrays: the long arrays in the order of the fields.
+    """
+
+    is_exact: bool
+    short: msgspec.Struct | None
+    arrays: tuple[TakenArray, ...]
+
+    def json_parts(self, encode: Callable[[Any], bytes]) -> Parts:
+        """The parts of the message in JSON."""
+        message = self.short
+        assert message is not None  # Else it is passed on as it came.
+        for array in self.arrays:
+            message = put(message, array.path, TOKEN)
+        first, *others = encode(message).split(_QUOTED_TOKEN)
+        parts: list[RawText] = [first]
+        for array, other in zip(self.arrays, others, strict=True):
+            parts += (*array.parts, other)
+        return tuple(parts)
+
+    def value(self) -> msgspec.Struct | None:
+        """The whole message; None if one of its arrays is known as text alone."""
+        message = self.short
+        for array in self.arrays:
+            if array.values is None or message is None:
+                return None
+            message = put(message, array.path, array.values)
+        return message
+
+
+_NOT_EXACT: Final = TakenMessage(False, None, ())
 
 
 class LongArrays:
-    """Takes the long arrays of numbers out of texts of one message type."""
+    """Takes messages of one type apart from their long arrays."""
 
-    __slots__ = ("_members", "_readers")
+    __slots__ = ("_fields", "_members", "_message", "_slots", "_taken")
 
-    def __init__(self, message: MessageType, readers: dict[str, _Read]) -> None:
-        self._readers = readers
+    def __init__(self, message: MessageType) -> None:
+        self._message = message
+        self._slots = {slot.attribute: (number, slot) for number, slot in enumerate(message.slots)}
         self._members = msgspec.json.Decoder(
             msgspec.defstruct(
                 "Members",
@@ -36,64 +272,262 @@ class LongArrays:
                 forbid_unknown_fields=True,
             )
         ).decode
+        self._taken: dict[_Path, _Items] = {}
+        self._fields: tuple[tuple[_Path, _Items], ...] | None = None
 
-    def take(self, raw: RawText) -> tuple[dict[str, msgspec.Raw], Long]:
-        """The members of a message by name but for its long arrays, and these in the order of its fields.
+    def take(
+        self, raw: RawText, now: Callable[[], int], *, completes: bool = True
+    ) -> Steps[TakenMessage | None]:
+        """The message that a text holds, in steps; None if it has no long arrays that can be told apart.
 
-        Of members with the same name the last is taken, and the others are only checked to be JSON.
+        Args:
+            raw: the text.
+            now: ROS time in nanoseconds.
+            completes: whether to complete what may not be passed on; else nothing is returned of it.
 
         Raises:
-            msgspec.MsgspecError: the text is no object, or has members that the message has not.
+            InvalidMessage: it does not fit; found before or after other faults as the fields have it.
         """
-        given = self._members(raw)
-        members: dict[str, msgspec.Raw] = {}
-        long: Long = {}
-        names = zip(given.__struct_fields__, given.__struct_encode_fields__, strict=True)
-        for attribute, name in names:
-            text = getattr(given, attribute)
-            if text is msgspec.UNSET:
-                continue
-            found = self._numbers(attribute, text)
-            if found is None:
-                members[name] = text
-            else:
-                numbers, is_exact = found
-                long[attribute] = numbers, memoryview(text) if is_exact else None
-        return members, long
+        from rwt_interfaces.serialise.json import REJECTIONS, parse
 
-    def _numbers(self, attribute: str, text: msgspec.Raw) -> tuple[list[Any], bool] | None:
-        read = self._readers.get(attribute)
-        if read is None or len(memoryview(text)) < LARGE:
+        data = bytes(raw)
+        regions = _regions(data)
+        places = self._places(data, regions) if regions else None
+        if places is None:
             return None
+        text = _with(data, regions, [b"[]"] * len(regions))
+        completion = Completion(now) if completes else None
+        short: msgspec.Struct | None = None
+        wrong: InvalidMessage | None = None
         try:
-            return read(text)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            self._message.json.check(text)
+        except REJECTIONS:
+            if completion is None:
+                return _NOT_EXACT
+            try:
+                short = self._message.decode_leniently(parse(text), completion)
+            except InvalidMessage as error:
+                wrong = error
+        is_exact = short is None and wrong is None
+        arrays = []
+        for order, path, items, region in sorted(places, key=lambda place: place[0]):
+            if wrong is not None and self._order_of(wrong.path) < order:
+                break
+            keep = not is_exact or len(data) <= _FEW_NUMBERS
+            array = yield from _taken(data, region, path, items, completion, keep)
+            if array is None:
+                return None
+            if not (array.is_exact or completes):
+                return _NOT_EXACT
+            arrays.append(array)
+        if wrong is not None:
+            raise wrong
+        if is_exact and not all(array.is_exact for array in arrays):
+            is_exact, short = False, self._message.json.decode(text)
+        return TakenMessage(is_exact, short, tuple(arrays))
+
+    def apart(self, raw: RawText) -> tuple[msgspec.Struct, Chunks] | None:
+        """The message of a text that may be passed on, with its long arrays empty, and what they hold, to be
+        decoded in pieces; None if they cannot be told apart."""
+        data = bytes(raw)
+        regions = _regions(data)
+        places = self._places(data, regions) if regions else None
+        if places is None:
             return None
+        message = self._message.json.decode(_with(data, regions, [b"[]"] * len(regions)))
+        return message, {".".join(path): _chunks(data, region, items) for _, path, items, region in places}
+
+    def json(self, message: msgspec.Struct) -> Steps[Parts | None]:
+        """A message in JSON, in steps; None if it has no long lists."""
+        short = message
+        lists: list[Parts] = []
+        for path, items in self._long_fields((), ()):
+            values: Any = _at(message, path)
+            if isinstance(values, bytes) or len(values) <= FEW:
+                continue
+            short = put(short, path, TOKEN)
+            parts = JoinedParts()
+            before = b"["
+            for chunk in chunks_of(values, items.are_numbers):
+                parts.append(before + items.encode(chunk)[1:-1])
+                before = b","
+                yield
+            parts.append(b"]")
+            lists.append(parts.all())
+        if not lists:
+            return None
+        first, *others = self._message.json.encode(short).split(_QUOTED_TOKEN)
+        found: list[RawText] = [first]
+        for parts_of_list, other in zip(lists, others, strict=True):
+            found += (*parts_of_list, other)
+        return tuple(found)
+
+    def has_long_lists(self, message: msgspec.Struct) -> bool:
+        """Whether a list of a message is so long that it is encoded in steps."""
+        fields = self._fields
+        if fields is None:
+            fields = self._fields = tuple(self._long_fields((), ()))
+        return any(len(_at(message, path)) > FEW for path, items in fields if not items.are_octets)
+
+    def _long_fields(self, order: _Order, path: _Path) -> Iterator[tuple[_Path, _Items]]:
+        """The fields that may hold long lists."""
+        for attribute, (number, slot) in self._slots.items():
+            place = (*path, attribute)
+            if isinstance(slot.type, field_types.Message) and slot.type.type.time is None:
+                yield from slot.type.type.json.long_arrays._long_fields((*order, number), place)
+            elif isinstance(slot.type, field_types.Array) and (items := self._items(slot.type, place)):
+                yield place, items
+
+    def _order_of(self, path: str) -> _Order:
+        """Where a fault is; one of a message as a whole is behind its fields."""
+        name, _, rest = path.partition(".")
+        for number, slot in self._slots.values():
+            if slot.name == name.partition("[")[0]:
+                if isinstance(slot.type, field_types.Message) and slot.type.type.time is None:
+                    return (number, *slot.type.type.json.long_arrays._order_of(rest))
+                return (number,)
+        return (1 << 30,)
+
+    def _places(
+        self, data: bytes, regions: list[_Region]
+    ) -> list[tuple[_Order, _Path, _Items, _Region]] | None:
+        """The field of each region; None if not each of them is the value of one.
+
+        A token stands in the place of each array. No client can know it: where a member is a token, an array
+        was the whole of its value.
+        """
+        tokens = [b'"%b%d"' % (TOKEN.encode(), number) for number in range(len(regions))]
+        found = dict(self._located(_with(data, regions, tokens), (), ()))
+        if found.keys() != set(tokens):
+            return None
+        return [(*found[token], region) for token, region in zip(tokens, regions, strict=True)]
+
+    def _located(
+        self, text: RawText, order: _Order, path: _Path
+    ) -> Iterator[tuple[bytes, tuple[_Order, _Path, _Items]]]:
+        """The tokens in the text of a message, and where they are."""
+        try:
+            given = self._members(text)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            return
+        for attribute, (number, slot) in self._slots.items():
+            raw = getattr(given, attribute)
+            member = b"" if raw is msgspec.UNSET else bytes(raw)
+            if TOKEN.encode() not in member:
+                continue
+            place = (*order, number), (*path, attribute)
+            if isinstance(slot.type, field_types.Message) and slot.type.type.time is None:
+                yield from slot.type.type.json.long_arrays._located(member, *place)
+            elif (items := self._items(slot.type, place[1])) is not None:
+                yield member, (*place, items)
+
+    def _items(self, type: field_types.FieldType, path: _Path) -> _Items | None:
+        items = self._taken.get(path)
+        if items is None and isinstance(type, field_types.Array | field_types.Octets) and _is_long(type):
+            items = self._taken[path] = _Items(type, path)
+        return items
 
 
-def long_arrays(message: MessageType) -> LongArrays | None:
-    """What takes the long arrays out of a message of that type; None if it has no fields for them."""
-    readers = dict(_readers(message))
-    return LongArrays(message, readers) if readers else None
+def _at(message: Any, path: _Path) -> Any:
+    for attribute in path:
+        message = getattr(message, attribute)
+    return message
 
 
-def _readers(message: MessageType) -> Iterator[tuple[str, _Read]]:
-    for slot in message.slots:
-        if isinstance(slot.type, field_types.Array) and isinstance(
-            slot.type.element, field_types.Int | field_types.Float
-        ):
-            yield slot.attribute, array_reader(slot.type)
+def _is_long(type: field_types.Array | field_types.Octets) -> bool:
+    """Whether a field may hold a long array that is taken in pieces."""
+    if type.length is not None:
+        return False
+    if isinstance(type, field_types.Octets):
+        return True
+    element = type.element
+    if isinstance(element, field_types.Message):
+        return type.bound is None and element.type.time is None
+    return type.bound is None and isinstance(element, field_types.Int | field_types.Float)
 
 
-def parts_around(message: Any, long: Long, encode: Callable[[Any], bytes]) -> Parts:
-    """Put long arrays into a message that lacks them; returns it in JSON, those that may be as they came."""
-    for attribute, (numbers, text) in long.items():
-        setattr(message, attribute, numbers if text is None else TOKEN)
-    pieces = encode(message).split(b'"%b"' % TOKEN.encode())
-    parts: list[RawText] = [pieces[0]]
-    texts = (text for _, text in long.values() if text is not None)
-    for text, piece in zip(texts, pieces[1:], strict=True):
-        parts += (text, piece)
-    for attribute, (numbers, _) in long.items():
-        setattr(message, attribute, numbers)
-    return tuple(parts)
+def _with(data: bytes, regions: list[_Region], texts: list[bytes]) -> bytes:
+    """The text with others in the places of the arrays."""
+    parts: list[RawText] = []
+    begin = 0
+    for region, text in zip(regions, texts, strict=True):
+        parts += (data[begin : region.begin], text)
+        begin = region.end
+    return b"".join((*parts, data[begin:]))
+
+
+def _taken(
+    data: bytes, region: _Region, path: _Path, items: _Items, completion: Completion | None, keep: bool
+) -> Steps[TakenArray | None]:
+    """One array; None if it is not one, or if its pieces cannot be told apart.
+
+    Args:
+        data: the text that it is in.
+        region: where it is there.
+        path: the attributes that lead to its field.
+        items: takes what is in it.
+        completion: completes messages in it; None to stop at the first that needs it.
+        keep: whether its numbers will be asked for.
+    """
+    view = memoryview(data)
+    parts = JoinedParts()
+    octets: list[bytes] = []
+    values: list[Any] = []
+    is_exact = not items.are_octets
+    run = region.begin  # where what may be passed on begins, up to the piece at hand
+    start, last = region.begin + 1, region.end - 1
+    size = PIECE if items.are_numbers else SLOW_PIECE
+    count = 0
+    room = MOST_GROWTH
+    while start <= last:
+        stop = region.comma(data, start + size, last)
+        text = b"[%b]" % data[start:stop]
+        found = items.take(text)
+        if found is not None:
+            taken, may_pass = found
+            encoded = b"" if may_pass or items.are_octets else items.encode(taken)
+            is_quick = True
+        elif completion is None:
+            return TakenArray(path, (), False, None)
+        else:
+            try:
+                taken, encoded, is_quick = items.complete(text, count, completion, room)
+            except InvalidMessage as error:
+                if not error.path:
+                    return None
+                raise
+            may_pass = False
+            room -= len(encoded) - len(text)
+        if not taken:
+            return None
+        count += len(taken)
+        if items.are_octets:
+            octets.append(bytes(taken))
+        elif not may_pass:
+            is_exact = False
+            parts.append(view[run:start])
+            parts.append(encoded[1:-1])
+            run = stop
+        if keep and items.are_numbers:
+            values += taken
+        size = PIECE if is_quick else SLOW_PIECE
+        start = stop + 1
+        yield
+    if items.are_octets:
+        return _octets(path, b"".join(octets))
+    parts.append(view[run : region.end])
+    return TakenArray(path, parts.all(), is_exact, values if keep and items.are_numbers else None)
+
+
+def _chunks(data: bytes, region: _Region, items: _Items) -> Iterator[list[Any]]:
+    start, last = region.begin + 1, region.end - 1
+    while start <= last:
+        stop = region.comma(data, start + PIECE, last)
+        yield items.values(b"[%b]" % data[start:stop])
+        start = stop + 1
+
+
+def _octets(path: _Path, octets: bytes) -> TakenArray:
+    import pybase64
+
+    return TakenArray(path, (b'"%b"' % pybase64.b64encode(octets),), False, octets)

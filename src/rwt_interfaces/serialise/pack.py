@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.long_strings import FEW, Chunks, Steps, chunks_of
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
 from rwt_interfaces.validation.numbers import little_endian
 
@@ -27,7 +28,7 @@ _Write = Callable[[bytearray, Any], None]
 
 def compile_writer(message: MessageType, rules: WireRules) -> _Write:
     """A function that appends a message of that type; the message must be its type's own Struct."""
-    steps = list(_steps(message, rules))
+    steps = [step for step, _, _ in _steps(message, rules)]
 
     def write(out: bytearray, value: Any) -> None:
         for step in steps:
@@ -36,7 +37,56 @@ def compile_writer(message: MessageType, rules: WireRules) -> _Write:
     return write
 
 
-def _steps(message: MessageType, rules: WireRules) -> Iterator[_Write]:
+def compile_steps(message: MessageType, rules: WireRules) -> Callable[[bytearray, Any, Chunks], Steps[None]]:
+    """A function that appends a message of that type in steps, some items of a long list in each; lists that
+    are given apart take the place of those in the message."""
+    steps = [
+        (step, path, attrgetter(path) if isinstance(field_type, field_types.Array) else None, field_type)
+        for step, path, field_type in _steps(message, rules)
+    ]
+
+    def write_in_steps(out: bytearray, value: Any, apart: Chunks) -> Steps[None]:
+        for step, path, fetch, field_type in steps:
+            if fetch is None or not isinstance(field_type, field_types.Array):
+                step(out, value)
+            elif path in apart or len(fetch(value)) > FEW:
+                is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
+                chunks = apart.get(path) or chunks_of(fetch(value), is_numbers)
+                yield from _long_array(out, chunks, field_type, rules)
+            else:
+                step(out, value)
+
+    return write_in_steps
+
+
+def _long_array(
+    out: bytearray, chunks: Iterator[Any], field_type: field_types.Array, rules: WireRules
+) -> Steps[None]:
+    element = field_type.element
+    if field_type.length is None:
+        _write_length(out, 0, rules.aligned)
+    place = len(out)
+    count = 0
+    if isinstance(element, field_types.Bool | field_types.Int | field_types.Float):
+        code = "?" if isinstance(element, field_types.Bool) else element.code
+        out += bytes(gap(len(out), struct.calcsize(code), rules.aligned))
+        for chunk in chunks:
+            count += len(chunk)
+            out += little_endian(chunk, code)
+            yield
+    else:
+        write = _writer(element, rules)
+        for chunk in chunks:
+            count += len(chunk)
+            for item in chunk:
+                write(out, item)
+            yield
+    if field_type.length is None:
+        LENGTH.pack_into(out, place - LENGTH.size, count)
+
+
+def _steps(message: MessageType, rules: WireRules) -> Iterator[tuple[_Write, str, FieldType | None]]:
+    """What writes the message, in order, and the path and type of each field that is not part of a run."""
     codes, paths = "", list[str]()
     for path, field_type in _leaves(message, "", rules):
         leaf = letters(field_type)
@@ -45,11 +95,11 @@ def _steps(message: MessageType, rules: WireRules) -> Iterator[_Write]:
             paths += _number_paths(path, field_type)
             continue
         if codes:
-            yield _run_writer(codes, paths, rules)
+            yield _run_writer(codes, paths, rules), "", None
             codes, paths = "", []
-        yield _field_writer(path, field_type, rules)
+        yield _field_writer(path, field_type, rules), path, field_type
     if codes:
-        yield _run_writer(codes, paths, rules)
+        yield _run_writer(codes, paths, rules), "", None
 
 
 def _leaves(message: MessageType, prefix: str, rules: WireRules) -> Iterator[tuple[str, FieldType | None]]:

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from rwt_interfaces.errors import InvalidMessage
-from rwt_interfaces.serialise.pack import compile_writer
+from rwt_interfaces.serialise.long_strings import Chunks, Parts, Steps
+from rwt_interfaces.serialise.pack import compile_steps, compile_writer
 from rwt_interfaces.serialise.unpack import compile_reader, read_all
 from rwt_interfaces.serialise.wire_rules import WireRules
 
@@ -31,6 +32,21 @@ def compile_encoder(message: MessageType, rules: WireRules) -> Callable[[msgspec
         body = bytearray()
         write(body, value)
         return b"".join((header, body))
+
+    return encode
+
+
+def compile_step_encoder(
+    message: MessageType, rules: WireRules
+) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
+    """A function that encodes a message of that type in steps."""
+    write = compile_steps(message, rules)
+    header = rules.header
+
+    def encode(value: msgspec.Struct, apart: Chunks) -> Steps[Parts]:
+        body = bytearray()
+        yield from write(body, value, apart)
+        return header, memoryview(body)
 
     return encode
 

@@ -54,7 +54,9 @@ class Place:
         return put(message, self._attributes, content)
 
 
-def put(message: msgspec.Struct, attributes: tuple[str, ...], content: str | bytes | int) -> msgspec.Struct:
+def put(
+    message: msgspec.Struct, attributes: tuple[str, ...], content: str | bytes | int | list[Any]
+) -> msgspec.Struct:
     """A copy of a message with something else in the field that a path of attributes leads to."""
     copied = copy.copy(message)
     first, *rest = attributes

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Flaw = Callable[[Any], bool]
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
+#: Numbers that are compared at once.
+_PIECE = 1 << 16
 _UINT64_MAX = (1 << 64) - 1
 
 
@@ -34,7 +36,9 @@ def strict_struct(message: MessageType) -> type[msgspec.Struct]:
     name = message.name.partition("/")[2]
     if message.time is not None:
         return _strict_time(message.time)
-    return _define(name, [(slot.attribute, slot.name, _strict(slot.type)) for slot in message.slots])
+    return _define(
+        name, [(slot.attribute, slot.name, strict_annotation(slot.type)) for slot in message.slots]
+    )
 
 
 @lru_cache(maxsize=8)
@@ -55,7 +59,8 @@ def _define(name: str, fields: list[tuple[str, str, Any]]) -> type[msgspec.Struc
     )
 
 
-def _strict(type: FieldType) -> Any:
+def strict_annotation(type: FieldType) -> Any:
+    """The annotation of a field that takes only what may be passed on."""
     match type:
         case field_types.Bool():
             return bool
@@ -68,14 +73,15 @@ def _strict(type: FieldType) -> Any:
         case field_types.Time():
             return _strict_time(type)
         case field_types.Octets():
-            return _sized(bytes, type.length, None)
+            return sized(bytes, type.length, None)
         case field_types.Message():
             return type.type.json.strict
         case field_types.Array():
-            return _sized(_LIST[_strict(type.element)], type.length, type.bound)
+            return sized(_LIST[strict_annotation(type.element)], type.length, type.bound)
 
 
-def _sized(kind: Any, length: int | None, bound: int | None) -> Any:
+def sized(kind: Any, length: int | None, bound: int | None) -> Any:
+    """The annotation of octets or a list with its length or the bound of it, if it has one."""
     if length is not None:
         return Annotated[kind, msgspec.Meta(min_length=length, max_length=length)]
     return kind if bound is None else Annotated[kind, msgspec.Meta(max_length=bound)]
@@ -113,7 +119,7 @@ def _flaw_of(type: FieldType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw 
     match type:
         case field_types.Message():
             return flaw_in(type.type, leaf)
-        case field_types.Array() if type.element == field_types.FLOAT32:
+        case field_types.Array() if type.element == field_types.FLOAT32 and leaf(type.element) is not None:
             return _has_inexact
         case field_types.Array():
             flaw = _flaw_of(type.element, leaf)
@@ -122,13 +128,14 @@ def _flaw_of(type: FieldType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw 
             return leaf(type)
 
 
-def array_reader(type: field_types.Array) -> Callable[[msgspec.Raw], tuple[list[Any], bool]]:
-    """A function that reads the text of an array of numbers as the field holds them, null as NaN.
+def array_reader(type: field_types.Array) -> Callable[[bytes], tuple[list[Any], bool]]:
+    """A function that reads the text of an array as the field holds it, null as NaN; messages, if they may be
+    passed on, as their strict Structs.
 
     It also tells whether the text may be passed on, and raises a msgspec.MsgspecError for numbers that the
     strict Struct refuses for another reason than that they are no float32s.
     """
-    decode: Callable[[msgspec.Raw], list[Any]] = msgspec.json.Decoder(_strict(type)).decode
+    decode: Callable[[bytes], list[Any]] = msgspec.json.Decoder(strict_annotation(type)).decode
     if type.element == field_types.FLOAT32:
         return lambda text: _nearest(decode(text))
     if isinstance(type.element, field_types.Float):
@@ -137,7 +144,7 @@ def array_reader(type: field_types.Array) -> Callable[[msgspec.Raw], tuple[list[
     if flaw is None:
         return lambda text: (decode(text), True)
 
-    def read(text: msgspec.Raw) -> tuple[list[Any], bool]:
+    def read(text: bytes) -> tuple[list[Any], bool]:
         numbers = decode(text)
         if flaw(numbers):
             raise msgspec.ValidationError
@@ -160,4 +167,6 @@ def _nearest(numbers: list[float | None]) -> tuple[list[float], bool]:
 def _has_inexact(items: list[float | None]) -> bool:
     """Whether not all of the numbers are float32s, in one pass of compiled code."""
     numbers = [item for item in items if item is not None] if None in items else items
-    return float32_list(numbers) != numbers
+    # Piece by piece, since each list of all the numbers takes as much memory as the message.
+    pieces = range(0, len(numbers), _PIECE)
+    return any(float32_list(piece) != piece for piece in (numbers[at : at + _PIECE] for at in pieces))

@@ -43,6 +43,7 @@ _LISTS = (list, tuple, array)
 #: nsec.
 _SECONDS_KEYS = ("sec", "secs")
 _NANOSECONDS_KEYS = ("nanosec", "nsecs", "nsec")
+_TIME_KEYS: Final = frozenset((*_SECONDS_KEYS, *_NANOSECONDS_KEYS))
 
 
 class LenientDecoder(Protocol):
@@ -57,7 +58,7 @@ MOST_LEFT_OUT: Final = 30_000
 message can leave out forty."""
 
 
-class _Completion:
+class Completion:
     """The clock for one message, and how many fields may still be left out."""
 
     __slots__ = ("_left", "_now")
@@ -67,6 +68,7 @@ class _Completion:
         self._left = MOST_LEFT_OUT
 
     def __call__(self) -> int:
+        """ROS time in nanoseconds."""
         return self._now()
 
     def leave_out(self, fields: int) -> None:
@@ -97,7 +99,7 @@ def compile_message(message: MessageType) -> LenientDecoder:
         given = fields_of(value)
         if given is None:
             raise InvalidMessage("", f"expected {with_article(message.name)} object, got {describe(value)}")
-        completion = now if type(now) is _Completion else _Completion(now)
+        completion = now if type(now) is Completion else Completion(now)
         if len(given) < len(fields):
             completion.leave_out(len(fields) - len(given))
         values = []
@@ -130,10 +132,35 @@ def _field(slot: Slot, in_header: bool) -> tuple[str, LenientDecoder, Callable[[
         plain = take
         return slot.name, lambda value, now: 0 if value is None else plain(value, now), lambda now: 0
     if isinstance(type, field_types.Message) and slot.default is None:
-        # An absent nested message is completed from nothing, so that headers in it are stamped too.
-        return slot.name, take, lambda now: take({}, now)
+        return slot.name, take, _absent(type.type, take)
     make = slot_default(slot)
     return slot.name, take, lambda now: make()
+
+
+def _absent(message: MessageType, take: LenientDecoder) -> Callable[[Now], object]:
+    """What a nested message is when it is absent: completed from nothing, so that headers in it are stamped,
+    too."""
+    if _holds_header(message):
+        return lambda now: take({}, now)
+    make, fields = message.struct, _count(message)
+
+    def absent(completion: Now) -> object:
+        assert isinstance(completion, Completion)  # Only fields of messages are absent.
+        completion.leave_out(fields)
+        return make()
+
+    return absent
+
+
+def _holds_header(message: MessageType) -> bool:
+    nested = (slot.type.type for slot in message.slots if isinstance(slot.type, field_types.Message))
+    return message.name == _HEADER or any(map(_holds_header, nested))
+
+
+def _count(message: MessageType) -> int:
+    """The fields of a message, those of nested ones included."""
+    nested = (slot.type.type for slot in message.slots if isinstance(slot.type, field_types.Message))
+    return len(message.slots) + sum(map(_count, nested))
 
 
 def compile_field(type: FieldType) -> LenientDecoder:
@@ -141,8 +168,12 @@ def compile_field(type: FieldType) -> LenientDecoder:
     match type:
         case field_types.Bool():
             return _bool
-        case field_types.Int():
-            return lambda value, now: as_int(value, type)
+        case field_types.Int(low=low, high=high):
+            return lambda value, now: (
+                value if value.__class__ is int and low <= value <= high else as_int(value, type)
+            )
+        case field_types.Float(code="d"):
+            return lambda value, now: value if value.__class__ is float else as_float(value, type)
         case field_types.Float():
             return lambda value, now: as_float(value, type)
         case field_types.String():
@@ -181,8 +212,8 @@ def _string(type: field_types.String) -> LenientDecoder:
 
 
 def _time(type: field_types.Time, stamped: bool) -> LenientDecoder:
-    """Time by either spelling, unknown keys ignored (JSN-27), "now" for points in time (JSN-28); `stamped`
-    takes what is missing from the clock (PUB-06), else it is zero."""
+    """Time by either spelling, strangers ignored beside it (JSN-27) and refused alone (JSN-22), "now" for
+    points in time (JSN-28); `stamped` takes what is missing from the clock (PUB-06), else it is zero."""
     struct = time_struct(type)
 
     def complete(value: object, now: Now, /) -> msgspec.Struct:
@@ -191,6 +222,8 @@ def _time(type: field_types.Time, stamped: bool) -> LenientDecoder:
         given = fields_of(value)
         if given is None:
             raise InvalidMessage("", f"expected a {type} {{{', '.join(type.keys)}}}, got {describe(value)}")
+        if given and given.keys().isdisjoint(_TIME_KEYS):
+            raise InvalidMessage("", unknown_field(str(type), type.keys, given.keys()))
         defaults = divmod(now(), NANOSECONDS) if stamped else (0, 0)
         return struct(
             _half(given, _SECONDS_KEYS, type.seconds, defaults[0]),
@@ -243,6 +276,7 @@ def _array(type: field_types.Array) -> LenientDecoder:
     numeric = isinstance(element, (field_types.Int, field_types.Float))
     # Only a bounded sequence of octets gets here; it goes out as a list, but base64 is understood (JSN-20).
     packed = isinstance(element, field_types.Int) and element.code == "B"
+    is_text = isinstance(element, field_types.String) and element.bound is None
     each = compile_field(element)
 
     def complete(value: object, now: Now, /) -> Any:
@@ -258,6 +292,8 @@ def _array(type: field_types.Array) -> LenientDecoder:
         elif numeric:
             assert isinstance(element, (field_types.Int, field_types.Float))
             items = number_list(value, element)
+        elif is_text and value and (texts := _plain_texts(value)) is not None:
+            items = texts
         else:
             items = []
             for index, item in enumerate(value):
@@ -269,3 +305,11 @@ def _array(type: field_types.Array) -> LenientDecoder:
         return items
 
     return complete
+
+
+def _plain_texts(value: Any) -> list[str] | None:
+    """A new list of strings in one pass of compiled code; None if one of them has to be looked at."""
+    try:
+        return list(value) if "".join(value).isascii() else None
+    except TypeError:
+        return None

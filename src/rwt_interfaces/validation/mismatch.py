@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 
@@ -53,7 +53,7 @@ def with_article(name: str) -> str:
     return f"an {name}" if name[:1].lower() in "aeiou" else f"a {name}"
 
 
-def unknown_field(message: str, names: list[str], given: Iterable[str]) -> str:
+def unknown_field(message: str, names: Sequence[str], given: Iterable[str]) -> str:
     """A sentence about the first field, in the alphabet, that the message does not have (JSN-25)."""
     stranger = min(str(key) for key in given if key not in names)
     has = f"it has {', '.join(names)}" if names else "it has no fields"

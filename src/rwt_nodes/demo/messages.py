@@ -13,6 +13,8 @@ from typing import Literal, Protocol
 from rwt_interfaces.times import NANOSECONDS
 from rwt_nodes.demo.drive import Velocity
 from rwt_nodes.demo.world.pose import Pose
+from rwt_tf2 import quaternion_from_yaw, yaw_from_quaternion
+from rwt_tf2.messages import QuaternionMessage
 
 Message = Mapping[str, object]
 
@@ -25,20 +27,11 @@ class VectorLike(Protocol):
     z: float
 
 
-class QuaternionLike(Protocol):
-    """`geometry_msgs/Quaternion`."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-
 class PoseLike(Protocol):
     """`geometry_msgs/Pose`."""
 
     position: VectorLike
-    orientation: QuaternionLike
+    orientation: QuaternionMessage
 
 
 def time(nanoseconds: int) -> Message:
@@ -57,11 +50,6 @@ def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Message:
     return {"x": x, "y": y, "z": z}
 
 
-def turn_about_z(angle: float) -> Message:
-    """`geometry_msgs/Quaternion` of a heading."""
-    return {"x": 0.0, "y": 0.0, "z": math.sin(angle / 2), "w": math.cos(angle / 2)}
-
-
 def turn_about_y(angle: float) -> Message:
     """`geometry_msgs/Quaternion` of a wheel on its axle."""
     return {"x": 0.0, "y": math.sin(angle / 2), "z": 0.0, "w": math.cos(angle / 2)}
@@ -69,25 +57,12 @@ def turn_about_y(angle: float) -> Message:
 
 def turns_about(axis: Literal["y", "z"]) -> Callable[[float], Message]:
     """What makes a `geometry_msgs/Quaternion` of an angle about an axis."""
-    return turn_about_y if axis == "y" else turn_about_z
-
-
-def roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Message:
-    """`geometry_msgs/Quaternion` of turns about the fixed x, y and z axes, in this order."""
-    cx, sx = math.cos(roll / 2), math.sin(roll / 2)
-    cy, sy = math.cos(pitch / 2), math.sin(pitch / 2)
-    cz, sz = math.cos(yaw / 2), math.sin(yaw / 2)
-    return {
-        "x": sx * cy * cz - cx * sy * sz,
-        "y": cx * sy * cz + sx * cy * sz,
-        "z": cx * cy * sz - sx * sy * cz,
-        "w": cx * cy * cz + sx * sy * sz,
-    }
+    return turn_about_y if axis == "y" else quaternion_from_yaw
 
 
 def pose(value: Pose) -> Message:
     """`geometry_msgs/Pose`."""
-    return {"position": vector(value.x, value.y), "orientation": turn_about_z(value.heading)}
+    return {"position": vector(value.x, value.y), "orientation": quaternion_from_yaw(value.heading)}
 
 
 def twist(velocity: Velocity) -> Message:
@@ -106,11 +81,10 @@ def transform(stamp_ns: int, parent: str, child: str, translation: Message, rota
 
 def planar_transform(stamp_ns: int, parent: str, child: str, value: Pose) -> Message:
     """`geometry_msgs/TransformStamped` of a pose on the floor."""
-    return transform(stamp_ns, parent, child, vector(value.x, value.y), turn_about_z(value.heading))
+    return transform(stamp_ns, parent, child, vector(value.x, value.y), quaternion_from_yaw(value.heading))
 
 
 def read_pose(message: PoseLike) -> Pose:
     """Position and heading of a `geometry_msgs/Pose`; a quaternion of zeros is a heading of 0."""
-    q = message.orientation
-    heading = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
-    return Pose(message.position.x, message.position.y, heading)
+    position = message.position
+    return Pose(position.x, position.y, yaw_from_quaternion(message.orientation))

@@ -29,6 +29,8 @@ from rwt_nodes.demo.world.map import World, draw_map, house
 from rwt_nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
 from rwt_program.errors import GoalCanceled, ServiceFailed
 from rwt_program.goals import ReceivedGoal
+from rwt_program.messages import ParameterValue
+from rwt_tf2 import quaternion_from_yaw
 
 #: Seconds from one control step to the next.
 CONTROL_PERIOD = 0.05
@@ -36,6 +38,12 @@ CONTROL_PERIOD = 0.05
 REPORT_PERIOD = 1.0
 #: The longest time that one step makes up for when the program was held up, seconds.
 _LONGEST_STEP = 0.2
+
+
+#: What `ROS3D.DepthCloud` calls `f` is so many times the focal length by the crop, both in pixels.
+_CROP_OF_FOCAL = 500.0
+#: The `f` of the stock page, for an OpenNI camera.
+_OPENNI_F = 525.0
 
 
 class _Addends(Protocol):
@@ -50,13 +58,14 @@ class _Switch(Protocol):
 class DemoRobot:
     """A differential-drive robot in a walled world, simulated.
 
-    It drives by `/cmd_vel` and `/navigate_to_pose`, moves its arm by
+    It drives by `/cmd_vel`, `/navigate_to_pose` and, on ROS 1, `/move_base`, moves its arm by
     `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`,
-    `/tf`, `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`, `/battery_state`,
-    `/diagnostics`, `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`, `/enable_motors`
-    and `/fibonacci`. An interactive marker under `/goal_marker` sends it where it is dropped. Its parameters
-    are in :data:`rwt_nodes.demo.parameters.TUNABLES`. Two nodes beside it make `/depthcloud_encoded` and
-    `/camera/depth/points/decimated` of what its camera sees.
+    `/robot_pose`, `/tf`, `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`,
+    `/battery_state`, `/diagnostics`, `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`,
+    `/enable_motors` and `/fibonacci`. An interactive marker under `/goal_marker` sends it where it is
+    dropped. Its parameters are in :data:`rwt_nodes.demo.parameters.TUNABLES`; `openni_depth_cloud` makes its
+    depth stream what the stock pages of ros3djs expect of an OpenNI camera. Two nodes beside it make
+    `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.
 
     Args:
         graph: where it lives; all its timing is the graph's clock.
@@ -98,7 +107,6 @@ class DemoRobot:
         self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis), lens)
         self._fibonacci = Fibonacci(self._node)
         self._battery_states = BatteryPublisher(self._node, self._battery)
-        self._diagnostics = Diagnostics(self._node, self._drive, self._battery, self._navigation)
         self._serve()
         self._declare_parameters()
         self._publish_map()
@@ -119,22 +127,41 @@ class DemoRobot:
         self._node.create_timer(CONTROL_PERIOD, self._step)
         self._scans.start()
         self._node.create_timer(REPORT_PERIOD, self._report)
+        Diagnostics(self._node, self._drive, self._battery, self._navigation, REPORT_PERIOD)
         graph, namespace = self._node.graph, self._node.namespace
         # The square in the middle of the picture; two tiles of 3 m reach through a room.
         self._depth_cloud = DepthCloudEncoder(
             graph,
             namespace=namespace,
-            crop_size=min(self._lens.width, self._lens.height),
+            crop_size=self._whole_crop,
             target_resolution=256,
             max_depth_per_tile=3.0,
+        )
+        self._node.parameters.declare(
+            "openni_depth_cloud",
+            False,
+            description="Make the depth stream that pages for OpenNI cameras expect, and their frame.",
+            on_change=self._use_openni,
         )
         self._thin_cloud = CloudDecimator(
             graph, "camera/depth/points", namespace=namespace, stride=2, voxel=0.05
         )
 
+    @property
+    def _whole_crop(self) -> int:
+        return min(self._lens.width, self._lens.height)
+
+    def _use_openni(self, value: ParameterValue) -> None:
+        """Take the depth stream's crop, size and depth from what pages for OpenNI cameras assume, or back."""
+        if value:
+            crop = round(self._lens.focal * _CROP_OF_FOCAL / _OPENNI_F)
+            self._depth_cloud.configure(min(crop, self._whole_crop), 512, 1.0)
+        else:
+            self._depth_cloud.configure(self._whole_crop, 256, 3.0)
+        self._state.publish_fixed(openni=bool(value))
+
     def _report(self) -> None:
         self._battery_states.publish()
-        self._diagnostics.publish()
         self._said += 1
         self._chatter.publish({"data": f"hello world {self._said}"})
 
@@ -211,7 +238,7 @@ class DemoRobot:
                     "height": grid.rows,
                     "origin": {
                         "position": messages.vector(grid.left, grid.bottom),
-                        "orientation": messages.turn_about_z(0.0),
+                        "orientation": quaternion_from_yaw(0.0),
                     },
                 },
                 "data": grid.cells,

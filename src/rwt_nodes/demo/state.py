@@ -7,8 +7,18 @@ from rwt_nodes.demo import messages
 from rwt_nodes.demo.arm.kinematics import ARM, Arm
 from rwt_nodes.demo.drive import Chassis, DifferentialDrive
 from rwt_nodes.demo.frames import MAP, ODOM, frame
-from rwt_nodes.demo.model.urdf import BASE, LEFT_JOINT, RIGHT_JOINT, arm_mounts, fixed_mounts, wheel_mounts
+from rwt_nodes.demo.model.urdf import (
+    BASE,
+    LEFT_JOINT,
+    OPENNI_OPTICAL,
+    OPTICAL,
+    RIGHT_JOINT,
+    arm_mounts,
+    fixed_mounts,
+    wheel_mounts,
+)
 from rwt_nodes.demo.world.pose import Pose
+from rwt_tf2 import quaternion_from_euler
 
 #: Diagonals of the odometry's covariances: sure of everything but drifting in x, y and yaw.
 _POSE_COVARIANCE = [0.001 if i in (0, 7, 35) else 1e-6 if i % 7 == 0 else 0.0 for i in range(36)]
@@ -17,7 +27,7 @@ _ARM_JOINTS = tuple(joint.name for joint in ARM)
 
 
 class StatePublisher:
-    """Publishes `/odom`, `/tf`, `/tf_static` and `/joint_states`."""
+    """Publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`, and `/robot_pose` for pages with a map."""
 
     def __init__(
         self, node: Node, drive: DifferentialDrive, arm: Arm, chassis: Chassis, odom_origin: Pose
@@ -39,14 +49,30 @@ class StatePublisher:
         )
         self._chassis = chassis
         self._odom = node.advertise("odom", "nav_msgs/Odometry")
+        self._pose = node.advertise("robot_pose", "geometry_msgs/Pose")
         self._tf = node.advertise("/tf", "tf2_msgs/TFMessage")
         self._joints = node.advertise("joint_states", "sensor_msgs/JointState")
-        fixed = node.advertise("/tf_static", "tf2_msgs/TFMessage", latch=True)
-        fixed.publish({"transforms": self._fixed_transforms(chassis)})
+        self._fixed = node.advertise("/tf_static", "tf2_msgs/TFMessage", latch=True)
+        self.publish_fixed()
+
+    def publish_fixed(self, *, openni: bool = False) -> None:
+        """Publish the transforms that do not change, with OpenNI's name of the camera's frame if asked."""
+        transforms = self._fixed_transforms(self._chassis)
+        if openni:
+            stamp, parent, link = (
+                self._node.clock.time_ns(),
+                frame(self._node, OPTICAL),
+                frame(self._node, OPENNI_OPTICAL),
+            )
+            same = messages.transform(stamp, parent, link, messages.vector(), quaternion_from_euler(0, 0, 0))
+            transforms.append(same)
+        self._fixed.publish({"transforms": transforms})
 
     def publish(self) -> None:
         """Publish the present state on every topic that has subscribers."""
         stamp = self._node.clock.time_ns()
+        if self._pose.subscriber_count:
+            self._pose.publish(messages.pose(self._drive.pose))
         if self._odom.subscriber_count:
             self._odom.publish(self._odometry(stamp))
         if self._tf.subscriber_count:
@@ -112,7 +138,7 @@ class StatePublisher:
                 frame(self._node, mount.parent),
                 frame(self._node, mount.link),
                 messages.vector(mount.x, mount.y, mount.z),
-                messages.roll_pitch_yaw(*mount.rpy),
+                quaternion_from_euler(*mount.rpy),
             )
             for mount in fixed_mounts(chassis)
         ]

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwt_nodes.depth_cloud.errors import DepthsUnreadable
-from rwt_nodes.video.encoders.pixels import RawImage, read_samples
-from rwt_nodes.video.errors import PictureUnreadable
+from rwt_nodes.video.encoders.pixels import RawImage
+from rwt_program.errors import ImageFormat
+from rwt_program.images import read_samples
 
 Depths = NDArray[np.float32]
 Pixel = TypeVar("Pixel", np.float32, np.uint8)
@@ -33,7 +34,7 @@ def read_depths(message: RawImage) -> Depths:
         )
     try:
         samples = read_samples(message)
-    except PictureUnreadable as error:
+    except ImageFormat as error:
         raise DepthsUnreadable(str(error)) from None
     return samples[:, :, 0].astype(np.float32) * np.float32(unit)
 

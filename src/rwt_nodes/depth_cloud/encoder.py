@@ -87,6 +87,19 @@ class DepthCloudEncoder:
         """Leave the graph."""
         self._node.close()
 
+    def configure(self, crop_size: int, target_resolution: int, max_depth_per_tile: float) -> None:
+        """Set all three parameters; see :class:`DepthCloudEncoder`.
+
+        Raises:
+            ParameterRejected: one is out of range.
+        """
+        for number, value in (
+            (CROP_SIZE, crop_size),
+            (TARGET_RESOLUTION, target_resolution),
+            (MAX_DEPTH_PER_TILE, max_depth_per_tile),
+        ):
+            self._node.parameters.set(number.name, value)
+
     def _set_crop(self, pixels: float) -> None:
         self._crop = int(pixels)
 

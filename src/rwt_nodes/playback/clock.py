@@ -10,7 +10,7 @@ from rwt_interfaces import Payload
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph, Participant
-    from rwt_graph.clock import Timer
+    from rwt_program.timers import Timer
 
 
 class PlaybackClock(SteadyClock):

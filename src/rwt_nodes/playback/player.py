@@ -19,8 +19,8 @@ from rwt_nodes.recording.selection import EVERYTHING, TopicSelection
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
-    from rwt_graph.clock import Timer
     from rwt_nodes.recording.recording import RecordedMessage, Recording
+    from rwt_program.timers import Timer
 
 
 NODE: Final = "/rosbag2_player"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -21,7 +22,11 @@ Encoding = Literal["ros", "json"]
 ENCODINGS: Final[tuple[Encoding, ...]] = ("ros", "json")
 
 DEFINITION: Final = "ros_definition"
-"""Key of a `json` channel's metadata: the definition of its type, from which it can be played."""
+"""Key of a channel's metadata: the definition of its type, from which it can be played, where that is not the
+schema."""
+
+TYPE: Final = "ros_type"
+"""Key of a channel's metadata: the name of its type, where that is not the schema's."""
 
 _HISTORIES: Final = {History.KEEP_LAST: 1, History.KEEP_ALL: 2}
 _RELIABILITIES: Final = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2, Reliability.BEST_AVAILABLE: 4}
@@ -78,7 +83,35 @@ def channel_form(
         metadata[DEFINITION] = text
         return ChannelForm(topic, name, "jsonschema", json_schema(message), "json", metadata)
     schema = _SCHEMAS[distro.serialisation]
-    return ChannelForm(topic, name, schema, text.encode(), distro.serialisation, metadata)
+    shown, shown_text = _readable(name, text)
+    if shown_text != text or shown != name:
+        del metadata["topic_type_hash"]  # It is that of the other name.
+        metadata |= {TYPE: name, DEFINITION: text}
+    return ChannelForm(topic, shown, schema, shown_text.encode(), distro.serialisation, metadata)
+
+
+_MADE_BY_RULE: Final = re.compile(r"(?<![\w/])(\w+)/(?:msg/|srv/|action/)?([A-Za-z0-9]+_\w+)(?!\w)")
+
+
+def _readable(name: str, text: str) -> tuple[str, str]:
+    """A schema's name and text with no underscores in names of types.
+
+    ROS 2 makes such names by rule, for the parts of services and actions and their events
+    (`pkg/srv/X_Event`, which holds `pkg/X_Request`). Readers that are in use (mcap-ros2-support 0.6, rosbags
+    0.11) take them for mistakes, and read nothing of a file that has one.
+    """
+    heads = [line.removeprefix("MSG: ") for line in text.splitlines() if line.startswith("MSG: ")]
+    made = [found for each in (name, *heads) if (found := _MADE_BY_RULE.fullmatch(each))]
+    plain = {(found[1], found[2]): found[2].replace("_", "") for found in made}
+    if not plain:
+        return name, text
+
+    def replaced(found: re.Match[str]) -> str:
+        short = plain.get((found[1], found[2]))
+        return f"{found[1]}/{short}" if short else found[0]
+
+    package, _, short = _MADE_BY_RULE.sub(replaced, name).partition("/")
+    return f"{package}/msg/{short.rpartition('/')[2]}", _MADE_BY_RULE.sub(replaced, text)
 
 
 def _latching(offered_qos: tuple[QoS, ...]) -> dict[str, str]:

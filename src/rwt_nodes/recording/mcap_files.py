@@ -26,7 +26,7 @@ from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
 from rwt_interfaces.distro import JAZZY, NOETIC, Distro, closest_distro
-from rwt_nodes.recording.channels import DEFINITION, ChannelForm, Encoding
+from rwt_nodes.recording.channels import DEFINITION, TYPE, ChannelForm, Encoding
 from rwt_nodes.recording.errors import RecordingNotWritten, RecordingUnreadable
 from rwt_nodes.recording.recorded_qos import read_offered_qos
 from rwt_nodes.recording.recording import (
@@ -154,7 +154,7 @@ class McapRecording(Recording):
         """The messages of `topics` from `start_ns` to before `end_ns`, by log time."""
         with _opened(self._path) as file:
             for schema, channel, message in self.channel_messages(file, topics, start_ns, end_ns):
-                name = "" if schema is None else schema.name
+                name = _type_name(channel, schema)
                 published = message.publish_time or message.log_time
                 yield RecordedMessage(channel.topic, name, message.log_time, published, message.data)
 
@@ -245,10 +245,15 @@ def _opened(path: Path) -> IO[bytes]:
 def _topic(channel: records.Channel, schema: records.Schema | None, count: int) -> RecordedTopic:
     encoding = _ENCODINGS.get(channel.message_encoding, "")
     definition = channel.metadata.get(DEFINITION, "")
-    if schema is not None and schema.encoding in ("ros2msg", "ros1msg"):
+    if not definition and schema is not None and schema.encoding in ("ros2msg", "ros1msg"):
         definition = schema.data.decode("utf-8", "replace")
-    name = "" if schema is None else schema.name
+    name = _type_name(channel, schema)
     return RecordedTopic(channel.topic, name, encoding, definition, count, read_offered_qos(channel.metadata))
+
+
+def _type_name(channel: records.Channel, schema: records.Schema | None) -> str:
+    """What a channel's type is called; its schema may be called otherwise, for other readers."""
+    return channel.metadata.get(TYPE) or ("" if schema is None else schema.name)
 
 
 # -- files without an index ----------------------------------------------------------------------------------

@@ -13,9 +13,9 @@ from rwt_program.qos import BEST_AVAILABLE
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph, Sample, Subscription
-    from rwt_graph.clock import Timer
     from rwt_interfaces.payload import Payload
     from rwt_nodes.recording.writer import RecordedChannel
+    from rwt_program.timers import Timer
 
 LOOK_SECONDS: Final = 0.2
 """How often the graph is asked for topics that were not there before."""

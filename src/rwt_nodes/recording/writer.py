@@ -211,7 +211,7 @@ class RecordingWriter:
         self._queue.clear()
         self.failure = RecordingNotWritten(
             f"{self._files.paths[-1]}: cannot be written any more: {reason}; what was written until"
-            " then can be played, and `rwt recording recover` makes a complete file of it"
+            " then can be played, and `rwt bag recover` makes a complete file of it"
         )
         logger.error("%s", self.failure)
 

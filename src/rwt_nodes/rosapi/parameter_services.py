@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt_graph.disclosure import AsksAbout, Lists, Reads, Writes
 from rwt_nodes.rosapi.service import Answer, Service
-from rwt_program.errors import RobotError, ServiceFailed
+from rwt_program.errors import NotFound, RobotError, ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_graph.program.node import Node
@@ -31,9 +31,20 @@ async def get_param(node: Node, request: Any) -> Answer:
         value = await node.params.get(await _full_name(node, request.name))
     except RobotError as error:
         if default or not node.distro.rosapi_reports_failures:
-            return {"value": default or "null", **_done(node)}
+            return {"value": _as_json(default), **_done(node)}
         return {"value": "null", "successful": False, "reason": str(error)}
     return {"value": json.dumps(value), **_done(node)}
+
+
+def _as_json(default: str) -> str:
+    """A default as JSON text, as values are: it stays if it is that already, and is a string otherwise."""
+    if not default:
+        return "null"
+    try:
+        json.loads(default)
+    except (ValueError, RecursionError):
+        return json.dumps(default)
+    return default
 
 
 async def _full_name(node: Node, name: str) -> str:
@@ -78,6 +89,9 @@ async def delete_param(node: Node, request: Any) -> Answer:
     """Remove one parameter."""
     try:
         await node.params.delete(request.name)
+    except NotFound as error:
+        # ROS 1's rosapi asks whether it is there first, and has nothing to say where it is not.
+        return {} if not node.distro.rosapi_reports_failures else _failed(node, str(error))
     except RobotError as error:
         return _failed(node, str(error))
     return _done(node)

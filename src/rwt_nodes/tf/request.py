@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from rwt_tf2.buffer import bare
+from rwt_tf2.transform import bare
 
 DEFAULT_RATE: Final = 10.0
 """Messages a second where the request says 0."""

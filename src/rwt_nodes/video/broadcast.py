@@ -8,9 +8,11 @@ them old; and without viewers nothing is encoded and nothing is subscribed to.
 from __future__ import annotations
 
 import logging
+import os
+import time
 from collections import deque
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import anyio
 import anyio.to_thread
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
     from rwt_nodes.video.encoders.encoded import Encoded, Encoder
     from rwt_nodes.video.stream_metrics import Counts
     from rwt_nodes.video.stream_request import StreamRequest
+    from rwt_transports.http import Work
+
+T = TypeVar("T")
 
 logger = logging.getLogger("rwt_nodes.video")
 
@@ -39,11 +44,13 @@ class Viewer:
     """A viewer's queue of pictures: short, and a key picture takes the place of all others.
 
     Attributes:
+        work: to which its share of the encoder's work is charged.
         failure: why there are no more pictures; None while there may be some.
     """
 
-    def __init__(self, broadcast: Broadcast) -> None:
+    def __init__(self, broadcast: Broadcast, work: Work) -> None:
         self._broadcast = broadcast
+        self.work = work
         self._waiting: deque[Encoded] = deque()
         self._begun = False  # what cannot be shown by itself makes no sense before a key picture
         self._woken = anyio.Event()
@@ -105,6 +112,39 @@ class Viewer:
             self._woken.set()
 
 
+class EncoderThreads:
+    """Where pictures are made: a thread for each core, since more would only take turns, and one for all
+    those that are only made for viewers beyond their rate of work."""
+
+    def __init__(self) -> None:
+        self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
+        self._beyond_rate = anyio.Lock()
+
+    async def run(self, encode: Callable[[], T], viewers: Sequence[Work]) -> T:
+        """Run `encode` in a thread, and charge the processor's time to the viewers in equal parts.
+
+        Raises what `encode` raises.
+        """
+        seconds = 0.0
+
+        def work() -> T:
+            nonlocal seconds
+            began = time.thread_time()
+            try:
+                return encode()
+            finally:
+                seconds = time.thread_time() - began
+
+        try:
+            if viewers and all(viewer.excess for viewer in viewers):
+                async with self._beyond_rate:
+                    return await anyio.to_thread.run_sync(work, limiter=self._limiter)
+            return await anyio.to_thread.run_sync(work, limiter=self._limiter)
+        finally:
+            for viewer in viewers:
+                viewer.add(seconds / len(viewers), "pictures")
+
+
 class Broadcast:
     """What equal requests share: the subscription, the encoder and the pictures.
 
@@ -112,7 +152,7 @@ class Broadcast:
         node: whose subscription it is.
         request: what is wanted, of the very topic to subscribe to.
         make_encoder: makes the encoder, in a worker thread: it loads libraries.
-        limiter: bounds the worker threads of all broadcasts.
+        threads: the worker threads that all broadcasts share.
         counts: what is counted.
         on_end: called once when the last viewer has left, or when there is nothing to see.
         now: seconds that never go back. Real time, as viewers have it, whatever clock the robot has.
@@ -128,7 +168,7 @@ class Broadcast:
         node: Node,
         request: StreamRequest,
         make_encoder: Callable[[], Encoder],
-        limiter: anyio.CapacityLimiter,
+        threads: EncoderThreads,
         counts: Counts,
         on_end: Callable[[Broadcast], None],
         now: Callable[[], float] = anyio.current_time,
@@ -141,7 +181,7 @@ class Broadcast:
         self._log = node.log
         self._make_encoder = make_encoder
         self._encoder: Encoder | None = None
-        self._limiter = limiter
+        self._threads = threads
         self._on_end = on_end
         self._newest: Payload | None = None  # not encoded yet
         self._last: Payload | None = None  # encoded
@@ -155,9 +195,13 @@ class Broadcast:
         # Last: what is kept for late joiners comes at once.
         self._subscription = node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take)
 
-    def join(self) -> Viewer:
-        """A new viewer, who gets the last picture at once if there is one."""
-        viewer = Viewer(self)
+    def join(self, work: Work) -> Viewer:
+        """A new viewer, who gets the last picture at once if there is one.
+
+        Args:
+            work: what its share of the encoder's work is charged to.
+        """
+        viewer = Viewer(self, work)
         self.viewers.append(viewer)
         if self._shown is not None and self._shown.track is None:
             viewer.put(self._shown)
@@ -247,7 +291,7 @@ class Broadcast:
                 self._encoder = self._make_encoder()
             return self._encoder.encode(payload, at_ms, key=key)
 
-        encoded = await anyio.to_thread.run_sync(work, limiter=self._limiter)
+        encoded = await self._threads.run(work, tuple(viewer.work for viewer in self.viewers))
         if encoded is None and key:
             self._key_wanted = True
         return encoded

@@ -86,23 +86,31 @@ _VIEWER = """<!doctype html>
 {element}
 """
 
-_VIDEO = """<video src="{source}" autoplay muted playsinline oncanplay="this.play()"></video>
-<script>
+_VIDEO = """<video src="{source}" autoplay muted playsinline></video>
+<script>{script}</script>"""
+
+VIDEO_SCRIPT = """
 // autoplay alone waits until the player believes that it could play to the end: of a live video that is late.
 // A browser gathers some seconds before it begins, and would stay behind: play faster until caught up.
 const video = document.querySelector("video");
-video.onprogress = video.ontimeupdate = () => {{
+video.oncanplay = () => video.play();
+video.onprogress = video.ontimeupdate = () => {
   const parts = video.buffered;
   const behind = parts.length ? parts.end(parts.length - 1) - video.currentTime : 0;
   video.playbackRate = behind > 1 ? 2 : behind > 0.4 ? 1.2 : 1;
-}};
-</script>"""
+};
+"""
+"""The script of the page that shows a video."""
 
 
 def viewer_page(topic: str, query: str, *, video: bool) -> bytes:
     """The page of `/stream_viewer`: it shows `/stream` with the same query."""
     source = escape(f"stream?{query}")
-    element = _VIDEO.format(source=source) if video else f'<img src="{source}" alt="{escape(topic)}">'
+    element = (
+        _VIDEO.format(source=source, script=VIDEO_SCRIPT)
+        if video
+        else f'<img src="{source}" alt="{escape(topic)}">'
+    )
     return _VIEWER.format(topic=escape(topic), element=element).encode()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from functools import partial
 from types import MappingProxyType
@@ -12,13 +11,14 @@ from typing import Final
 import anyio
 
 from rwt_graph import Graph, Node
-from rwt_nodes.video.broadcast import Broadcast, Viewer
+from rwt_nodes.video.broadcast import Broadcast, EncoderThreads, Viewer
 from rwt_nodes.video.encoders.encoded import Encoded, Encoder
 from rwt_nodes.video.encoders.mp4 import TYPE as MP4
 from rwt_nodes.video.encoders.webm import TYPE as WEBM
 from rwt_nodes.video.errors import PictureUnreadable, RequestRefused
 from rwt_nodes.video.responses import (
     MULTIPART,
+    VIDEO_SCRIPT,
     multipart,
     timestamp,
     topic_list,
@@ -36,6 +36,8 @@ from rwt_transports.http import (
     MetricFamily,
     Reader,
     Route,
+    Work,
+    page_policy,
 )
 
 NAME: Final = "web_video_server"
@@ -82,8 +84,7 @@ class WebVideoServer:
         self._most_pixels = most_pixels
         self._broadcasts: dict[StreamRequest, Broadcast] = {}
         self._stream_metrics = StreamMetrics()
-        # A thread for each core: more would only take turns.
-        self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
+        self._threads = EncoderThreads()
         pages = (("/stream", self._stream), ("/stream_viewer", self._viewer), ("/snapshot", self._snapshot))
         self.http: Final = HttpExtension(
             tuple(Route(path, partial(self._answer, page), Audience.ADMITTED) for path, page in pages),
@@ -127,7 +128,7 @@ class WebVideoServer:
         stream = await self._resolved(stream, topics)
         self._check_room(stream)
         counts = self._stream_metrics.of(stream.topic, stream.type)
-        join = partial(self._join, stream)
+        join = partial(self._join, stream, topics.reader.work)
         if not isinstance(stream.coding, Video):
             return HttpResponse(multipart(join, counts), content_type=MULTIPART, headers=_NO_CACHE)
         media_type = MP4 if stream.type == "h264" else WEBM
@@ -137,8 +138,10 @@ class WebVideoServer:
         self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
     ) -> HttpResponse:
         _check_codec(stream)
-        page = viewer_page(stream.topic, request.query, video=isinstance(stream.coding, Video))
-        return HttpResponse(page, content_type="text/html; charset=utf-8", headers=_NO_CACHE)
+        video = isinstance(stream.coding, Video)
+        page = viewer_page(stream.topic, request.query, video=video)
+        headers = {**_NO_CACHE, **page_policy(VIDEO_SCRIPT if video else "")}
+        return HttpResponse(page, content_type="text/html; charset=utf-8", headers=headers)
 
     async def _snapshot(
         self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
@@ -147,15 +150,15 @@ class WebVideoServer:
             raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
         stream = await self._resolved(stream, topics)
         self._check_room(stream)
-        picture = await self._one_picture(stream)
+        picture = await self._one_picture(stream, topics.reader.work)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
         counts = self._stream_metrics.of(stream.topic, stream.type)
         counts.sent += 1
         counts.sent_bytes += len(picture.data)
         return HttpResponse(picture.data, content_type=picture.media_type, headers=headers)
 
-    async def _one_picture(self, stream: StreamRequest) -> Encoded:
-        viewer, picture = self._join(stream), None
+    async def _one_picture(self, stream: StreamRequest, work: Work) -> Encoded:
+        viewer, picture = self._join(stream, work), None
         try:
             with anyio.move_on_after(PATIENCE):
                 picture = await viewer.next()
@@ -234,7 +237,7 @@ class WebVideoServer:
             broadcast.pixels = 0
             raise
 
-    def _join(self, stream: StreamRequest) -> Viewer:
+    def _join(self, stream: StreamRequest, work: Work) -> Viewer:
         """A viewer of what is asked for; the first one starts the encoder."""
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
@@ -243,12 +246,12 @@ class WebVideoServer:
                 self._node,
                 stream,
                 partial(_make_encoder, stream, partial(self._reserve, stream)),
-                self._limiter,
+                self._threads,
                 counts,
                 self._ended,
             )
             self._broadcasts[stream] = broadcast
-        return broadcast.join()
+        return broadcast.join(work)
 
     def _ended(self, broadcast: Broadcast) -> None:
         if self._broadcasts.get(broadcast.request) is broadcast:

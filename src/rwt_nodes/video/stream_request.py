@@ -24,8 +24,9 @@ MOST_AREA: Final = 4_096_000
 TYPES: Final = ("mjpeg", "png", "ros_compressed", "vp8", "vp9", "h264")
 #: Those of x264 that end in time: slower ones take seconds for a picture, and most of the memory.
 PRESETS: Final = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium")
-#: Of VP8. `best` of the library takes ten seconds for a large picture.
-QUALITIES: Final = ("realtime", "good")
+#: Of VP8, and what is done for each: `best` of the library, which pages written for `web_video_server` ask
+#: for, takes ten seconds for a large picture.
+QUALITIES: Final = {"realtime": "realtime", "good": "good", "best": "good"}
 QOS_PROFILES: Final[Mapping[str, QoS]] = {
     "default": DEFAULT_QOS,
     "system_default": DEFAULT_QOS,
@@ -169,7 +170,7 @@ def _coding(type_: str, given: Mapping[str, str]) -> Coding:
         qmin=_number(given, "qmin", 0, 63, 10),
         qmax=_number(given, "qmax", 0, 63, 42),
         gop=_number(given, "gop", 1, 10_000, 25),
-        quality=_choice(given, "quality", QUALITIES, "realtime") if type_ == "vp8" else "",
+        quality=QUALITIES[_choice(given, "quality", tuple(QUALITIES), "realtime")] if type_ == "vp8" else "",
         preset=_choice(given, "preset", PRESETS, "ultrafast") if type_ == "h264" else "",
     )
     if video.qmin > video.qmax:

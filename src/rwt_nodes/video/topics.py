@@ -21,11 +21,14 @@ class VisibleTopics:
     """The topics of a graph that one reader may subscribe to.
 
     The pages of this package know the graph's topics by this alone, so none of them can show a hidden one.
+
+    Attributes:
+        reader: who that is.
     """
 
     def __init__(self, graph: Graph, reader: Reader) -> None:
         self._graph = graph
-        self._reader = reader
+        self.reader = reader
 
     def of_types(self, *types: str) -> list[str]:
         """The topics of these types, two-part names, sorted."""
@@ -33,7 +36,7 @@ class VisibleTopics:
 
     def type_of(self, topic: str) -> str | None:
         """A topic's type by its two-part name; None for one that is hidden, not there, or without a type."""
-        info = self._graph.topic(topic) if self._reader.may_subscribe(topic) else None
+        info = self._graph.topic(topic) if self.reader.may_subscribe(topic) else None
         return info.type.name if info is not None and info.type is not None else None
 
     def require(self, topic: str) -> None:
@@ -42,7 +45,7 @@ class VisibleTopics:
         Raises:
             RequestRefused: with status 403.
         """
-        if not self._reader.may_subscribe(topic):
+        if not self.reader.may_subscribe(topic):
             raise RequestRefused(403, f"you may not subscribe to {topic}")
 
     def resolve(self, request: StreamRequest) -> StreamRequest | None:

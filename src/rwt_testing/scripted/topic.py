@@ -15,7 +15,7 @@ from rwt_testing.expectations import PATIENCE, refuse_on_an_event_loop
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
-    from rwt_graph.clock import Timer
+    from rwt_program.timers import Timer
 
 _LOOK = 0.005
 

@@ -16,7 +16,7 @@ from rwt_protocol.codecs import bson_codec
 from rwt_protocol.errors import EncodingUnavailable
 from rwt_protocol.ops import Direction, Op
 from rwt_protocol.session import Refusal, Session
-from rwt_protocol.transport import AS_MANY_AS_FIT, DropReason, FlowRules
+from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, FlowRules
 from rwt_testing.wire.faults import PASS, FaultAction, Faults, Subject
 from rwt_testing.wire.slow_reader import SlowReader
 from rwt_testing.wire.transcript import Transcript, shown_bytes, shown_frame
@@ -153,10 +153,10 @@ class _ObservedEndpoint:
         if not self._over:
             self.inner.receive(data, binary)
 
-    def oversized(self, size: int, limit: int) -> None:
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
         self._wire.transcript.message(self._number, "→", f"<{size} bytes: too large, skipped>")
         if isinstance(self.inner, OversizeAware):
-            self.inner.oversized(size, limit)
+            self.inner.oversized(size, limit, head)
 
     def closed(self, code: int, reason: str) -> None:
         self._over = True
@@ -269,6 +269,9 @@ class _ObservedFlow:
 
     def send(self, frame: Frame) -> None:
         self._sink.pass_on(frame, self._subjects, self, lambda: self._inner.send(frame))
+
+    def join(self, burst: Burst) -> bool:
+        return False
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
         send = partial(self._inner.send_message, pieces, expires_ns)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from rwt_program.diagnostics import DiagnosticLevel, DiagnosticStatus, DiagnosticUpdater
 from rwt_program.errors import (
     CallFailed,
     CallTimeout,
@@ -27,6 +28,8 @@ from rwt_program.errors import (
 )
 from rwt_program.goals import GoalResult, GoalStatus, ReceivedGoal
 from rwt_program.qos import LATCHED, SENSOR_DATA
+from rwt_program.watchdog import Watchdog
+from rwt_tf2 import Transform
 
 ADD = "example_interfaces/AddTwoInts"
 FIBONACCI = "example_interfaces/Fibonacci"
@@ -99,6 +102,26 @@ async def hear_nothing(robot: Any) -> Any:
     await robot.once("/silence", STRING, timeout=0.05)
 
 
+@raises(TimedOut, "no message came on /world/levl within 0.05 s; did you mean /world/level?")
+async def hear_nothing_by_a_name_with_a_mistake(robot: Any) -> Any:
+    await robot.once("/world/levl", "std_msgs/Int32", timeout=0.05)
+
+
+@raises(NotFound, "; did you mean /world/level?")
+async def publish_without_a_type_by_a_name_with_a_mistake(robot: Any) -> Any:
+    await robot.publish("/world/levl", {"data": 1})
+
+
+@raises(UnknownType, "did you mean std_msgs/String?")
+async def subscribe_to_a_type_with_a_mistake(robot: Any) -> Any:
+    await robot.subscribe("/words", print, "std_msgs/Strng")
+
+
+@raises(InvalidMessage, 'std_msgs/String has no field "dta"; it has data')
+async def publish_a_field_with_a_mistake(robot: Any) -> Any:
+    robot.publish("/words", {"dta": "x"}, STRING)
+
+
 @raises(HandleClosed, "the subscription to /words was closed")
 async def take_from_what_is_closed(robot: Any) -> Any:
     words = await robot.topic("/words", STRING)
@@ -168,6 +191,16 @@ async def call_nobody_by_a_type(robot: Any) -> Any:
     await robot.call("/nobody", {}, ADD)
 
 
+@raises(ProviderNotFound, "; did you mean /world/add?")
+async def call_by_a_name_with_a_mistake(robot: Any) -> Any:
+    await robot.call("/world/ad", {"a": 1})
+
+
+@raises(ProviderNotFound, "Service /world/ad does not exist; did you mean /world/add?")
+async def call_by_a_name_with_a_mistake_and_a_type(robot: Any) -> Any:
+    await robot.call("/world/ad", {"a": 1}, ADD)
+
+
 @raises(CallTimeout)
 async def call_what_does_not_answer(robot: Any) -> Any:
     await robot.call("/world/silent", timeout=0.05)
@@ -234,6 +267,17 @@ async def send_a_goal_to_nobody_by_a_type(robot: Any) -> Any:
     await goal.result(timeout=PATIENCE)
 
 
+@raises(ProviderNotFound, "; did you mean /world/fibonacci?")
+async def send_a_goal_by_a_name_with_a_mistake(robot: Any) -> Any:
+    await robot.send_goal("/world/fibonaci")
+
+
+@raises(ProviderNotFound, "Action /world/fibonaci does not exist; did you mean /world/fibonacci?")
+async def send_a_goal_by_a_name_with_a_mistake_and_a_type(robot: Any) -> Any:
+    goal = await robot.send_goal("/world/fibonaci", {}, FIBONACCI)
+    await goal.result(timeout=PATIENCE)
+
+
 @raises(CallTimeout, "the goal of /world/idle has not ended within 0.05 s")
 async def wait_too_short_for_a_goal(robot: Any) -> Any:
     goal = await robot.send_goal("/world/idle")
@@ -243,6 +287,70 @@ async def wait_too_short_for_a_goal(robot: Any) -> Any:
 @raises(InvalidMessage, "order: ")
 async def send_a_goal_that_does_not_fit(robot: Any) -> Any:
     await robot.send_goal("/world/fibonacci", {"order": "x"})
+
+
+# -- what a robot needs on its own side ----------------------------------------------------------------------
+
+
+@gives([1, 2, 3])
+async def have_a_timer(robot: Any) -> Any:
+    ticks = 0
+
+    def tick() -> None:
+        nonlocal ticks
+        ticks += 1
+        robot.publish("/ticks", {"data": ticks}, "std_msgs/Int32")
+
+    async with robot.topic("/ticks", "std_msgs/Int32") as heard:
+        timer = robot.create_timer(0.01, tick)
+        numbers = [(await heard.get(timeout=PATIENCE)).data for _ in range(3)]
+        timer.reset()
+        timer.cancel()
+        return numbers
+
+
+@gives(["drives", "stands", "stands"])
+async def stop_when_no_command_comes(robot: Any) -> Any:
+    def tell(state: str) -> None:
+        robot.publish("/motors", {"data": state}, STRING)
+
+    def drive(command: Any) -> None:
+        watchdog.feed()
+        tell("drives")
+
+    async with robot.topic("/motors", STRING) as motors:
+        with (
+            Watchdog(robot, 0.01, lambda: tell("stands")) as watchdog,
+            await robot.subscribe("/command", drive, STRING),
+        ):
+            robot.publish("/command", {"data": "go"}, STRING)
+            states = [(await motors.get(timeout=PATIENCE)).data for _ in range(2)]
+        return [*states, (await motors.get(timeout=PATIENCE)).data]
+
+
+@gives(("robot: motors", 1, "warm", "serial 7", [("celsius", "71")]))
+async def tell_of_its_health(robot: Any) -> Any:
+    updater = DiagnosticUpdater(robot, "robot", hardware_id="serial 7", period=0.01)
+    updater.add("motors", lambda: DiagnosticStatus(DiagnosticLevel.WARN, "warm", {"celsius": 71}))
+    found = await robot.once("/diagnostics", "diagnostic_msgs/DiagnosticArray", timeout=PATIENCE)
+    updater.close()
+    [status] = found.status
+    values = [(pair.key, pair.value) for pair in status.values]
+    return status.name, status.level, status.message, status.hardware_id, values
+
+
+@gives(((0.0, 0.0, 0.5), (1.5, 0.0, 0.0)))
+async def tell_where_it_is(robot: Any) -> Any:
+    robot.tf.send_transform("base", "lamp", Transform((0.0, 0.0, 0.5)), static=True)
+    lamp = await robot.tf.lookup("base", "lamp", timeout=PATIENCE)
+    robot.tf.send_transform("map", "cart", Transform((1.5, 0.0, 0.0)))
+    cart = await robot.tf.lookup("map", "cart", timeout=PATIENCE)
+    return lamp.transform.translation, cart.transform.translation
+
+
+@raises(InvalidMessage, "transforms: base cannot be its own parent")
+async def tell_where_nothing_can_be(robot: Any) -> Any:
+    robot.tf.send_transform("base", "base", Transform())
 
 
 # -- parameters, transforms, time ----------------------------------------------------------------------------

@@ -222,3 +222,31 @@ async def test_ros_1_serves_its_actions_over_topics(lab: Any) -> None:
     await lab.settle()
     assert [(r.status.goal_id.id, r.status.status) for r in results] == [("trip-1", 3)]
     assert (await in_map(lab))[:2] == pytest.approx((-2.4, -2.5), abs=0.06)
+
+
+async def test_the_robots_place_in_the_map_is_published_for_pages(lab: Any) -> None:
+    poses = lab.watch("/robot_pose")
+    lab.command(linear=0.5, seconds=1.0)
+    moved = poses[-1].position.x - poses[0].position.x
+    assert (poses[0].position.x, poses[0].position.y) == pytest.approx((-3.4, poses[-1].position.y), abs=0.05)
+    assert moved > 0.3
+
+
+async def test_pages_of_ros_1_send_it_where_they_want_by_move_base(lab: Any, distro: str) -> None:
+    if distro != "noetic":
+        assert lab.graph.action("/move_base") is None
+        return
+    feedback: list[Any] = []
+    start = lab.latest("/robot_pose").position
+    target = {
+        "header": {"frame_id": "/map"},
+        "pose": {"position": {"x": start.x + 0.6, "y": start.y}, "orientation": {"w": 1.0}},
+    }
+    goal = await lab.user.send_goal("/move_base", {"target_pose": target}, on_feedback=feedback.append)
+    await lab.pass_time(10.0)
+    await goal.result()
+    assert lab.latest("/robot_pose").position.x == pytest.approx(start.x + 0.6, abs=0.1)
+    assert feedback[-1].base_position.header.frame_id == "map"
+    rejected = {"target_pose": {"header": {"frame_id": "moon"}}}
+    with pytest.raises(GoalRejected, match='frame "moon"'):
+        await lab.user.send_goal("/move_base", rejected)

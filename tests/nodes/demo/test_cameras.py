@@ -180,3 +180,25 @@ async def test_a_depth_cloud_and_a_thin_cloud_of_the_same_room(lab: Any) -> None
     assert np.array_equal(found.valid, (middle > 0) & (middle < 5.97))
     assert np.abs(found.depths - middle)[found.valid].max() < 2.1e-3
     assert thin["z"].min() == pytest.approx(found.depths[found.valid].min(), abs=0.1)
+
+
+@pytest.mark.anyio
+async def test_pages_for_openni_cameras_get_the_depth_stream_they_expect_when_asked(lab: Any) -> None:
+    """`f: 525`, tiles of a metre, 512 pixels and OpenNI's frame, as in the stock `depthcloud.html`."""
+    separator = ":" if lab.graph.distro.parameters_belong_to_nodes else "/"
+    crop = f"/depthcloud_encoder{separator}crop_size"
+    whole = await lab.user.params.get(crop)
+    for asked in (True, False):
+        await lab.user.params.set(lab.parameter("openni_depth_cloud"), asked)
+        sizes = [
+            await lab.user.params.get(f"/depthcloud_encoder{separator}{name}")
+            for name in ("target_resolution", "max_depth_per_tile")
+        ]
+        assert sizes == ([512, 1.0] if asked else [256, 3.0])
+        cropped = await lab.user.params.get(crop)
+        if asked:
+            assert 500 * Lens().focal / cropped == pytest.approx(525, rel=0.002)
+        else:
+            assert cropped == whole
+        frames = {each.child_frame_id for each in lab.latest("/tf_static").transforms}
+        assert ("camera_rgb_optical_frame" in frames) is asked

@@ -49,7 +49,7 @@ def rows(path: Path) -> list[Row]:
         return [
             (
                 channel.topic,
-                schema.name if schema else "",
+                channel.metadata.get("ros_type") or (schema.name if schema else ""),
                 each.log_time,
                 each.publish_time,
                 each.sequence,

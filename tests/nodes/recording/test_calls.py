@@ -8,6 +8,9 @@ from typing import Any
 
 import anyio
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import NOETIC, Registry
@@ -172,3 +175,44 @@ async def test_a_goal_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
         [],
         [(4, [0, 1, 1])],
     ]
+
+
+async def _count(goal: ReceivedGoal) -> dict[str, object]:
+    goal.publish_feedback({"sequence": [0]})
+    return {"sequence": [0, 1]}
+
+
+@pytest.mark.anyio
+async def test_common_readers_read_a_file_with_calls_and_goals_and_ours_has_ros_names(tmp_path: Path) -> None:
+    """mcap-ros2-support and rosbags, neither of which takes the names that ROS 2 makes by rule."""
+    path = tmp_path / "run.mcap"
+    graph, clock = graph_at()
+    async with graph:
+        with Node(graph, "robot") as node, Recorder(graph, path, OWN) as recorder:
+            node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
+            node.advertise_action("/count", "example_interfaces/Fibonacci", _count)
+            with closing(Introspection(graph, on_topic=recorder.look)):
+                clock.advance(1.0)
+                await node.call("/add", {"a": 1, "b": 2})
+                goal = await node.send_goal("/count", {"order": 1})
+                await goal.result()
+    topics = {
+        "/add/_service_event",
+        "/count/_action/feedback",
+        "/count/_action/status",
+        "/count/_action/send_goal/_service_event",
+        "/count/_action/get_result/_service_event",
+    }
+    with path.open("rb") as file:
+        decoded = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages())
+    assert {channel.topic for _, channel, _, _ in decoded} == topics
+    (asked, answered) = [each for _, channel, _, each in decoded if channel.topic == EVENTS]
+    assert (asked.request[0].a, asked.request[0].b, answered.response[0].sum) == (1, 2, 3)
+    with AnyReader([path]) as reader:
+        read = [reader.deserialize(data, each.msgtype) for each, _, data in reader.messages()]
+    assert len(read) == len(decoded)
+    with open_recording([path]) as recording:
+        types = {topic.name: topic.type for topic in recording.topics}
+        assert set(types) == topics
+        assert types[EVENTS] == "example_interfaces/srv/AddTwoInts_Event"
+        assert types["/count/_action/feedback"] == "example_interfaces/action/Fibonacci_FeedbackMessage"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
@@ -12,11 +13,12 @@ import anyio.lowlevel
 import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_nodes.video.broadcast import Broadcast, Viewer
+from rwt_nodes.video.broadcast import Broadcast, EncoderThreads, Viewer
 from rwt_nodes.video.encoders.encoded import Encoded, Track
 from rwt_nodes.video.errors import PictureUnreadable
 from rwt_nodes.video.stream_metrics import MOST_STREAMS, Counts, StreamMetrics
 from rwt_nodes.video.stream_request import read_request
+from tests.nodes.readers import CountedWork
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
@@ -58,6 +60,9 @@ class Studio:
     ended: list[Broadcast]
     publish: Callable[[int], None]
 
+    def join(self, work: CountedWork | None = None) -> Viewer:
+        return self.broadcast.join(work or CountedWork())
+
     def listeners(self) -> int:
         topic = self.graph.topic("/a")
         return len(topic.subscribers) if topic else 0
@@ -85,7 +90,7 @@ async def _studio(query: str, video: bool) -> AsyncIterator[Studio]:
             node,
             read_request(query),
             lambda: encoder,
-            anyio.CapacityLimiter(2),
+            EncoderThreads(),
             counts,
             ended.append,
             clock.monotonic,
@@ -117,7 +122,7 @@ async def _next(viewer: Viewer) -> int | None:
 
 
 async def test_many_viewers_and_one_encode_off_the_loops_thread(stills: Studio) -> None:
-    viewers = [stills.broadcast.join() for _ in range(10)]
+    viewers = [stills.join() for _ in range(10)]
     for number in range(3):
         stills.publish(number)
         with anyio.fail_after(20):
@@ -129,7 +134,7 @@ async def test_many_viewers_and_one_encode_off_the_loops_thread(stills: Studio) 
 
 
 async def test_a_slow_viewer_gets_the_newest_and_costs_no_encodes(stills: Studio) -> None:
-    viewer = stills.broadcast.join()
+    viewer = stills.join()
     stills.publish(0)
     await _eventually(lambda: stills.counts.encoded == 1)
     for number in range(1, 100):
@@ -144,7 +149,7 @@ async def test_a_slow_viewer_gets_the_newest_and_costs_no_encodes(stills: Studio
 
 
 async def test_a_slow_viewer_beside_a_fast_one_loses_only_its_own(stills: Studio) -> None:
-    slow, fast = stills.broadcast.join(), stills.broadcast.join()
+    slow, fast = stills.join(), stills.join()
     for number in range(10):
         stills.publish(number)
         assert await _next(fast) == number
@@ -154,15 +159,15 @@ async def test_a_slow_viewer_beside_a_fast_one_loses_only_its_own(stills: Studio
 
 
 async def test_a_viewer_who_joins_late_sees_the_last_picture_at_once(stills: Studio) -> None:
-    first = stills.broadcast.join()
+    first = stills.join()
     stills.publish(7)
     assert await _next(first) == 7
-    assert await _next(stills.broadcast.join()) == 7
+    assert await _next(stills.join()) == 7
     assert stills.counts.encoded == 1
 
 
 async def test_the_last_who_leaves_stops_everything(stills: Studio) -> None:
-    one, two = stills.broadcast.join(), stills.broadcast.join()
+    one, two = stills.join(), stills.join()
     assert stills.listeners() == 1
     one.leave()
     one.leave()
@@ -179,7 +184,7 @@ async def test_the_last_who_leaves_stops_everything(stills: Studio) -> None:
 
 
 async def test_who_is_waiting_when_it_ends_is_let_go(stills: Studio) -> None:
-    viewer = stills.broadcast.join()
+    viewer = stills.join()
     async with anyio.create_task_group() as tasks:
 
         async def wait() -> None:
@@ -193,7 +198,7 @@ async def test_who_is_waiting_when_it_ends_is_let_go(stills: Studio) -> None:
 async def test_an_unreadable_first_picture_is_the_end_and_a_later_one_is_left_out(
     stills: Studio, caplog: pytest.LogCaptureFixture
 ) -> None:
-    viewer = stills.broadcast.join()
+    viewer = stills.join()
     stills.publish(1)
     assert await _next(viewer) == 1
     for count in (1, 2):
@@ -205,7 +210,7 @@ async def test_an_unreadable_first_picture_is_the_end_and_a_later_one_is_left_ou
 
 
 async def test_an_unreadable_first_picture(video: Studio) -> None:
-    viewer = video.broadcast.join()
+    viewer = video.join()
     video.publish(255)
     assert await _next(viewer) is None
     assert str(viewer.failure) == "torn"
@@ -216,12 +221,12 @@ async def test_an_unreadable_first_picture(video: Studio) -> None:
 
 
 async def test_a_video_begins_with_a_key_picture_for_everybody(video: Studio) -> None:
-    one = video.broadcast.join()
+    one = video.join()
     video.publish(0)
     assert await _next(one) == 0
     video.publish(1)
     assert await _next(one) == 1
-    two = video.broadcast.join()
+    two = video.join()
     # The last picture is made again as a key picture, for the camera may be silent.
     assert (await _next(two), await _next(one)) == (1, 1)
     video.publish(2)
@@ -230,7 +235,7 @@ async def test_a_video_begins_with_a_key_picture_for_everybody(video: Studio) ->
 
 
 async def test_a_slow_viewer_of_a_video_gets_fewer_pictures_and_no_gap(video: Studio) -> None:
-    viewer = video.broadcast.join()
+    viewer = video.join()
     for number in range(4):
         video.publish(number)
         await _eventually(lambda number=number: video.counts.encoded == number + 1)  # type: ignore[misc]  # default
@@ -243,7 +248,7 @@ async def test_a_slow_viewer_of_a_video_gets_fewer_pictures_and_no_gap(video: St
 
 
 async def test_a_slow_viewer_beside_a_fast_one_goes_on_at_the_next_key_picture(video: Studio) -> None:
-    slow, fast = video.broadcast.join(), video.broadcast.join()
+    slow, fast = video.join(), video.join()
     for number in range(5):
         video.publish(number)
         assert await _next(fast) == number
@@ -261,18 +266,18 @@ async def test_a_slow_viewer_beside_a_fast_one_goes_on_at_the_next_key_picture(v
 
 
 async def test_a_key_picture_takes_the_place_of_what_waits(video: Studio) -> None:
-    slow, fast = video.broadcast.join(), video.broadcast.join()
+    slow, fast = video.join(), video.join()
     for number in range(3):
         video.publish(number)
         assert await _next(fast) == number
-    third = video.broadcast.join()
+    third = video.join()
     assert await _next(third) == 2
     assert await _next(slow) == 2
     assert video.counts.dropped == 3
 
 
 async def test_a_picture_that_the_codec_leaves_out_is_missed_by_nobody(video: Studio) -> None:
-    viewer = video.broadcast.join()
+    viewer = video.join()
     video.publish(0)
     assert await _next(viewer) == 0
     video.publish(254)
@@ -296,3 +301,37 @@ def test_counts_are_kept_apart_up_to_a_bound() -> None:
     assert values["/t3"] == 1
     assert values[""] == 10
     assert len(values) == MOST_STREAMS + 1
+
+
+async def test_viewers_share_the_work_of_the_encoder(stills: Studio) -> None:
+    works = [CountedWork() for _ in range(4)]
+    viewers = [stills.join(work) for work in works]
+    stills.publish(1)
+    assert [await _next(viewer) for viewer in viewers] == [1] * 4
+    assert works[0].seconds > 0.0
+    assert {work.seconds for work in works} == {works[0].seconds}
+
+
+async def test_pictures_for_viewers_beyond_their_rate_are_made_one_at_a_time() -> None:
+    threads = EncoderThreads()
+    at_work, most, seen = threading.Semaphore(0), [0], list[int]()
+    lock = threading.Lock()
+
+    def encode() -> None:
+        with lock:
+            seen.append(1)
+            most[0] = max(most[0], sum(seen))
+        at_work.acquire(timeout=0.02)
+        with lock:
+            seen.append(-1)
+
+    beyond, within = CountedWork(1.0), CountedWork()
+    async with anyio.create_task_group() as tasks:
+        for _ in range(8):
+            tasks.start_soon(threads.run, encode, (beyond,))
+    assert most == [1]
+    both = threading.Barrier(2, timeout=20)
+    if (os.cpu_count() or 1) > 1:
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(threads.run, both.wait, (beyond,))
+            tasks.start_soon(threads.run, both.wait, (beyond, within))

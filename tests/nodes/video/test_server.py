@@ -6,9 +6,11 @@ import io
 import re
 import subprocess
 import sys
+from base64 import b64encode
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from hashlib import sha256
 from types import MappingProxyType
 from typing import Any
 
@@ -457,7 +459,7 @@ async def test_roles_decide_which_pictures_are_seen(anyio_backend: str) -> None:
         assert (await theatre.gets(f"/snapshot?topic=/open/image&token={TOKEN}")).status == 200
         header = await theatre.gets("/snapshot?topic=/open/image", Authorization=f"Bearer {TOKEN}")
         assert header.status == 200
-        index = (await theatre.gets(f"/?token={TOKEN}")).body.decode()
+        index = (await theatre.gets(f"/index?token={TOKEN}")).body.decode()
         assert "/open/image" in index
         assert "/cam/image" not in index
         # The links carry the token on, or they would lead nowhere.
@@ -489,7 +491,7 @@ async def test_scripts_of_allowed_origins_may_read(anyio_backend: str) -> None:
 async def test_the_index_lists_cameras_with_their_topics(theatre: Theatre) -> None:
     theatre.camera.advertise("/cam/depth/image", "sensor_msgs/Image")
     theatre.camera.advertise("/cam/depth/camera_info", "sensor_msgs/CameraInfo")
-    index = (await theatre.gets("/")).body.decode()
+    index = (await theatre.gets("/index")).body.decode()
     lists = re.findall(r"<li>(/cam/(?:depth/)?)<ul>", index)
     assert lists == ["/cam/", "/cam/depth/"]
     assert '<a href="stream_viewer?topic=/cam/image">image</a>' in index
@@ -497,9 +499,13 @@ async def test_the_index_lists_cameras_with_their_topics(theatre: Theatre) -> No
 
 
 async def test_a_viewer_page_shows_video_in_a_video_and_escapes_what_it_is_given(theatre: Theatre) -> None:
-    page = (await theatre.gets("/stream_viewer?topic=/cam/image&type=vp8&bitrate=5000")).body.decode()
+    answer = await theatre.gets("/stream_viewer?topic=/cam/image&type=vp8&bitrate=5000")
+    page = answer.body.decode()
+    script = page.partition("<script>")[2].partition("</script>")[0]
+    digest = b64encode(sha256(script.encode()).digest()).decode()
+    assert f"default-src 'none'; script-src 'sha256-{digest}'; " in answer.headers["content-security-policy"]
     assert '<video src="stream?topic=/cam/image&amp;type=vp8&amp;bitrate=5000" autoplay muted' in page
-    assert 'oncanplay="this.play()"' in page
+    assert "video.oncanplay = () => video.play()" in page
     page = (await theatre.gets('/stream_viewer?topic=/cam/image&x="><script>alert(1)</script>')).body.decode()
     assert "alert(1)" in page and "<script>" not in page
 

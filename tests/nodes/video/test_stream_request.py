@@ -59,7 +59,7 @@ def test_what_changes_a_picture(query: str) -> None:
         ("topic=/a&width=%D9%A3", "`width` must be a whole number"),
         ("topic=/a&quality=0", "`quality` must be a whole number from 1 to 100, got '0'"),
         ("topic=/a&type=png&quality=10", "`quality` must be a whole number from 0 to 9, got '10'"),
-        ("topic=/a&type=vp8&quality=80", "`quality` must be one of realtime, good, got '80'"),
+        ("topic=/a&type=vp8&quality=80", "`quality` must be one of realtime, good, best, got '80'"),
         ("topic=/a&type=vp8&bitrate=fast", "`bitrate` must be a whole number from 1000 to 100000000"),
         ("topic=/a&type=vp8&qmin=50", "`qmin` 50 is more than `qmax` 42"),
         ("topic=/a&type=h264&preset=quick", "`preset` must be one of ultrafast,"),

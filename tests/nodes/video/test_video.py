@@ -102,7 +102,7 @@ def test_the_size_of_the_first_picture_stays() -> None:
     assert [shown.shape for _, shown in _decoded(_written(video))] == [(24, 64, 3)] * 2
 
 
-@pytest.mark.parametrize("quality", ["realtime", "good"])
+@pytest.mark.parametrize("quality", ["realtime", "good", "best"])
 def test_the_qualities_of_vp8(quality: str) -> None:
     assert _video(f"type=vp8&quality={quality}&gop=3", [scene(n) for n in range(5)])[3].key
 

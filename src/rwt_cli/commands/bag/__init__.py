@@ -1,4 +1,4 @@
-"""`rwt bag`: record, play and describe recordings, as the `ros2` tool spells it."""
+"""`rwt bag`: record, play, describe and repair recordings, as the `ros2` tool spells it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ _UNAVAILABLE: Final = {
     "convert": "recordings are MCAP files, which other tools read as they are; `rosbags-convert` makes other"
     " forms of them",
     "list": "there are no plugins: MCAP is written; MCAP, .bag and folders of rosbag2 are read",
-    "reindex": "an MCAP file has its own index; `rwt recording recover` repairs one whose end is missing",
+    "reindex": "an MCAP file has its own index; `rwt bag recover` repairs one whose end is missing",
 }
 
 
 def add_bag_command(commands: Commands) -> None:
     """Add `bag` to the command line."""
-    from rwt_cli.commands.bag.play import add_play_command  # `rwt play` needs nothing of the others
-    from rwt_cli.commands.bag.record import add_bag_record_verb
-    from rwt_cli.commands.bag.recording import add_info_verb
+    from rwt_cli.commands.bag.play import add_play_verb
+    from rwt_cli.commands.bag.record import add_record_verb
+    from rwt_cli.commands.bag.recording import add_info_verb, add_recover_verb
 
     verbs = add_commands(commands.add_parser("bag", description=__doc__))
-    add_bag_record_verb(verbs)
-    add_play_command(verbs)
+    add_record_verb(verbs)
+    add_play_verb(verbs)
     add_info_verb(verbs)
+    add_recover_verb(verbs)
     for name, why in _UNAVAILABLE.items():
         add_unavailable(verbs, name, why)

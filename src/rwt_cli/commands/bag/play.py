@@ -1,4 +1,4 @@
-"""`rwt play`: serve a recording as a robot."""
+"""`rwt bag play`: serve a recording as a robot."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from rwt_cli.commands.config import add_settings_options, settings_of
 from rwt_cli.commands.serve import command_errors
 from rwt_cli.console.key_presses import Key, key_presses
 from rwt_cli.console.logs import log_to_stderr
+from rwt_cli.console.output import note
 from rwt_cli.errors import CommandError
+from rwt_cli.parser import Commands
 from rwt_cli.verbs import topic_glob
 
 if TYPE_CHECKING:
@@ -23,20 +25,20 @@ if TYPE_CHECKING:
 
 _EXAMPLES = """\
 examples:
-  rwt play run.mcap                             on ws://127.0.0.1:9090, at the speed it was recorded
-  rwt play run.mcap ws://0.0.0.0:9090 --loop
-  rwt play run.mcap --speed 4 --start 30 --end 60
-  rwt play run.mcap --paused                    until /rosbag2_player/resume is called, or space is pressed
-  rwt play old.bag --remap /scan:=/front/scan   bags of ROS 1 and folders of rosbag2 play too
+  rwt bag play run.mcap                            on ws://127.0.0.1:9090, as fast as it was recorded
+  rwt bag play run.mcap ws://0.0.0.0:9090 --loop
+  rwt bag play run.mcap --rate 4 --start-offset 30 --end 60
+  rwt bag play run.mcap --start-paused             until /rosbag2_player/resume is called or space pressed
+  rwt bag play old.bag --remap /scan:=/front/scan  bags of ROS 1 and folders of rosbag2 play too
 keys, in a terminal: space pauses and resumes, right plays the next message, up and down change the speed
 """
 _CLOCK_HZ = 40.0
 _FASTER = 1.1
 
 
-def add_play_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `play` to the command line, or to `bag`."""
-    parser = commands.add_parser(
+def add_play_verb(verbs: Commands) -> None:
+    """Add `play` to `bag`."""
+    parser = verbs.add_parser(
         "play",
         help="serve a recording as a robot",
         description=__doc__,
@@ -73,14 +75,12 @@ def add_play_command(commands: argparse._SubParsersAction[argparse.ArgumentParse
 
 
 def _add_time(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--rate", "-r", type=float, default=1.0, metavar="RATE", help="2 is twice as fast")
     parser.add_argument(
-        "--speed", "--rate", "-r", type=float, default=1.0, metavar="RATE", help="2 is twice as fast"
-    )
-    parser.add_argument(
-        "--start", "--start-offset", type=float, default=0.0, metavar="S", help="seconds from its beginning"
+        "--start-offset", type=float, default=0.0, metavar="S", help="seconds from its beginning"
     )
     parser.add_argument("--end", type=float, metavar="S", help="seconds from its beginning")
-    parser.add_argument("--paused", "--start-paused", "-p", action="store_true", help="wait to be resumed")
+    parser.add_argument("--start-paused", "-p", action="store_true", help="wait to be resumed")
     parser.add_argument("--loop", "-l", action="store_true", help="begin again at the end")
     parser.add_argument(
         "--stay", action="store_true", help="go on serving what is kept when the end was reached"
@@ -109,7 +109,7 @@ def _run(arguments: argparse.Namespace) -> int:
     files = [Path(word) for word in arguments.what if not _is_url(word)]
     if not files:
         raise CommandError(
-            "expected a recording to play, for example: rwt play run.mcap; "
+            "expected a recording to play, for example: rwt bag play run.mcap; "
             "it stands before options that take several words, such as --topics",
             exit_code=2,
         )
@@ -131,7 +131,7 @@ def _run(arguments: argparse.Namespace) -> int:
             code = server.run(announce=say, on_up=on_up)
             losses = server.player.losses if code == 0 else ()
             for loss in losses:
-                print(f"not played: {loss}", file=sys.stderr)
+                note(f"not played: {loss}")
             return code or int(bool(losses))
     except RecordingError as error:
         raise CommandError(str(error)) from error
@@ -146,11 +146,11 @@ def _options(arguments: argparse.Namespace) -> PlayOptions:
     from rwt_nodes.recording import TopicSelection
 
     return PlayOptions(
-        rate=arguments.speed,
-        start=arguments.start,
+        rate=arguments.rate,
+        start=arguments.start_offset,
         end=arguments.end,
         loop=arguments.loop,
-        paused=arguments.paused,
+        paused=arguments.start_paused,
         selection=TopicSelection(tuple(arguments.topics), tuple(arguments.exclude), True, True),
         remap=dict(arguments.remap),
         clock_hz=arguments.clock,
@@ -191,7 +191,6 @@ def _say_what_plays(recording: Recording) -> None:
     print(f"playing {count} messages of {length:.1f} s", file=sys.stderr)
     if not recording.complete:
         print(
-            "the recording was not ended properly: it is played as far as it goes"
-            " (see rwt recording recover)",
+            "the recording was not ended properly: it is played as far as it goes (see rwt bag recover)",
             file=sys.stderr,
         )

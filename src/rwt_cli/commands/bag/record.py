@@ -1,4 +1,4 @@
-"""`rwt record`: write what a robot publishes to an MCAP file, over its rosbridge server."""
+"""`rwt bag record`: write what a robot publishes to an MCAP file, over its rosbridge server."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import logging
 import re
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +17,7 @@ import anyio
 import anyio.to_thread
 
 from rwt.signals import STOP_SIGNALS, on_signals
+from rwt_cli.console.output import log_notes, note
 from rwt_cli.errors import CALLED_WRONGLY, CommandError
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import (
@@ -52,11 +53,11 @@ logger = logging.getLogger(__name__)
 
 _EXAMPLES = """\
 examples:
-  rwt record ws://robot:9090 -o run.mcap            everything, until Ctrl-C
-  rwt record ws://robot:9090 --topics /odom '/camera/*' --exclude '*/raw'
-  rwt record ws://robot:9090 --split 1GB            run_0000.mcap, run_0001.mcap, …
-  rwt record ws://robot:9090 --encoding json --max-seconds 60
-the file opens in Foxglove and Lichtblick, and `rwt play` serves it as a robot
+  rwt bag record -o run.mcap                        everything, until Ctrl-C
+  rwt bag record --url ws://robot:9090 /odom '/camera/*' --exclude '*/raw'
+  rwt bag record --split 1GB                        run_0000.mcap, run_0001.mcap, …
+  rwt bag record --encoding json --max-seconds 60
+the file opens in Foxglove and Lichtblick, and `rwt bag play` serves it as a robot
 """
 _LOOK_SECONDS = 1.0
 _PLAIN_PROGRESS_SECONDS = 10.0
@@ -83,34 +84,21 @@ class _RecordArguments:
     verbose: bool
 
 
-def add_record_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `record` to the command line."""
-    parser = commands.add_parser(
+def add_record_verb(verbs: Commands) -> None:
+    """Add `record` to `bag`."""
+    parser = verbs.add_parser(
         "record",
+        help="write what a robot publishes to an MCAP file",
         description=__doc__,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "url",
-        nargs="?",
-        metavar="URL",
-        help=f"the robot's server (default ${URL_VARIABLE}, or {DEFAULT_URL})",
-    )
-    _add_topics_option(parser)
-    _add_options(parser)
-
-
-def add_bag_record_verb(verbs: Commands) -> None:
-    """Add `record` to `bag`: as the ``ros2`` tool has it, with topics where `rwt record` has the robot."""
-    parser = verbs.add_parser(
-        "record",
-        help="write what a robot publishes to an MCAP file",
-        description=__doc__,
-        epilog="example:\n  rwt bag record -o run.mcap /odom /scan",
-    )
-    parser.add_argument(
-        "topics", nargs="*", metavar="TOPIC", type=topic_glob, help="only these, or what fits these patterns"
+        "topics",
+        nargs="*",
+        metavar="TOPIC",
+        type=topic_glob,
+        help="only these, or what fits these patterns (default: all)",
     )
     parser.add_argument("--all", "-a", action="store_true", help="all topics, which is the default")
     parser.add_argument(
@@ -136,13 +124,6 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--verbose", "-v", action="store_true", help="log every topic")
     parser.set_defaults(run=_run)
-
-
-def _add_topics_option(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--topics", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB",
-        help="only topics that fit one of these patterns (default: all)",
-    )  # fmt: skip
 
 
 def _add_topics(parser: argparse.ArgumentParser) -> None:
@@ -200,10 +181,10 @@ def parse_split(text: str) -> Split:
 def _run(arguments: argparse.Namespace) -> int:
     from rwt_program.errors import RobotError  # the client is loaded where it is used
 
-    logging.basicConfig(format="%(levelname)s %(message)s", level=logging.WARNING, stream=sys.stderr)
+    log_notes("%(levelname)s %(message)s")
     if arguments.verbose:
         logging.getLogger("rwt_cli").setLevel(logging.DEBUG)
-    _refuse_file(arguments.url)
+    _refuse_files(arguments.topics)
     path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
     order = _RecordArguments(
         url_of(arguments),
@@ -237,12 +218,11 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _refuse_file(url: str | None) -> None:
-    """Raise :exc:`CommandError` for the name of a file where the robot's URL stands."""
-    if url is not None and Path(url).suffix == ".mcap":
-        raise CommandError(
-            f"expected the robot's URL, got {url!r}; to record to it: -o {url}", CALLED_WRONGLY
-        )
+def _refuse_files(topics: Iterable[str]) -> None:
+    """Raise :exc:`CommandError` for the name of a file where topics stand."""
+    for topic in topics:
+        if topic.endswith(".mcap"):
+            raise CommandError(f"expected topics, got {topic!r}; to record to it: -o {topic}", CALLED_WRONGLY)
 
 
 async def _record(order: _RecordArguments) -> None:
@@ -275,7 +255,7 @@ async def _record_robot(robot: Robot, order: _RecordArguments, over: anyio.Event
     recorder = RemoteRecorder(robot, writer, order.selection, order.encoding, _named(order.latched))
     try:
         await recorder.poll()
-        print(f"recording {order.url} to {writer.paths[0]}", file=sys.stderr, flush=True)
+        note(f"recording {order.url} to {writer.paths[0]}")
         robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
         if not robot.connected and not order.reconnect:
             over.set()
@@ -320,7 +300,7 @@ def _finish(writer: RecordingWriter, verbose: bool) -> None:
     if writer.dropped:
         print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
     for channel in writer.channels if verbose else ():
-        print(f"  {channel.messages:8}  {channel.form.topic}", file=sys.stderr)
+        note(f"  {channel.messages:8}  {channel.form.topic}")
 
 
 class Progress:

@@ -1,4 +1,4 @@
-"""`rwt recording`: print what recordings hold, and repair those whose end is missing."""
+"""`rwt bag info` and `rwt bag recover`: print what recordings hold, and repair those whose end is missing."""
 
 from __future__ import annotations
 
@@ -9,32 +9,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rwt_cli.console.output import printable, standard_output
 from rwt_cli.errors import CommandError
-from rwt_cli.parser import Commands, add_commands
+from rwt_cli.parser import Commands
 
 if TYPE_CHECKING:
     from rwt_nodes.recording import Recording
     from rwt_program.qos import QoS
 
-_EXAMPLES = """\
-examples:
-  rwt recording info run.mcap
-  rwt recording info --json run_*.mcap old.bag
-  rwt recording recover run.mcap -o whole.mcap
-"""
 
-
-def add_recording_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add `recording` to the command line."""
-    parser = commands.add_parser(
-        "recording",
-        description=__doc__,
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    actions = add_commands(parser)
-    add_info_verb(actions)
-    recover = actions.add_parser(
+def add_recover_verb(verbs: Commands) -> None:
+    """Add `recover` to `bag`."""
+    recover = verbs.add_parser(
         "recover", help="copy what can be read of an MCAP file that was not ended into a complete one"
     )
     recover.add_argument("file", type=Path, metavar="FILE")
@@ -44,7 +30,7 @@ def add_recording_command(commands: argparse._SubParsersAction[argparse.Argument
 
 
 def add_info_verb(verbs: Commands) -> None:
-    """Add `info` to `recording`, or to `bag`."""
+    """Add `info` to `bag`."""
     info = verbs.add_parser("info", help="list topics, types, counts and times")
     info.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP, .bag or folder of rosbag2")
     info.add_argument("--json", action="store_true", help="as JSON")
@@ -56,7 +42,8 @@ def _run_info(arguments: argparse.Namespace) -> int:
 
     try:
         with open_recording(arguments.files) as recording:
-            print(json.dumps(described(recording), indent=2) if arguments.json else text_of(recording))
+            text = json.dumps(described(recording), indent=2) if arguments.json else text_of(recording)
+            standard_output(json=arguments.json).line(text)
     except RecordingError as error:
         raise CommandError(str(error)) from error
     return 0
@@ -119,11 +106,12 @@ def text_of(recording: Recording) -> str:
         "",
     ]
     if not recording.complete:
-        lines.insert(1, "note      not ended properly: `rwt recording recover` makes a complete file of it")
+        lines.insert(1, "note      not ended properly: `rwt bag recover` makes a complete file of it")
     width = max((len(topic.name) for topic in recording.topics), default=0)
     for topic in recording.topics:
         count = "?" if topic.count is None else topic.count
-        lines.append(f"{count:>9}  {topic.name:<{width}}  {topic.type}{_latched(topic.offered_qos)}")
+        name, kind = printable(topic.name), printable(topic.type)
+        lines.append(f"{count:>9}  {name:<{width}}  {kind}{_latched(topic.offered_qos)}")
     return "\n".join(lines)
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import re
 import secrets
 import statistics
 from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Final, Literal
 
 from rwt_cli.console.output import Output, Style, standard_output
 from rwt_cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
+from rwt_cli.health import health_of
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import (
     USUAL_TIMEOUT,
@@ -116,9 +114,11 @@ def _run(arguments: Arguments) -> int:
 
 def _print(finding: Finding, output: Output) -> None:
     verdict = output.styled(finding.verdict, _STYLES[finding.verdict])
-    output.line(f"{verdict}{' ' * (9 - len(finding.verdict))}{finding.name}: {finding.text}")
+    output.line(
+        f"{verdict}{' ' * (9 - len(finding.verdict))}{finding.name}: {output.escape_terminal(finding.text)}"
+    )
     if finding.advice:
-        output.line(f"{' ' * 9}-> {finding.advice}")
+        output.line(f"{' ' * 9}-> {output.escape_terminal(finding.advice)}")
 
 
 # -- the examination ---------------------------------------------------------------------------------------
@@ -174,48 +174,27 @@ def _how_to_connect(error: str, token: bool) -> str:
 
 
 async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:
-    """What the server reports at ``/healthz``, which only this project's servers have."""
-    import anyio.to_thread
-
-    scheme, _, rest = url.partition("://")
-    if scheme.lower() not in ("ws", "wss"):
-        return []
-    secure = scheme.lower() == "wss"
-    host = re.split("[/?]", rest)[0]
-    status, body = await anyio.to_thread.run_sync(partial(_get_health, host, secure, patience, tls))
-    if status == 0:
+    """What the server reports of itself, if it is reached over HTTP at all."""
+    health = await health_of(url, patience, tls)
+    if health is None:
         return []  # Whether it can be reached at all is the next finding.
-    try:
-        health = json.loads(body)
-        version, clients = health["version"], health["clients"]
-    except (ValueError, KeyError, TypeError):
+    if not health.version:
         return [Finding("server", "note", "the server does not report its version (only `rwt serve` does)")]
-    state = f"rwt {version}, {clients} client{'' if clients == 1 else 's'}"
-    if status == 200:
-        return [Finding("server", "ok", state)]
-    return [Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")]
-
-
-def _get_health(host: str, secure: bool, patience: float, tls: ssl.SSLContext | None) -> tuple[int, bytes]:
-    """Status and body of ``/healthz``; status 0 if there is no answer of HTTP."""
-    import http.client
-
-    try:
-        address = host.rpartition("@")[2]
-        if secure:
-            connection: http.client.HTTPConnection = http.client.HTTPSConnection(address, context=tls)
-        else:
-            has_port = ":" in address.rpartition("]")[2]
-            connection = http.client.HTTPConnection(address if has_port else f"{address}:9090")
-        connection.timeout = patience
-        try:
-            connection.request("GET", "/healthz")
-            answer = connection.getresponse()
-            return answer.status, answer.read(65536)
-        finally:
-            connection.close()
-    except (OSError, http.client.HTTPException, ValueError):
-        return 0, b""
+    clients = f"{health.clients} client{'' if health.clients == 1 else 's'}"
+    state = f"rwt {health.version}, {clients}, {health.work:.0%} of a processor at work for them"
+    if not health.running:
+        return [Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")]
+    if health.clients_beyond_rate:
+        return [
+            Finding(
+                "server",
+                "warning",
+                f"{state}, of whom {health.clients_beyond_rate} wait for each other",
+                "`rwt_client_work_seconds_total` in /metrics says who they are; limits.work_per_second allows"
+                " more",
+            )
+        ]
+    return [Finding("server", "ok", state)]
 
 
 class _Examination:

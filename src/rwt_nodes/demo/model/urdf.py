@@ -18,6 +18,8 @@ CASTER = "caster_link"
 CAMERA = "camera_link"
 #: z forwards, x to the right, y down: how ROS gives what a camera sees (REP 103).
 OPTICAL = "camera_optical_frame"
+#: What drivers of OpenNI cameras call that frame.
+OPENNI_OPTICAL = "camera_rgb_optical_frame"
 ARM_BASE = "arm_base_link"
 #: The point of the hand, z out of it.
 TOOL = "tool_link"

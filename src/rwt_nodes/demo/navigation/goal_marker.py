@@ -21,6 +21,7 @@ from rwt_nodes.interactive_markers import (
 from rwt_program.errors import CallFailed
 from rwt_program.goals import Goal, GoalStatus
 from rwt_program.messages import Message
+from rwt_tf2 import quaternion_from_yaw
 
 NAMESPACE = "goal_marker"
 _NAME = "goal"
@@ -98,5 +99,5 @@ def _marker(frame_id: str, start: Pose) -> messages.Message:
 def _pose(place: Pose) -> messages.Message:
     return {
         "position": messages.vector(place.x, place.y, _HEIGHT),
-        "orientation": messages.turn_about_z(place.heading),
+        "orientation": quaternion_from_yaw(place.heading),
     }

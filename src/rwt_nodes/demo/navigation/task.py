@@ -1,4 +1,4 @@
-"""The action `/navigate_to_pose`: plan a path, follow it, plan again.
+"""The actions `/navigate_to_pose` and, on ROS 1, `/move_base`: plan a path, follow it, plan again.
 
 The driving is done in :meth:`Navigation.steer`, once a control step, so that it needs no coroutine; that
 of the action only waits until its navigation task has ended.
@@ -7,8 +7,10 @@ of the action only waits until its navigation task has ended.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from functools import partial
+from typing import Any, Protocol
 
 import anyio
 
@@ -47,11 +49,45 @@ class NavigateRequest(Protocol):
     pose: _PoseStamped
 
 
+class MoveBaseRequest(Protocol):
+    """The goal of `move_base_msgs/MoveBase`."""
+
+    target_pose: _PoseStamped
+
+
+@dataclass(frozen=True, slots=True)
+class _Interface:
+    """How one action spells a navigation task.
+
+    Attributes:
+        target: where a goal leads.
+        pose_field: the field of the feedback that holds where the robot is.
+        has_progress: whether feedback and result have more than that.
+    """
+
+    target: Callable[[Any], _PoseStamped]
+    pose_field: str
+    has_progress: bool
+
+
+def _nav2_target(request: NavigateRequest) -> _PoseStamped:
+    return request.pose
+
+
+def _move_base_target(request: MoveBaseRequest) -> _PoseStamped:
+    return request.target_pose
+
+
+_NAV2 = _Interface(_nav2_target, "current_pose", has_progress=True)
+_MOVE_BASE = _Interface(_move_base_target, "base_position", has_progress=False)
+
+
 @dataclass(slots=True)
 class _NavigationTask:
     """One goal under way: its path and its progress."""
 
     goal: ReceivedGoal
+    interface: _Interface
     follower: PathFollower
     started: float
     ended: anyio.Event = field(default_factory=anyio.Event)
@@ -76,7 +112,13 @@ class Navigation:
         self._odom_origin = odom_origin
         self._task: _NavigationTask | None = None
         self._plans = node.advertise("plan", "nav_msgs/Path")
-        node.advertise_action("navigate_to_pose", ACTION, self._execute, accept=self._accept)
+        self._offer("navigate_to_pose", ACTION, _NAV2)
+        if node.distro.move_base_type is not None:
+            self._offer("move_base", node.distro.move_base_type, _MOVE_BASE)
+
+    def _offer(self, name: str, type: str, interface: _Interface) -> None:
+        execute = partial(self._execute, interface)
+        self._node.advertise_action(name, type, execute, accept=partial(self._accept, interface))
 
     @property
     def active(self) -> bool:
@@ -135,12 +177,13 @@ class Navigation:
         task.still_since = None
         return False
 
-    def _accept(self, request: NavigateRequest) -> bool | str:
+    def _accept(self, interface: _Interface, request: object) -> bool | str:
         """True, or the reason to reject the goal."""
-        target = messages.read_pose(request.pose.pose)
+        asked = interface.target(request)
+        target = messages.read_pose(asked.pose)
         if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
             return "the goal's pose has a value that is not a finite number"
-        given, known = request.pose.header.frame_id, self._frames()
+        given, known = asked.header.frame_id, self._frames()
         if _bare(given) not in known:
             _, *others, last = known
             return f'the goal is in frame "{given}"; use {", ".join(others)} or {last}'
@@ -155,15 +198,15 @@ class Navigation:
             frame(self._node, BASE): self._drive.pose,
         }
 
-    async def _execute(self, goal: ReceivedGoal) -> messages.Message:
+    async def _execute(self, interface: _Interface, goal: ReceivedGoal) -> messages.Message:
         self.abort("a newer goal took its place")
-        request: NavigateRequest = goal.request
-        origin = self._frames()[_bare(request.pose.header.frame_id)]
+        asked = interface.target(goal.request)
+        origin = self._frames()[_bare(asked.header.frame_id)]
         try:
-            follower = self._plan(origin.after(messages.read_pose(request.pose.pose)))
+            follower = self._plan(origin.after(messages.read_pose(asked.pose)))
         except NoPath as error:
-            raise GoalAborted(self._result(str(error)), str(error)) from error
-        task = self._task = _NavigationTask(goal, follower, self._node.clock.monotonic())
+            raise GoalAborted(self._result(interface, str(error)), str(error)) from error
+        task = self._task = _NavigationTask(goal, interface, follower, self._node.clock.monotonic())
         try:
             await task.ended.wait()
         finally:
@@ -171,10 +214,10 @@ class Navigation:
             if self._task is task:
                 self._task = None
         if task.status is GoalStatus.CANCELED:
-            raise GoalCanceled(self._result("canceled"))
+            raise GoalCanceled(self._result(interface, "canceled"))
         if task.status is GoalStatus.ABORTED:
-            raise GoalAborted(self._result(task.reason), task.reason)
-        return self._result("")
+            raise GoalAborted(self._result(interface, task.reason), task.reason)
+        return self._result(interface, "")
 
     def _plan(self, target: Pose) -> PathFollower:
         here = self._drive.pose
@@ -193,24 +236,30 @@ class Navigation:
         if now - task.last_feedback < _FEEDBACK_EVERY - 0.025:
             return
         task.last_feedback = now
-        pose, remaining = self._drive.pose, task.follower.remaining(self._drive.pose)
-        speed = max(abs(self._drive.velocity.linear), self._drive.limits.speed / 2)
         stamp = self._node.clock.time_ns()
-        task.goal.publish_feedback(
-            {
-                "current_pose": {
-                    "header": messages.header(stamp, frame(self._node, MAP)),
-                    "pose": messages.pose(pose),
-                },
-                "navigation_time": messages.time(round((now - task.started) * 1e9)),
-                "estimated_time_remaining": messages.time(round(remaining / speed * 1e9)),
-                "number_of_recoveries": 0,
-                "distance_remaining": remaining,
-            }
-        )
+        feedback: messages.Message = {
+            task.interface.pose_field: {
+                "header": messages.header(stamp, frame(self._node, MAP)),
+                "pose": messages.pose(self._drive.pose),
+            },
+        }
+        progress = self._progress(task, now) if task.interface.has_progress else {}
+        task.goal.publish_feedback({**feedback, **progress})
 
-    def _result(self, error: str) -> messages.Message:
-        """The result with what this distribution's definition has of it."""
+    def _progress(self, task: _NavigationTask, now: float) -> messages.Message:
+        remaining = task.follower.remaining(self._drive.pose)
+        speed = max(abs(self._drive.velocity.linear), self._drive.limits.speed / 2)
+        return {
+            "navigation_time": messages.time(round((now - task.started) * 1e9)),
+            "estimated_time_remaining": messages.time(round(remaining / speed * 1e9)),
+            "number_of_recoveries": 0,
+            "distance_remaining": remaining,
+        }
+
+    def _result(self, interface: _Interface, error: str) -> messages.Message:
+        """The result with what this distribution's definition has of it; `/move_base` has none."""
+        if not interface.has_progress:
+            return {}
         fields = self._node.registry.action(ACTION).result.struct.__struct_fields__
         outcome = {"error_code": 1 if error else 0, "error_msg": error}
         return {name: value for name, value in outcome.items() if name in fields}

@@ -5,9 +5,7 @@ Depths (`16UC1`, `32FC1`) are shown as greys from 0 to the largest of the pictur
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -16,6 +14,8 @@ from numpy.typing import NDArray
 from rwt_nodes.video.errors import PictureUnreadable
 from rwt_nodes.video.stream_request import MOST_PIXELS, StreamRequest
 from rwt_nodes.video.topics import COMPRESSED
+from rwt_program.errors import ImageFormat
+from rwt_program.images import open_compressed, read_samples
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
@@ -45,78 +45,33 @@ class CompressedImage(Protocol):
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """How an encoding lays out a pixel, and how that becomes what is shown.
-
-    Attributes:
-        sample: numpy's type of one value, without byte order.
-        count: values of a pixel.
-        show: samples → bytes that can be shown.
-    """
-
-    sample: str
-    count: int
-    show: Callable[[Samples], Bytes]
-
-
 def read_raw(message: RawImage) -> Bytes:
     """The picture of a `sensor_msgs/Image`: rows x columns of grey, or x 3 or 4 values a pixel.
 
     Raises:
-        PictureUnreadable: as :func:`read_samples`.
+        PictureUnreadable: the encoding is not one of those of :data:`SHOWN`, or there are too few bytes.
     """
-    samples = read_samples(message)
-    return ENCODINGS[message.encoding].show(samples)
-
-
-def read_samples(message: RawImage) -> Samples:
-    """The values of a `sensor_msgs/Image` as they are: rows x columns x values of a pixel.
-
-    Raises:
-        PictureUnreadable: the encoding is not one of those of :data:`ENCODINGS`, or there are too few bytes.
-    """
-    layout = ENCODINGS.get(message.encoding)
-    if layout is None:
-        known = ", ".join(ENCODINGS)
+    show = SHOWN.get(message.encoding)
+    if show is None:
+        known = ", ".join(SHOWN)
         raise PictureUnreadable(f'encoding "{message.encoding}" cannot be shown; known are {known}')
-    order = ">" if message.is_bigendian else "<"
-    sample = np.dtype(order + layout.sample)
-    row = message.width * layout.count * sample.itemsize
-    step = message.step or row
-    needed = step * (message.height - 1) + row
-    if not row or message.height < 1 or step < row or len(message.data) < needed:
-        size = f"{message.width}x{message.height} {message.encoding}, step {message.step}"
-        raise PictureUnreadable(f"{len(message.data)} bytes are no picture of {size}")
-    raw = np.frombuffer(message.data, np.uint8, needed)
-    rows = np.lib.stride_tricks.as_strided(raw, (message.height, row), (step, 1), writeable=False)
-    samples = np.ascontiguousarray(rows).view(sample)
-    return samples.reshape(message.height, message.width, layout.count)
-
-
-#: What is read: Pillow knows dozens more, and for one of them starts a PostScript interpreter.
-_FORMATS: Final = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "GIF", "PPM")
+    try:
+        samples = read_samples(message)
+    except ImageFormat as error:
+        raise PictureUnreadable(str(error)) from None
+    return show(samples)
 
 
 def read_compressed(message: CompressedImage) -> Bytes:
     """The picture of a `sensor_msgs/CompressedImage`.
 
     Raises:
-        PictureUnreadable: it is broken, or of a kind that cannot be read.
+        PictureUnreadable: it is broken, too large, or of a kind that cannot be read.
     """
-    from PIL import Image
-
-    # image_transport's compressedDepth puts a header of its own in front of the picture.
-    data = bytes(message.data)
-    start = max(data.find(b"\x89PNG"), 0) if "compressedDepth" in message.format else 0
     try:
-        image = Image.open(io.BytesIO(data[start:] if start else data), formats=_FORMATS)
-        if image.width * image.height > MOST_PIXELS**2:
-            # A few kilobytes can unfold into gigabytes.
-            raise PictureUnreadable(f"a compressed picture of {image.width}x{image.height} is too large")
-        image.load()
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        raise PictureUnreadable(f'a compressed picture of format "{message.format}" cannot be read') from None
+        image = open_compressed(message, MOST_PIXELS**2)
+    except ImageFormat as error:
+        raise PictureUnreadable(str(error)) from None
     if image.mode.startswith(("I", "F")):
         return _scaled(np.asarray(image)[:, :, None])
     shown = image if image.mode in ("L", "RGB", "RGBA") else image.convert("RGB")
@@ -237,37 +192,36 @@ def _filled_green(plane: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return (around + 4 * plane + 2) // 4
 
 
-_BAYER: Final = {
-    f"bayer_{pattern}{bits}": _Layout(f"u{bits // 8}", 1, _bayer(pattern))
-    for bits in (8, 16)
-    for pattern in ("rggb", "bggr", "gbrg", "grbg")
-}
-_UYVY: Final = _Layout("u1", 2, _yuv(slice(1, None, 2), 0, 2))
-_YUYV: Final = _Layout("u1", 2, _yuv(slice(0, None, 2), 1, 3))
+_UYVY: Final = _yuv(slice(1, None, 2), 0, 2)
+_YUYV: Final = _yuv(slice(0, None, 2), 1, 3)
 
-ENCODINGS: Final[Mapping[str, _Layout]] = {
-    "rgb8": _Layout("u1", 3, _as_it_is),
-    "bgr8": _Layout("u1", 3, _blue_first),
-    "rgba8": _Layout("u1", 4, _as_it_is),
-    "bgra8": _Layout("u1", 4, _blue_first),
-    "rgb16": _Layout("u2", 3, _as_it_is),
-    "bgr16": _Layout("u2", 3, _blue_first),
-    "rgba16": _Layout("u2", 4, _as_it_is),
-    "bgra16": _Layout("u2", 4, _blue_first),
-    "mono8": _Layout("u1", 1, _grey),
-    "mono16": _Layout("u2", 1, _grey),
-    "8UC1": _Layout("u1", 1, _grey),
-    "8UC3": _Layout("u1", 3, _blue_first),
-    "8UC4": _Layout("u1", 4, _blue_first),
-    "16UC1": _Layout("u2", 1, _scaled),
-    "32FC1": _Layout("f4", 1, _scaled),
+SHOWN: Final[Mapping[str, Callable[[Samples], Bytes]]] = {
+    "rgb8": _as_it_is,
+    "bgr8": _blue_first,
+    "rgba8": _as_it_is,
+    "bgra8": _blue_first,
+    "rgb16": _as_it_is,
+    "bgr16": _blue_first,
+    "rgba16": _as_it_is,
+    "bgra16": _blue_first,
+    "mono8": _grey,
+    "mono16": _grey,
+    "8UC1": _grey,
+    "8UC3": _blue_first,
+    "8UC4": _blue_first,
+    "16UC1": _scaled,
+    "32FC1": _scaled,
     "yuv422": _UYVY,
     "uyvy": _UYVY,
     "yuv422_yuy2": _YUYV,
     "yuyv": _YUYV,
-    **_BAYER,
+    **{
+        f"bayer_{pattern}{bits}": _bayer(pattern)
+        for bits in (8, 16)
+        for pattern in ("rggb", "bggr", "gbrg", "grbg")
+    },
 }
-"""Every value of `encoding` that can be shown (`sensor_msgs/image_encodings.hpp`)."""
+"""Every value of `encoding` that can be shown, and how its values become what is shown."""
 
 
 def read_picture(payload: Payload, request: StreamRequest) -> Bytes:

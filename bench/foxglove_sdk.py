@@ -1,0 +1,52 @@
+"""Foxglove's SDK as a peer: its server, and a callback that puts each message of a client on a channel.
+
+The SDK is written in Rust and checks nothing; what a client publishes goes to the subscribers as it came.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+
+import foxglove
+from foxglove.websocket import Capability, Client, ServerListener
+
+from bench.dialects import FOXGLOVE_CHANNEL
+from bench.messages import twists
+
+BACKLOG = 1 << 16
+"""Messages that may wait for a client: none of a window is dropped."""
+
+
+class Echo(ServerListener):
+    """Logs to the channel whatever a client sends."""
+
+    def __init__(self, channel: foxglove.Channel) -> None:
+        self._log = channel.base.log
+
+    def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
+        """One message of a client."""
+        self._log(data)
+
+
+def main() -> None:
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    channel = foxglove.Channel(twists().topic, schema={"type": "object"})
+    if channel.id() != FOXGLOVE_CHANNEL:
+        raise SystemExit(f"the channel has the id {channel.id()}, not {FOXGLOVE_CHANNEL}")
+    server = foxglove.start_server(
+        port=0,
+        capabilities=[Capability.ClientPublish],
+        supported_encodings=["json"],
+        server_listener=Echo(channel),
+        message_backlog_size=BACKLOG,
+    )
+    print(f"listening on ws://127.0.0.1:{server.port}", flush=True)
+    stop.wait()
+    server.stop()
+
+
+if __name__ == "__main__":
+    main()

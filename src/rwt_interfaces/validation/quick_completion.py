@@ -1,0 +1,227 @@
+"""Completes most incomplete messages in compiled code: one pass of msgspec over the text, with a default for
+each field.
+
+It takes what the strict Struct takes, with fields left out, and float32s that are not the nearest ones. What
+else the lenient decoder takes (other spellings of times, lists of octets, "now") is left to it, as are all
+refusals, since it has the words for them; and what both take, both make the same of.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections.abc import Callable
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+
+from rwt_interfaces import field_types
+from rwt_interfaces.serialise.strict import flaw_in, inexact, sized, strict_annotation, strict_struct
+from rwt_interfaces.struct_fields import slot_default, time_struct
+from rwt_interfaces.times import NANOSECONDS
+from rwt_interfaces.validation.numbers import float32, float32_list
+
+if TYPE_CHECKING:
+    from rwt_interfaces.field_types import FieldType, Slot
+    from rwt_interfaces.structs import MessageType
+
+#: ROS time in nanoseconds.
+Now = Callable[[], int]
+#: Rounds float32s in a message where they stand.
+Rounding = Callable[[Any], None]
+
+MOST_FIELDS: Final = 200_000
+"""Fields that a text may leave out by its number of objects; one with more is left to the lenient decoder,
+which counts those that it really leaves out."""
+
+#: Subscripted at run time, which a checker cannot follow.
+_LIST: Any = list
+
+
+class _Moment(threading.local):
+    """The clock of the message that this thread completes."""
+
+    now: Now
+
+
+_moment: Final = _Moment()
+
+
+class QuickCompletion:
+    """Completes messages of one type.
+
+    Attributes:
+        struct: the class of what is made, which is not the message's own.
+    """
+
+    __slots__ = ("_decode", "_decode_items", "_fields", "_flawed", "_round", "struct")
+
+    def __init__(self, message: MessageType) -> None:
+        self.struct = _struct(message)
+        self._decode = msgspec.json.Decoder(self.struct).decode
+        self._decode_items: Callable[[bytes], list[Any]] = msgspec.json.Decoder(_LIST[self.struct]).decode
+        self._flawed = flaw_in(message, _integer_flaw)
+        self._round = _rounding(message)
+        self._fields = _most_fields(message)
+
+    def __call__(self, raw: bytes | memoryview, now: Now) -> msgspec.Struct:
+        """The message of a JSON text.
+
+        Args:
+            raw: the text.
+            now: ROS time in nanoseconds, for headers without a stamp.
+
+        Raises:
+            msgspec.MsgspecError, UnicodeDecodeError, RecursionError: the lenient decoder has to look at it.
+        """
+        if self._fields and bytes(raw).count(b"{") * self._fields > MOST_FIELDS:
+            raise msgspec.ValidationError
+        _moment.now = now
+        return self._checked(self._decode(raw))
+
+    def items(self, raw: bytes, now: Now) -> list[msgspec.Struct]:
+        """The messages of a JSON array, which must be short: what it lacks is not counted.
+
+        Raises:
+            msgspec.MsgspecError, UnicodeDecodeError, RecursionError: as when called.
+        """
+        _moment.now = now
+        return [self._checked(message) for message in self._decode_items(raw)]
+
+    def _checked(self, message: Any) -> msgspec.Struct:
+        if self._flawed is not None and self._flawed(message):
+            raise msgspec.ValidationError
+        if self._round is not None:
+            self._round(message)
+        checked: msgspec.Struct = message
+        return checked
+
+
+def _struct(message: MessageType) -> type[msgspec.Struct]:
+    """The Struct of a message in which no field is required; nested ones are taken from their types."""
+    if message.time is not None:
+        return strict_struct(message)
+    in_header = message.name == "std_msgs/Header"
+    return msgspec.defstruct(
+        message.name.partition("/")[2],
+        [(slot.attribute, _annotation(slot.type), _default(slot, in_header)) for slot in message.slots],
+        rename={slot.attribute: slot.name for slot in message.slots if slot.attribute != slot.name} or None,
+        forbid_unknown_fields=True,
+        gc=False,
+    )
+
+
+def _annotation(type: FieldType) -> Any:
+    match type:
+        case field_types.Message():
+            return type.type.complete_quickly.struct
+        case field_types.Array(element=field_types.Message()):
+            return sized(_LIST[_annotation(type.element)], type.length, type.bound)
+        case _:
+            return strict_annotation(type)
+
+
+def _default(slot: Slot, in_header: bool) -> Any:
+    if in_header and isinstance(slot.type, field_types.Time) and not slot.type.is_duration:
+        make = time_struct(slot.type)
+        return msgspec.field(default_factory=lambda: make(*divmod(_moment.now(), NANOSECONDS)))
+    if isinstance(slot.type, field_types.Message) and slot.default is None:
+        # Made of nothing, so that headers in it are stamped, too.
+        return msgspec.field(default_factory=slot.type.type.complete_quickly.struct)
+    make_default = slot_default(slot)
+    value = make_default()
+    immutable = isinstance(value, (bool, int, float, str, bytes))
+    return value if immutable else msgspec.field(default_factory=make_default)
+
+
+def _integer_flaw(type: FieldType) -> Callable[[Any], bool] | None:
+    return inexact(type) if isinstance(type, field_types.Int) else None
+
+
+def _most_fields(message: MessageType) -> int:
+    """The most fields that one object of the many which a message may hold can leave out; 0 if it holds no
+    arrays of objects."""
+    most = 0
+    for slot in message.slots:
+        inner = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
+        if isinstance(inner, field_types.Message):
+            most = max(most, _most_fields(inner.type), _fields(inner.type) if inner is not slot.type else 0)
+    return most
+
+
+def _fields(message: MessageType) -> int:
+    """Fields of a message, those of nested ones included."""
+    return 1 + sum(
+        _fields(slot.type.type) if isinstance(slot.type, field_types.Message) else 1 for slot in message.slots
+    )
+
+
+def _rounding(message: MessageType) -> Rounding | None:
+    """What makes the float32s of a message the nearest ones; None if it has none."""
+    singles = [slot.attribute for slot in message.slots if slot.type == field_types.FLOAT32]
+    parts: list[Rounding] = [_rounding_of_singles(singles)] if singles else []
+    for slot in message.slots:
+        if isinstance(slot.type, field_types.Message):
+            nested = _rounding(slot.type.type)
+            if nested is not None:
+                parts.append(_within(slot.attribute, nested))
+        elif isinstance(slot.type, field_types.Array):
+            if slot.type.element == field_types.FLOAT32:
+                parts.append(_rounding_of_list(slot.attribute))
+            elif isinstance(slot.type.element, field_types.Message):
+                nested = _rounding(slot.type.element.type)
+                if nested is not None:
+                    parts.append(_within_each(slot.attribute, nested))
+    if len(parts) < 2:
+        return parts[0] if parts else None
+
+    def round_all(message: Any) -> None:
+        for part in parts:
+            part(message)
+
+    return round_all
+
+
+def _rounding_of_singles(attributes: list[str]) -> Rounding:
+    form = struct.Struct(f"{len(attributes)}f")
+    fetch = attrgetter(*attributes)
+    is_one = len(attributes) == 1
+
+    def round_singles(message: Any) -> None:
+        numbers = (fetch(message),) if is_one else fetch(message)
+        if None in numbers:
+            for name, number in zip(attributes, numbers, strict=True):
+                if number is not None:
+                    setattr(message, name, float32(number))
+            return
+        nearest = form.unpack(form.pack(*numbers))
+        if nearest != numbers:
+            for name, number in zip(attributes, nearest, strict=True):
+                setattr(message, name, number)
+
+    return round_singles
+
+
+def _rounding_of_list(attribute: str) -> Rounding:
+    def round_list(message: Any) -> None:
+        numbers = getattr(message, attribute)
+        if None not in numbers:
+            setattr(message, attribute, float32_list(numbers))
+        else:
+            rounded = [None if each is None else float32(each) for each in numbers]
+            setattr(message, attribute, rounded)
+
+    return round_list
+
+
+def _within(attribute: str, nested: Rounding) -> Rounding:
+    return lambda message: nested(getattr(message, attribute))
+
+
+def _within_each(attribute: str, nested: Rounding) -> Rounding:
+    def round_each(message: Any) -> None:
+        for each in getattr(message, attribute):
+            nested(each)
+
+    return round_each

@@ -1,0 +1,175 @@
+"""The command that runs suites of others, on a small suite of our own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tools.upstream.__main__ import main
+from tools.upstream.results import Result, judge, of_go, of_junit
+from tools.upstream.suites import CannotRun, read_suites
+
+SUITES = """
+[small]
+title = "two tests against a server"
+repository = "https://example.org/small"
+tried = "1"
+checkout = ["test_small.py"]
+ready = "unpacking it"
+serve = ["--demo"]
+run = [
+  "{python}", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--junitxml={report}",
+  "{checkout}/test_small.py",
+]
+environment = { SMALL_URL = "{url}" }
+results = "junit"
+EXPECTED
+
+[tool]
+title = "needs what nobody has"
+repository = "https://example.org/tool"
+tried = "1"
+tools = ["no-such-program-anywhere"]
+run = ["no-such-program-anywhere"]
+
+[module]
+title = "needs a module that nobody has"
+repository = "https://example.org/module"
+tried = "1"
+python = ["no_such_module_anywhere"]
+run = ["{python}"]
+
+[silent]
+title = "runs no test"
+repository = "https://example.org/silent"
+tried = "1"
+run = ["{python}", "-c", "print('nothing to see')"]
+results = "junit"
+
+[slow]
+title = "does not end"
+repository = "https://example.org/slow"
+tried = "1"
+run = ["{python}", "-c", "import time; time.sleep(60)"]
+
+[hands]
+title = "is looked at"
+repository = "https://example.org/hands"
+tried = "1"
+by_hand = "Look at it."
+"""
+
+SMALL = """
+import json, os
+from websockets.sync.client import connect
+
+def test_sum():
+    with connect(os.environ["SMALL_URL"]) as wire:
+        wire.send(json.dumps({"op": "call_service", "service": "/add_two_ints", "args": {"a": 1, "b": 2}}))
+        assert json.loads(wire.recv())["values"] == {"sum": 3}
+
+def test_wrong():
+    assert 1 == 2
+"""
+
+
+def suites(folder: Path, expected: str = "") -> Path:
+    file = folder / "suites.toml"
+    file.write_text(SUITES.replace("EXPECTED", expected))
+    (folder / "checkout").mkdir(exist_ok=True)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("expected", "code", "said"),
+    [
+        ("", 1, "FAILED    "),
+        ('expected_failures = { "*::test_wrong" = "it is wrong" }', 0, "test_wrong: it is wrong"),
+        ('expected_failures = { "*" = "x", "*::test_sum" = "y" }', 1, "take it off the list"),
+    ],
+)
+def test_a_suite_is_run_and_held_against_its_list(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], expected: str, code: int, said: str
+) -> None:
+    file = suites(tmp_path, expected)
+    (tmp_path / "checkout" / "test_small.py").write_text(SMALL)
+    assert main(["small", "--checkout", str(tmp_path / "checkout")], suites_file=file) == code
+    output = capsys.readouterr().out
+    assert said in output
+    assert "1 of 2 passed" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["small"], "needs a checkout of https://example.org/small: name its folder with --checkout"),
+        (["small", "--checkout", "nowhere"], "no such folder"),
+        (["small", "--checkout", "checkout"], "has no test_small.py"),
+        (["tool"], "needs the program no-such-program-anywhere"),
+        (["module"], "needs the Python package that has no_such_module_anywhere"),
+        (["silent"], "ran no test; it ended with 0 and said:\nnothing to see"),
+        (["slow", "--seconds", "0.5"], "did not end within 0.5 s"),
+        (["hands"], "hands cannot be run by a command. Look at it."),
+        (["huge"], "no suite 'huge'; there are small, tool"),
+    ],
+)
+def test_what_is_missing_is_said(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    said: str,
+) -> None:
+    file = suites(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments, suites_file=file) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_without_a_name_it_lists_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    output = capsys.readouterr().out
+    for name in read_suites():
+        assert name in output
+    assert "by hand: " in output
+
+
+def test_every_client_that_was_tried_is_on_the_list_and_can_be_run_or_says_why() -> None:
+    known = read_suites()
+    assert known.keys() == {
+        "roslibjs", "roslibpy-ros1", "roslibpy-ros2", "rosbridge-suite", "rosbridge2cpp", "rosbridgecpp",
+        "java_rosbridge", "jrosbridge", "roslibgo", "rosbridge-net", "vizanti", "ffmpeg", "opencv",
+        "keyboardteleopjs", "nav2djs", "mjpegcanvasjs",
+    }  # fmt: skip
+    for suite in known.values():
+        assert bool(suite.run) is not bool(suite.by_hand)
+        assert not suite.checkout or suite.ready
+
+
+def test_a_list_that_is_wrong_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "suites.toml"
+    file.write_text('[a]\ntitle = "x"\nrepository = "y"\ntried = "z"\nexpexted_failures = {}\n')
+    with pytest.raises(CannotRun, match="expexted_failures"):
+        read_suites(file)
+
+
+def test_reports_of_other_runners_are_read(tmp_path: Path) -> None:
+    report = tmp_path / "gtest.xml"
+    report.write_text(
+        '<testsuites><testsuite><testcase name="a" classname="T" status="run"/>'
+        '<testcase name="b" classname="T" status="notrun"/><testcase name="c" classname="T">'
+        '<failure message="no&#10;more"/></testcase></testsuite></testsuites>'
+    )
+    assert list(of_junit([report])) == [
+        Result("T::a", "passed"), Result("T::b", "skipped"), Result("T::c", "failed", "no"),
+    ]  # fmt: skip
+    go = "=== RUN TestA\n--- PASS: TestA (0.1s)\n    --- FAIL: TestB/x (0.0s)\n--- SKIP: TestC (0s)\nok\n"
+    assert [(each.id, each.outcome) for each in of_go(go)] == [
+        ("TestA", "passed"), ("TestB/x", "failed"), ("TestC", "skipped"),
+    ]  # fmt: skip
+
+
+def test_a_run_without_tests_is_not_as_expected() -> None:
+    assert not judge([], {}).is_as_expected
+    assert not judge([Result("a", "skipped")], {}).is_as_expected
