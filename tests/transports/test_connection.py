@@ -237,7 +237,11 @@ def test_closing_in_the_midst_of_a_batch_stops_the_rest() -> None:
 
 
 @pytest.mark.parametrize("end", [MemoryPipe.send_eof, MemoryPipe.cut])
-@pytest.mark.parametrize("before", [b"", text(b"half a message")[:9], text(b"x" * 100_000)[:70_000]])
+@pytest.mark.parametrize(
+    "before",
+    [b"", text(b"half a message")[:9], text(b"x" * 100_000)[:70_000]],
+    ids=["nothing", "half a short message", "part of a long message"],  # What it sends is masked at random.
+)
 def test_a_peer_that_goes_without_a_word(
     end: Callable[[MemoryPipe], None], before: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
