@@ -52,38 +52,70 @@ Gather = Callable[[bytes], Awaitable[bytes]]
 def routes(
     bridge: Bridge,
     metrics: ServerMetrics,
-    extensions: Iterable[HttpExtension] = (),
+    extensions: Iterable[HttpExtension[GraphView]] = (),
     *,
     loopback: bool = True,
     gather: Gather | None = None,
 ) -> Routes:
-    """The routes of every server, and those of its nodes; those of the server win, but for ``/``, which shows
-    the list at ``/index`` unless an extension brings a page for it.
+    """The routes of every server, and those of its nodes and gateways.
+
+    Those of the server win, but for ``/``, which shows the list at ``/index`` unless an extension brings a
+    page for it.
 
     Args:
         bridge: whose graph and clients the pages show.
         metrics: what is counted.
-        extensions: what nodes bring.
+        extensions: what nodes and gateways bring.
         loopback: whether the listener is only reached from this machine.
         gather: joins the metrics with those of other processes on the same port.
     """
     extensions = tuple(extensions)
-    own = (
+    index = partial(_index, bridge, metrics, extensions)
+    own: tuple[Route[GraphView], ...] = (
         Route("/healthz", lambda request, reader: _health(bridge, metrics), Audience.ANYBODY),
         Route("/metrics", lambda request, reader: _metrics(metrics, gather), Audience.EVERY_TOPIC),
+        Route("/index", index, Audience.ADMITTED),
     )
-    role = guarded(bridge.access, _role, Audience.ADMITTED, loopback=loopback)
+    brought = [route for extension in extensions for route in extension.routes]
+    if all(route.path != "/" for route in brought):
+        brought.append(Route("/", index, Audience.ADMITTED))
     routes = Routes()
-    routes.get("/role", role)
-    for route in (*(route for extension in extensions for route in extension.routes), *own):
-        routes.get(route.path, guarded(bridge.access, route.page, route.audience, loopback=loopback))
-    index = guarded(
-        bridge.access, partial(_index, bridge, metrics, extensions), Audience.ADMITTED, loopback=loopback
-    )
-    routes.get("/index", index)
-    if "/" not in routes.paths:
-        routes.get("/", index)
+    methods: dict[str, list[str]] = {}
+    for route in (Route("/role", _role, Audience.ADMITTED), *brought, *own):
+        page = guarded(bridge.access, route.page, route.audience, loopback=loopback)
+        routes.add(route.path, page, route.method)
+        methods.setdefault(route.path, []).append(route.method)
+    for path, allowed in methods.items():
+        if allowed != ["GET"]:
+            routes.add(path, _preflight(bridge.access, allowed, loopback=loopback), "OPTIONS")
     return routes
+
+
+def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Handler:
+    """What tells a browser, before it asks, by which methods and with which headers pages of other origins
+    may ask for a path (the Fetch standard's CORS preflight)."""
+    allowed = ", ".join(sorted(set(methods)))
+
+    def handler(request: HttpRequest) -> HttpResponse:
+        origin = request.headers.get("origin", "")
+        if not origin.isascii() or not access.admission.allows_page(request.headers, loopback=loopback):
+            return _foreign(origin)
+        headers = {
+            "Access-Control-Allow-Origin": origin or "*",
+            "Access-Control-Allow-Methods": allowed,
+            "Access-Control-Allow-Headers": request.headers.get("access-control-request-headers", ""),
+            "Access-Control-Max-Age": "600",
+            "Vary": "Origin",
+            "Allow": f"{allowed}, OPTIONS",
+        }
+        return HttpResponse(status=204, headers={name: value for name, value in headers.items() if value})
+
+    return handler
+
+
+def _foreign(origin: str) -> HttpResponse:
+    text = f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)\n"
+    return HttpResponse(text.encode(), 403)
 
 
 def guarded(
@@ -97,22 +129,27 @@ def guarded(
     refused for a while to addresses that cause too much work.
 
     Unless the page is for anybody, scripts of other origins may read the answer where their page may connect
-    by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials).
+    by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials). Elsewhere
+    they get an answer that their browser keeps from them, and what would act is refused before it does.
     """
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         if audience is Audience.ANYBODY:
             return page(request, access.nobody)
-        answer = answer_admitted(request)
         origin = request.headers.get("origin")
         # An origin is ASCII (RFC 6454 section 6.2); what is not cannot be sent back, whatever globs allow.
-        if (
-            not origin
-            or not origin.isascii()
-            or not access.admission.allows_page(request.headers, loopback=loopback)
+        if origin and not (
+            origin.isascii() and access.admission.allows_page(request.headers, loopback=loopback)
         ):
+            return answer_admitted(request) if request.method in ("GET", "HEAD") else _foreign(origin)
+        answer = answer_admitted(request)
+        if not origin:
             return answer
-        headers = {"Access-Control-Allow-Origin": origin, "Vary": "Origin"}
+        headers = {
+            "Access-Control-Allow-Origin": origin,
+            "Access-Control-Expose-Headers": "*",
+            "Vary": "Origin",
+        }
         return _with_headers(answer, headers) if isinstance(answer, HttpResponse) else _later(answer, headers)
 
     def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
@@ -148,7 +185,7 @@ async def _later(answer: Awaitable[HttpResponse], headers: Mapping[str, str]) ->
 def _index(
     bridge: Bridge,
     metrics: ServerMetrics,
-    extensions: Iterable[HttpExtension],
+    extensions: Iterable[HttpExtension[GraphView]],
     request: HttpRequest,
     reader: GraphView,
 ) -> HttpResponse:

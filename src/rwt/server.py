@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import anyio
 
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
+from rwt.doors import Doors
 from rwt.graphs import check_graph, make_graph
 from rwt.nodes import (
     ReadyNode,
@@ -27,25 +28,20 @@ from rwt.nodes import (
     start_script,
 )
 from rwt.observability.metrics import ServerMetrics
-from rwt.pages import routes
 from rwt.settings.sources import with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt_access.access import Access
 from rwt_access.audit import bounded_log
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError
-from rwt_access.tls import client_tls, renew_server_tls, server_tls
+from rwt_access.tls import renew_server_tls, server_tls
 from rwt_bridge.bridge import GATEWAY_NODE, Bridge
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.program.node import Node
 from rwt_nodes.rosapi import DISCLOSURES
 from rwt_transports.drivers.sockets import raise_descriptor_limit
-from rwt_transports.http import Proxies, Routes
-from rwt_transports.limits import AddressCount, Limits
-from rwt_transports.listener import listen
-from rwt_transports.relay.dial import check_dial_url, dial
-from rwt_transports.websocket.extensions import Deflate
+from rwt_transports.relay.dial import check_dial_url
 
 if TYPE_CHECKING:
     from ssl import SSLContext
@@ -56,6 +52,8 @@ if TYPE_CHECKING:
     from rwt.graphs import MakeGraph
     from rwt.settings.models import Settings
     from rwt.workers.worker import InWorker, WorkerContext
+    from rwt_access.gateway import Gateway, MakeGateway
+    from rwt_access.graph_view import GraphView
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
     from rwt_protocol.transport import Accept
@@ -78,6 +76,7 @@ class _Running:
     """What there is of a server only while it runs."""
 
     bridge: Bridge
+    gateways: tuple[Gateway, ...]
     metrics: ServerMetrics
     listeners: tuple[Listener, ...]
     tls: SSLContext | None
@@ -113,6 +112,8 @@ class Server:
         clock: of a graph that is made here; the wall clock by default.
         extra_nodes: each is called with the graph when it runs, before anybody can connect, and makes a node
             that is closed with the server; what the node brings to HTTP is its attribute `http`.
+        gateways: each is called with the graph when it runs, and with the rules of who may do what, and makes
+            a gateway for another protocol on the same port.
         http: further pages, sections of the index page, and metrics.
         script: a ``.toml`` or ``.py`` file that says what a robot for tests does.
         record: an MCAP file to which all topics are written.
@@ -143,6 +144,7 @@ class Server:
         registry: Registry | None = None,
         clock: Clock | None = None,
         extra_nodes: Iterable[Callable[[Graph], ReadyNode]] = (),
+        gateways: Iterable[MakeGateway] = (),
         http: Iterable[HttpExtension] = (),
         script: Path | None = None,
         record: Path | None = None,
@@ -164,6 +166,7 @@ class Server:
         self._registry = registry
         self._clock = clock
         self._extra_nodes = tuple(extra_nodes)
+        self._gateways = tuple(gateways)
         self._http = tuple(http)
         self._script = script
         self._record = record
@@ -284,7 +287,10 @@ class Server:
         running = self._while_running
         settings = self._read_settings()
         server_tls(settings.tls)  # Raises before anything has changed.
-        running.bridge.reload(settings)
+        running.bridge.access.admission.reload(settings)
+        running.bridge.reload_roles()
+        for gateway in running.gateways:
+            gateway.reload_roles()
         if running.tls is not None:
             renew_server_tls(running.tls, settings.tls)
         self._warn_of_strangers(running.bridge.access, running.listeners)
@@ -347,64 +353,28 @@ class Server:
         middleware = [] if self._middleware is None else [self._middleware]
         if self._script is not None:
             middleware.insert(0, start_script(graph, self._script, settings, nodes))
-        bridge = Bridge(graph, settings, Access(graph, settings, DISCLOSURES))
+        access = Access(graph, settings, DISCLOSURES)
+        bridge = Bridge(graph, settings, access)
         stack.callback(bridge.close)
-        metrics = ServerMetrics(bridge, http)
+        gateways = [make(graph, access) for make in self._gateways]
+        for gateway in gateways:
+            stack.callback(gateway.close)
+        extensions: list[HttpExtension[GraphView]] = [*http, *(gateway.http for gateway in gateways)]
+        metrics = ServerMetrics(bridge, extensions)
         stack.callback(metrics.close)
-
-        def accept_at(url: str) -> Accept:
-            accept: Accept = partial(bridge.accept, loopback=is_loopback_listener(url))
-            for wrap in middleware:
-                accept = wrap(accept)
-            return accept
-
         stack.enter_context(bounded_log())
-
-        def pages_at(url: str) -> Routes:
-            return routes(bridge, metrics, http, loopback=is_loopback_listener(url), gather=gather)
-
-        limits = _transport_limits(settings)
-        proxies = Proxies(settings.proxies)
-        addresses = AddressCount(limits.connections_per_address, proxies)
-        gather = None if self._worker is None else self._worker.metrics.gather
-        listeners = [
-            await stack.enter_async_context(
-                listen(
-                    url,
-                    accept_at(url),
-                    routes=pages_at(url),
-                    hosts=settings.origins.hosts,
-                    proxies=proxies,
-                    access_log=settings.access_log,
-                    addresses=addresses,
-                    limits=limits,
-                    tls=tls,
-                    bson=settings.bson_only_mode,
-                    shared=gather is not None,
-                )
-            )
-            for url in settings.listen
-        ]
+        spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
+        doors = Doors(settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker)
+        listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
         if self._worker is None or self._worker.number == 1:
             node = start_gateway_node(graph, [listener.url for listener in listeners], settings)
             stack.callback(node.close)
-        token = settings.dial.token.get_secret_value() if settings.dial.token else None
-        dial_tls = client_tls(settings.dial.cafile)
         for url in settings.dial.urls:
-            dialing = dial(
-                url,
-                accept_at(url),
-                token=token,
-                limits=limits,
-                addresses=addresses,
-                routes=pages_at(url),
-                tls=dial_tls,
-            )
-            metrics.dials.append(await stack.enter_async_context(dialing))
+            metrics.dials.append(await stack.enter_async_context(doors.dial(url)))
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
-        self._warn_of_strangers(bridge.access, listeners)
-        return _Running(bridge, metrics, tuple(listeners), tls, stack.pop_all())
+        self._warn_of_strangers(access, listeners)
+        return _Running(bridge, tuple(gateways), metrics, tuple(listeners), tls, stack.pop_all())
 
     def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
         """Say that other machines reach a server which lets everybody do everything."""
@@ -510,6 +480,7 @@ class Server:
             registry=self._registry,
             clock=self._clock,
             extra_nodes=self._extra_nodes if worker.number == 1 else (),
+            gateways=self._gateways,
             http=self._http,
             middleware=self._middleware,
             loop=self._loop,
@@ -588,27 +559,3 @@ def _own_addresses(family: socket.AddressFamily) -> list[str]:
     with suppress(OSError):
         found += [str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None, family)]
     return [each for each in dict.fromkeys(found) if not ipaddress.ip_address(each).is_loopback]
-
-
-def _transport_limits(settings: Settings) -> Limits:
-    """The bounds that the transports keep."""
-    limits = settings.limits
-    return Limits(
-        message_bytes=settings.max_message_size,
-        incoming_bytes=limits.incoming_bytes,
-        connections=limits.connections,
-        connections_per_address=limits.connections_per_address,
-        stalled_http_seconds=limits.stalled_http_seconds,
-        handshake_seconds=limits.handshake_seconds,
-        idle_http_seconds=limits.idle_http_seconds,
-        close_seconds=limits.close_seconds,
-        ping_seconds=limits.ping_seconds,
-        pong_seconds=limits.pong_seconds,
-        idle_peer_seconds=limits.idle_peer_seconds,
-        data_bytes=limits.data_bytes,
-        data_frames=limits.data_frames,
-        outgoing_bytes=limits.outgoing_message_bytes,
-        control_bytes=limits.control_bytes,
-        control_frames=limits.control_frames,
-        deflate=Deflate(settings.deflate),
-    )

@@ -30,7 +30,6 @@ from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
     from rwt_access.roles import Role
-    from rwt_access.settings import AccessSettings
     from rwt_bridge.settings import BridgeSettings
     from rwt_graph.api import Graph, Participant, Publisher
     from rwt_graph.clock import Clock
@@ -126,16 +125,13 @@ class Bridge:
         clock = self.shared.graph.clock
         return PendingAuth(join, sink, info, session, admission, clock, self.settings.auth.seconds)
 
-    def reload(self, settings: AccessSettings) -> None:
-        """Go by other tokens, roles, origins and another secret, for connected clients too.
+    def reload_roles(self) -> None:
+        """Give each client the role that the settings give it now, after
+        :meth:`rwt_access.admission.Admission.reload`.
 
         A client keeps its connection unless it is not let in any more; what its role does not allow any more
         ends.
-
-        Raises:
-            SettingsError: a file that the settings name cannot be used; then all stays as it was.
         """
-        self.access.admission.reload(settings)
         for peer in self.peers:
             peer.reload_role()
 

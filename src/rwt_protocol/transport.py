@@ -223,6 +223,7 @@ class PeerInfo:
         path: path and query of the request, for transports that have one.
         headers: request headers, names in lower case, for transports that have them.
         max_message_size: bytes of the largest message that the transport can carry to this peer; 0 for any.
+        subprotocol: of the WebSocket, as it was agreed on; empty where none was.
     """
 
     transport: str
@@ -231,6 +232,7 @@ class PeerInfo:
     path: str = "/"
     headers: Mapping[str, str] = field(default_factory=dict)
     max_message_size: int = 0
+    subprotocol: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,6 +70,7 @@ class ListenerState:
         hosts: the names by which HTTP requests may address the listener.
         proxies: whose word about their clients counts.
         access_log: whether each HTTP request is logged.
+        subprotocols: what WebSockets may speak besides rosbridge.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
         connections: those that are open.
@@ -87,6 +88,7 @@ class ListenerState:
     hosts: Hosts = EVERY_NAME
     proxies: Proxies = NO_PROXIES
     access_log: bool = False
+    subprotocols: frozenset[str] = frozenset()
     tasks: TaskStarter | None = None
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)

@@ -10,8 +10,10 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mappin
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from hashlib import sha256
-from typing import Final, Literal, NamedTuple, Protocol
+from typing import Final, Generic, Literal, NamedTuple, Protocol
 from urllib.parse import urlsplit
+
+from typing_extensions import TypeVar
 
 TEXT = "text/plain; charset=utf-8"
 
@@ -87,7 +89,10 @@ class Reader(Protocol):
 
 
 Page = Callable[[HttpRequest, Reader], HttpResponse | Awaitable[HttpResponse]]
-"""What answers the requests of a route; it shows what its reader may see."""
+"""What answers the requests of a node's route; it shows what its reader may see."""
+
+AnyReader = TypeVar("AnyReader", default=Reader, contravariant=True)
+"""What a page needs to know of who asks: a page of a gateway more than that of a node."""
 
 
 class Audience(Enum):
@@ -101,19 +106,22 @@ class Audience(Enum):
     """Clients that may subscribe to every topic: the page names them all (metrics)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Route:
-    """One path that a node serves.
+@dataclass(frozen=True)
+class Route(Generic[AnyReader]):
+    """One path that a node or a gateway serves, by one method.
 
     Attributes:
         path: as :class:`Routes` takes it, ``/stream`` or ``/packages/*``.
-        page: what answers ``GET`` and ``HEAD``.
+        page: what answers; it shows and does what its reader may.
         audience: who may ask.
+        method: upper case; what serves ``GET`` serves ``HEAD`` too. Pages of other origins may ask by any
+            other method only where they may connect by WebSocket (the setting `origins`).
     """
 
     path: str
-    page: Page
+    page: Callable[[HttpRequest, AnyReader], HttpResponse | Awaitable[HttpResponse]]
     audience: Audience
+    method: str = "GET"
 
 
 class MetricFamily(NamedTuple):
@@ -132,9 +140,10 @@ class MetricFamily(NamedTuple):
     samples: Iterable[tuple[Mapping[str, str], float]]
 
 
-@dataclass(frozen=True, slots=True)
-class HttpExtension:
-    """What a node brings to the server's HTTP port. A node that brings something has it as its `http`.
+@dataclass(frozen=True)
+class HttpExtension(Generic[AnyReader]):
+    """What a node or a gateway brings to the server's HTTP port. A node that brings something has it as its
+    `http`.
 
     Attributes:
         routes: its pages.
@@ -142,8 +151,8 @@ class HttpExtension:
         metrics: what it adds to ``/metrics``.
     """
 
-    routes: tuple[Route, ...] = ()
-    section: Callable[[HttpRequest, Reader], str] | None = None
+    routes: tuple[Route[AnyReader], ...] = ()
+    section: Callable[[HttpRequest, AnyReader], str] | None = None
     metrics: Callable[[], Iterable[MetricFamily]] | None = None
 
 

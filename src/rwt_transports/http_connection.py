@@ -190,10 +190,14 @@ class HttpConnection:
         """Bytes of body that the request may have: few, where nothing would be done with them."""
         assert self._request is not None
         method, path = self._request.method.decode("latin-1"), self._request.target.decode("latin-1")
-        wanted = method not in ("GET", "HEAD") and not isinstance(
-            self._routes.find(method, path.partition("?")[0]), HttpResponse
+        if method in ("GET", "HEAD"):
+            return self._limits.http_header_bytes
+        found = self._routes.find(method, path.partition("?")[0])
+        return (
+            self._limits.http_header_bytes
+            if isinstance(found, HttpResponse)
+            else self._limits.http_body_bytes
         )
-        return self._limits.http_body_bytes if wanted else self._limits.http_header_bytes
 
     def _continue_if_asked(self) -> None:
         if self._h11.they_are_waiting_for_100_continue:
@@ -232,7 +236,12 @@ class HttpConnection:
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
 
     def _upgrade(self, request: HttpRequest, target: str, pairs: list[tuple[str, str]]) -> None:
-        answer = answer_handshake(target, pairs, self._limits.deflate) if request.method == "GET" else None
+        subprotocols = self._state.subprotocols
+        answer = (
+            answer_handshake(target, pairs, self._limits.deflate, subprotocols)
+            if request.method == "GET"
+            else None
+        )
         if answer is None or answer.status != 101:
             reason = answer.reason if answer else "a WebSocket is opened with GET"
             self._respond_text(
@@ -251,7 +260,14 @@ class HttpConnection:
         if len(state.connections) > state.limits.connections:
             text = f"all {state.limits.connections} connections of this server are taken (connections)\n"
             return HttpResponse(text.encode(), 503)
-        peer = PeerInfo(state.transport, self.address, self._port, target, request.headers)
+        peer = PeerInfo(
+            state.transport,
+            self.address,
+            self._port,
+            target,
+            request.headers,
+            subprotocol=answer.subprotocol,
+        )
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
         # In front of what the endpoint sends at once.
         unsent: list[Buffer] = []

@@ -11,7 +11,7 @@ from ssl import SSLContext
 import anyio
 
 from rwt_protocol.transport import Accept
-from rwt_transports.api import Driver
+from rwt_transports.api import BindAddress, Driver
 from rwt_transports.background import TaskStarter
 from rwt_transports.connection import ListenerState
 from rwt_transports.errors import BadUrl
@@ -52,6 +52,7 @@ async def listen(
     hosts: Iterable[str] = (),
     proxies: Proxies = NO_PROXIES,
     access_log: bool = False,
+    subprotocols: Iterable[str] = (),
     addresses: AddressCount | None = None,
     limits: Limits | None = None,
     driver: Driver | None = None,
@@ -70,6 +71,8 @@ async def listen(
         hosts: names by which it may be addressed; see :class:`~rwt_transports.http.Hosts`.
         proxies: whose word about their clients counts.
         access_log: whether each HTTP request is logged, to ``rwt_transports.access``.
+        subprotocols: what WebSockets may speak besides rosbridge; a client that offers one gets it, and
+            `accept` is told (:class:`~rwt_protocol.transport.PeerInfo`).
         addresses: counts the connections of each address; one of its own by default.
         limits: bounds per listener and per connection.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
@@ -102,22 +105,29 @@ async def listen(
         buffers=ReceiveBufferPool(max(chosen.incoming_bytes, 2 * chosen.message_bytes)),
         proxies=proxies,
         access_log=access_log,
+        subprotocols=frozenset(subprotocols),
         hosts=Hosts(hosts, loopback=is_local(target.address.host)),
     )
-    mover = driver or scheme.driver()
     bound = replace(
         target.address, shared=shared, addresses=addresses, handshake_seconds=chosen.handshake_seconds
     )
+    async with _serving(driver or scheme.driver(), bound, state) as port:
+        yield OpenListener(target.with_port(port), state)
+
+
+@asynccontextmanager
+async def _serving(driver: Driver, bound: BindAddress, state: ListenerState) -> AsyncIterator[int]:
+    """Accept peers at an address within the block, whose value is the port; then close them."""
     failure: Exception | None = None
     async with (
-        mover.serve(bound, state.attach) as port,
+        driver.serve(bound, state.attach) as port,
         anyio.create_task_group() as tasks,
     ):
         state.tasks = TaskStarter()
         tasks.start_soon(state.tasks.run, tasks)
         tasks.start_soon(state.watch)
         try:
-            yield OpenListener(target.with_port(port), state)
+            yield port
         except Exception as error:
             # Raised again below, so that the caller gets the exception itself and not a group around it.
             failure = error

@@ -17,6 +17,7 @@ from rwt.observability.prometheus import PrometheusText
 
 if TYPE_CHECKING:
     from rwt.observability.prometheus import Kind
+    from rwt_access.graph_view import GraphView
     from rwt_access.quotas import WorkTotals
     from rwt_bridge.bridge import Bridge
     from rwt_bridge.peer import Peer
@@ -36,10 +37,10 @@ class ServerMetrics:
 
     Args:
         bridge: the clients.
-        extensions: what nodes count.
+        extensions: what nodes and gateways count.
     """
 
-    def __init__(self, bridge: Bridge, extensions: Iterable[HttpExtension] = ()) -> None:
+    def __init__(self, bridge: Bridge, extensions: Iterable[HttpExtension[GraphView]] = ()) -> None:
         self._bridge = bridge
         self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
         self._loop_lag = LoopLag(bridge.shared.graph.clock, bridge.access.work)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from websockets.datastructures import Headers
@@ -29,12 +29,14 @@ class HandshakeAnswer:
         head: the whole 101 response, empty for a refusal.
         reason: why it was refused, one line.
         deflate: what was agreed on compression; None where it was not.
+        subprotocol: what was agreed to speak; empty where nothing was.
     """
 
     status: int
     head: bytes = b""
     reason: str = ""
     deflate: DeflateTerms | None = None
+    subprotocol: str = ""
 
 
 def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
@@ -47,11 +49,22 @@ def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
 
 
 def answer_handshake(
-    path: str, headers: Iterable[tuple[str, str]], deflate: Deflate = Deflate.OFF
+    path: str,
+    headers: Iterable[tuple[str, str]],
+    deflate: Deflate = Deflate.OFF,
+    subprotocols: Collection[str] = (),
 ) -> HandshakeAnswer:
-    """Check the upgrade request and make the answer (RFC 6455 section 4.2)."""
+    """Check the upgrade request and make the answer (RFC 6455 section 4.2).
+
+    Args:
+        path: what is asked for.
+        headers: of the request.
+        deflate: what may be compressed.
+        subprotocols: what is spoken besides rosbridge.
+    """
     extensions = extension_factories(deflate)
-    protocol = ServerProtocol(logger=_quiet, select_subprotocol=_select, extensions=extensions)
+    select = _selector(subprotocols)
+    protocol = ServerProtocol(logger=_quiet, select_subprotocol=select, extensions=extensions)
     try:
         given = Headers(list(headers))
     except InvalidHeader as error:
@@ -59,19 +72,30 @@ def answer_handshake(
         return HandshakeAnswer(400, reason=_reason(error))
     response = protocol.accept(Request(path, given))
     if response.status_code == 101:
-        return HandshakeAnswer(101, response.serialize(), deflate=agreed_terms(protocol.extensions))
+        return HandshakeAnswer(
+            101,
+            response.serialize(),
+            deflate=agreed_terms(protocol.extensions),
+            subprotocol=protocol.subprotocol or "",
+        )
     failure = protocol.handshake_exc
     wrong_version = isinstance(failure, InvalidHeader) and failure.name == "Sec-WebSocket-Version"
     # RFC 6455 section 4.4 asks for 426 with the version that is spoken.
     return HandshakeAnswer(426 if wrong_version else response.status_code, reason=_reason(failure))
 
 
-def _select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:
-    """The subprotocol to speak (RFC 6455 section 4.2.2): ours if it is offered, else none.
+def _selector(
+    spoken: Collection[str],
+) -> Callable[[ServerProtocol, Sequence[Subprotocol]], Subprotocol | None]:
+    """What chooses the subprotocol (RFC 6455 section 4.2.2): the first offered that is spoken here, or none.
 
     Clients that offer only others get none, and go on or not as they please.
     """
-    return SUBPROTOCOL if SUBPROTOCOL in offered else None
+
+    def select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:
+        return next((each for each in offered if each == SUBPROTOCOL or each in spoken), None)
+
+    return select
 
 
 def _reason(failure: Exception | None) -> str:

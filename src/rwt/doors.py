@@ -1,0 +1,147 @@
+"""Where clients come in: the listeners of a server and its connections to hubs, with their pages."""
+
+from __future__ import annotations
+
+from contextlib import AbstractAsyncContextManager
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from rwt.pages import routes
+from rwt_access.origins import is_loopback_listener
+from rwt_access.tls import client_tls
+from rwt_transports.http import Proxies
+from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.listener import listen
+from rwt_transports.relay.dial import dial
+from rwt_transports.websocket.extensions import Deflate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from ssl import SSLContext
+
+    from rwt.observability.metrics import ServerMetrics
+    from rwt.settings.models import Settings
+    from rwt.workers.worker import WorkerContext
+    from rwt_access.gateway import AcceptPeer
+    from rwt_access.graph_view import GraphView
+    from rwt_bridge.bridge import Bridge
+    from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
+    from rwt_transports.api import Listener
+    from rwt_transports.http import HttpExtension, Routes
+    from rwt_transports.relay.dial import RelayStatus
+
+
+class Doors:
+    """The ways into one server, which share their counts, bounds and pages.
+
+    Args:
+        settings: of the server.
+        bridge: takes in clients whose WebSocket has no other subprotocol.
+        gateways: what takes in the others, by subprotocol.
+        metrics: what the pages show.
+        tls: certificate and key of listeners that encrypt.
+        http: what nodes and gateways bring.
+        middleware: stand between the transports and the gateways, the outermost last.
+        worker: the process that this is, of several with the same ports.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        bridge: Bridge,
+        gateways: Mapping[str, AcceptPeer],
+        metrics: ServerMetrics,
+        tls: SSLContext | None,
+        http: Iterable[HttpExtension[GraphView]],
+        middleware: Iterable[Callable[[Accept], Accept]],
+        worker: WorkerContext | None,
+    ) -> None:
+        self._settings = settings
+        self._bridge = bridge
+        self._gateways = gateways
+        self._metrics = metrics
+        self._tls = tls
+        self._http = tuple(http)
+        self._middleware = tuple(middleware)
+        self._worker = worker
+        self._limits = _limits(settings)
+        self._proxies = Proxies(settings.proxies)
+        self._addresses = AddressCount(self._limits.connections_per_address, self._proxies)
+
+    def listen(self, url: str) -> AbstractAsyncContextManager[Listener]:
+        """Accept clients on `url` within the block; raises what :func:`~rwt_transports.listener.listen`
+        does."""
+        settings = self._settings
+        return listen(
+            url,
+            self._accept(url),
+            routes=self._pages(url),
+            hosts=settings.origins.hosts,
+            proxies=self._proxies,
+            access_log=settings.access_log,
+            subprotocols=self._gateways,
+            addresses=self._addresses,
+            limits=self._limits,
+            tls=self._tls,
+            bson=settings.bson_only_mode,
+            shared=self._worker is not None,
+        )
+
+    def dial(self, url: str) -> AbstractAsyncContextManager[RelayStatus]:
+        """Accept the clients of the hub at `url` within the block; raises what
+        :func:`~rwt_transports.relay.dial.dial` does."""
+        token = self._settings.dial.token
+        return dial(
+            url,
+            self._accept(url),
+            token=token.get_secret_value() if token else None,
+            limits=self._limits,
+            addresses=self._addresses,
+            routes=self._pages(url),
+            tls=self._dial_tls,
+        )
+
+    @cached_property
+    def _dial_tls(self) -> SSLContext | None:
+        return client_tls(self._settings.dial.cafile)
+
+    def _accept(self, url: str) -> Accept:
+        loopback = is_loopback_listener(url)
+        gateways, rosbridge = self._gateways, self._bridge.accept
+
+        def accept(sink: Sink, info: PeerInfo) -> Endpoint:
+            return gateways.get(info.subprotocol, rosbridge)(sink, info, loopback=loopback)
+
+        found: Accept = accept
+        for wrap in self._middleware:
+            found = wrap(found)
+        return found
+
+    def _pages(self, url: str) -> Routes:
+        gather = None if self._worker is None else self._worker.metrics.gather
+        loopback = is_loopback_listener(url)
+        return routes(self._bridge, self._metrics, self._http, loopback=loopback, gather=gather)
+
+
+def _limits(settings: Settings) -> Limits:
+    """The bounds that the transports keep."""
+    limits = settings.limits
+    return Limits(
+        message_bytes=settings.max_message_size,
+        incoming_bytes=limits.incoming_bytes,
+        connections=limits.connections,
+        connections_per_address=limits.connections_per_address,
+        stalled_http_seconds=limits.stalled_http_seconds,
+        handshake_seconds=limits.handshake_seconds,
+        idle_http_seconds=limits.idle_http_seconds,
+        close_seconds=limits.close_seconds,
+        ping_seconds=limits.ping_seconds,
+        pong_seconds=limits.pong_seconds,
+        idle_peer_seconds=limits.idle_peer_seconds,
+        data_bytes=limits.data_bytes,
+        data_frames=limits.data_frames,
+        outgoing_bytes=limits.outgoing_message_bytes,
+        control_bytes=limits.control_bytes,
+        control_frames=limits.control_frames,
+        deflate=Deflate(settings.deflate),
+    )
