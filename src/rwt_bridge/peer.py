@@ -114,7 +114,7 @@ class Peer:
         self._worked = 0.0  # seconds, in all
         self._counted = 0.0  # of them, as work that it has caused
         self._turn_began = 0.0  # when it had worked so long
-        self._is_beyond = self._work.excess > 0.0  # its rate of work
+        self._is_beyond = self._needs_turn = self._work.excess > 0.0  # its rate of work
         self._began = 0.0  # with the frame or message at hand
         self._unfinished: Op | None = None
         self._waiting: deque[Op | Refusal | _Work | tuple[bytes, bool]] = deque()
@@ -153,8 +153,12 @@ class Peer:
         if received != self._received:
             self._received = received
             self._turn_began = self._worked
+            self._needs_turn = self._is_beyond
         if (
-            self._is_held or self._is_beyond or self._turns.is_full or self._worked - self._turn_began > SHARE
+            self._is_held
+            or self._needs_turn
+            or self._turns.is_full
+            or self._worked - self._turn_began > SHARE
         ) and self._must_wait(len(data)):
             self._wait((data if type(data) is bytes else bytes(data), binary))
             return
@@ -162,14 +166,26 @@ class Peer:
         # As _read does it, written out: this runs for each message.
         self.messages += 1
         if self._rate is None or self._may_send(now):
-            items = self._session.decode(data, binary, now)
-            if len(items) == 1:
-                self._do(items[0])
-            else:
-                self._do_all(items, now)
+            usual = None if binary else self._session.split_publish(data)
+            if usual is None or not self._publish_exact(*usual, data):
+                items = self._session.decode(data, binary, now)
+                if len(items) == 1:
+                    self._do(items[0])
+                else:
+                    self._do_all(items, now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > SHARE:
             self._count_work()
+
+    def _publish_exact(self, topic: bytes, payload: bytes, data: bytes) -> bool:
+        """Publish the usual message in a frame; False, and nothing is done, if it needs a closer look."""
+        try:
+            return self.topics.publish_exact(topic, payload)
+        except Exception as error:
+            (op,) = self._session.decode(data, False, self._began)
+            assert isinstance(op, Op)  # Its payload has passed the check of its type.
+            self._after(op, self._bridge.dispatcher.refused(self, op, error))
+            return True
 
     def _read(self, data: bytes, binary: bool, now: float) -> None:
         self.messages += 1
@@ -195,15 +211,18 @@ class Peer:
         self._counted = self._worked
         self._work.add(seconds, "messages")
         self._turns.note(seconds)
-        self._is_beyond = self._work.excess > 0.0
+        self._is_beyond = self._needs_turn = self._work.excess > 0.0
 
     def _must_wait(self, size: int) -> bool:
         """Whether a message of `size` bytes waits, where one may have to."""
         worked = self._worked - self._turn_began
         if self._waiting or worked > SHARE or (self._turns.is_full and (worked or size > _SMALL)):
             return True
-        self._is_beyond = self._work.excess > 0.0
-        return self._is_beyond and not self._turns.take(self)
+        if self._needs_turn:
+            self._is_beyond = self._work.excess > 0.0
+            # Once for each read, which is within one turn.
+            self._needs_turn = self._is_beyond and not self._turns.take(self)
+        return self._needs_turn
 
     def _may_send(self, now: float) -> bool:
         """Whether one message more is within the rate: each of a frame, and each frame that holds none."""

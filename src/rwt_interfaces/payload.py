@@ -90,6 +90,16 @@ class Payload:
         return cls._wholly(message_type, raw, now or time.time_ns)
 
     @classmethod
+    def from_exact_json(cls, message_type: MessageType, raw: bytes) -> Payload | None:
+        """Take a short message as it came in JSON if it may be passed on untouched; None for any other
+        text, whatever it is."""
+        try:
+            message_type.json.check(raw)
+        except REJECTIONS:
+            return None
+        return cls(message_type, raw, None)
+
+    @classmethod
     def from_dense_json(
         cls, message_type: MessageType, raw: RawText, now: Now | None = None
     ) -> Payload | None:
@@ -264,6 +274,11 @@ class Payload:
             InvalidMessage: it does not fit; no other exception, whatever the bytes.
         """
         return cls(message_type, None, message_type.from_ros1(data))
+
+    @property
+    def is_as_it_came(self) -> bool:
+        """Whether it came in JSON, and is passed on in the very bytes."""
+        return self._json is not None and self._message is None
 
     def json(self) -> RawText:
         """The message in JSON: the very bytes that came, if they came fit to be passed on."""

@@ -66,7 +66,7 @@ class Dispatcher(Generic[C]):
         try:
             steps = self._handlers[type(op)](context, op)
         except Exception as error:
-            return self._refused(context, op, error)
+            return self.refused(context, op, error)
         if steps is None:
             return None
         return (self._later or self._at_once)(context, op, steps)
@@ -86,11 +86,11 @@ class Dispatcher(Generic[C]):
                 if not may_go_on():
                     return steps
         except Exception as error:
-            return self._refused(context, op, error)
+            return self.refused(context, op, error)
         return None
 
-    def _refused(self, context: C, op: Op, error: Exception) -> Op:
-        """The op that reports an exception to the sender; called within the `except` block."""
+    def refused(self, context: C, op: Op, error: Exception) -> Op:
+        """The op that reports to the sender of `op` what it has raised; called within the `except` block."""
         refuse = SPEC_OF[type(op)].refuse
         if isinstance(error, Refused):
             return refuse(ReplyTo.of(op), error.reason, error.level)

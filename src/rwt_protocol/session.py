@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from rwt_protocol.codecs import BINARY_CODECS, JSON, png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitLimits
 from rwt_protocol.codecs.head_tail_split import head_members
+from rwt_protocol.codecs.quick_publish import QUICK, never, split_publish
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
@@ -24,6 +25,10 @@ from rwt_protocol.spelling import nearest
 from rwt_protocol.transport import Frame
 
 _MOST_INSIDE: Final = 4
+
+_DEEP: Final = 64
+"""Levels that no message type has. A payload that fits its type has no more than that."""
+
 _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
 
 
@@ -79,12 +84,17 @@ class Session:
             JSON.
         response: the reply to a call that succeeded, from the service, its response and the caller's id.
         call: a call to a provider, from the service, its request and the id.
+        split_publish: the topic and the payload of a text frame that is a usual small `publish`; None for
+            every other frame, for which :meth:`decode` is there. See
+            :mod:`rwt_protocol.codecs.quick_publish` for what is known of the two. While the client is to be
+            told of successes or of defaults, it is None for all.
     """
 
     __slots__ = (
         "_codec",
         "_direction",
         "_inside",
+        "_is_quick",
         "_level",
         "_max_size",
         "_profile",
@@ -94,6 +104,7 @@ class Session:
         "call",
         "encode",
         "response",
+        "split_publish",
     )
 
     def __init__(
@@ -117,6 +128,15 @@ class Session:
         self._reassembly = Reassembly(limits.fragments)
         self._readers = readers(profile, direction)
         self._level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
+        self._is_quick = (
+            codec is None
+            and direction is Direction.TO_SERVER
+            and "publish" in self._readers
+            and limits.max_message_size >= QUICK
+            and limits.split.max_depth >= _DEEP
+        )
+        self.split_publish: Callable[[bytes], tuple[bytes, bytes] | None] = never
+        self._note_level()
 
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
         """The messages of one frame, in order. Never raises, and keeps nothing of a frame that is cut short.
@@ -215,6 +235,7 @@ class Session:
         try:
             if isinstance(op, SetLevel):
                 self._level = op.level
+                self._note_level()
             elif isinstance(op, Fragment):
                 return self._join(op, now)
             elif isinstance(op, Png):
@@ -222,6 +243,9 @@ class Session:
         except Refused as refused:
             return (self._refusal({"op": op.op, "id": op.id}, refused.reason),)
         return ()
+
+    def _note_level(self) -> None:
+        self.split_publish = split_publish if self._is_quick and not self.wants_status("warning") else never
 
     def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
         """What a piece completes, as if it had come whole (FRG-11).

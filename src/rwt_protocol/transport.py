@@ -127,26 +127,37 @@ class Burst:
             for member in members:
                 member.sealed(added, size)
 
-    def framed(self, framing: Callable[[Frame], bytes]) -> bytes:
-        """The bytes of all frames on a wire with that `framing`; joined once for all that ask. Seals it."""
+    def framed(
+        self, framing: Callable[[Frame], bytes], joined: Callable[[Sequence[Frame]], bytes] | None = None
+    ) -> bytes:
+        """The bytes of all frames on a wire with that `framing`; joined once for all that ask. Seals it.
+
+        Args:
+            framing: makes the bytes of one frame.
+            joined: makes the same bytes of several, sooner.
+        """
         if self._framing is framing:
             return self._framed
         self.seal()
         if self._framing is None:
             self._framing = framing
-            self._framed = self._join(framing)
+            self._framed = self._join(framing, joined)
             return self._framed
         if self._others is None:
             self._others = {}
         framed = self._others.get(framing)
         if framed is None:
-            framed = self._others[framing] = self._join(framing)
+            framed = self._others[framing] = self._join(framing, joined)
         return framed
 
-    def _join(self, framing: Callable[[Frame], bytes]) -> bytes:
+    def _join(
+        self, framing: Callable[[Frame], bytes], joined: Callable[[Sequence[Frame]], bytes] | None
+    ) -> bytes:
         frames = self._frames
         if len(frames) == 1:
             return frames[0].framed(framing)
+        if joined is not None:
+            return joined(frames)
         return b"".join([frame.framed(framing) for frame in frames])
 
 

@@ -9,7 +9,7 @@ thread, so a message costs no task.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from ssl import SSLContext
@@ -31,11 +31,13 @@ class Framing:
         pieces: the same bytes in several pieces, of which the large ones are the frame's own parts, uncopied.
         shared: False where the bytes depend on what was sent before on the same connection: then every frame
             is framed exactly once each time it is sent, in the order of sending.
+        joined: several frames as one piece, where that is cheaper than to join what `whole` makes of each.
     """
 
     whole: Callable[[Frame], bytes]
     pieces: Callable[[Frame], tuple[Buffer, ...]]
     shared: bool = True
+    joined: Callable[[Sequence[Frame]], bytes] | None = None
 
 
 class Link(Protocol):

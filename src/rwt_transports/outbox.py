@@ -342,7 +342,11 @@ class Outbox:
             else:
                 if len(ready) == 1:
                     piece = ready[0]
-                    data = piece.framed(self.whole) if type(piece) is Burst else cast("Buffer", piece)
+                    data = (
+                        piece.framed(self.whole, self._framing.joined)
+                        if type(piece) is Burst
+                        else cast("Buffer", piece)
+                    )
                 else:
                     data = b"".join(self._settle_bursts())
                 ready.clear()
@@ -358,7 +362,7 @@ class Outbox:
             self.bursts = False
             for at, piece in enumerate(ready):
                 if type(piece) is Burst:
-                    ready[at] = piece.framed(self.whole)
+                    ready[at] = piece.framed(self.whole, self._framing.joined)
         return cast("list[Buffer]", ready)
 
     def _take_mixed(self, ready: list[Buffer]) -> Buffer:

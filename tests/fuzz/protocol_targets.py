@@ -8,6 +8,8 @@ import logging
 import struct
 import zlib
 
+import msgspec
+
 from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
 from rwt_graph import MemoryGraph, Node
@@ -26,7 +28,7 @@ from tests.bridge.recording_client import Client
 
 _PROFILES = list(PROFILES.values())
 _DIRECTIONS = [Direction.TO_SERVER, Direction.TO_CLIENT]
-LIMITS = WireLimits(100_000, SplitLimits(max_depth=50), FragmentLimits(4, 20_000, 10.0))
+LIMITS = WireLimits(100_000, SplitLimits(max_depth=70), FragmentLimits(4, 20_000, 10.0))
 LONGEST_REASON = 2_000
 
 PICTURE_BYTES = 50_000
@@ -56,10 +58,27 @@ def bson(data: bytes) -> None:
 def _frames(chosen: Session, data: bytes) -> None:
     for now, each in enumerate(data[1:].split(b"\x1e")):
         binary = bool(each) and each[0] >= 0xA0
+        _check_usual(chosen, each)
         found = chosen.decode(each, binary, float(now))
         assert len(found) <= (MOST_MESSAGES + 1) * (4 if binary else 1), "more ops than a frame can hold"
         for item in found:
             _check_item(item)
+
+
+def _check_usual(chosen: Session, data: bytes) -> None:
+    """What the ends of a frame show of a `publish` is what its parse finds, if what is between is JSON."""
+    usual = chosen.split_publish(data)
+    if usual is None:
+        return
+    topic, payload = usual
+    try:
+        value = msgspec.json.decode(payload)
+    except (msgspec.DecodeError, RecursionError):
+        return
+    (members,) = JSON.split(data, LIMITS.split)
+    assert isinstance(members, dict)
+    assert (members["op"], members["topic"], "qos" in members) == ("publish", topic.decode(), False)
+    assert msgspec.json.decode(members["msg"]) == value  # type: ignore[call-overload]  # it is undecoded
 
 
 def _check_item(item: Op | Refusal) -> None:

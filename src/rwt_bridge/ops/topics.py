@@ -12,6 +12,7 @@ from rwt_bridge.ops.qos import incompatible_policies, publisher_qos
 from rwt_bridge.ops.subscriptions import ClientSubscription
 from rwt_delivery.throttle import Room
 from rwt_graph.names import resolve
+from rwt_interfaces.payload import Payload
 from rwt_interfaces.validation.missing_fields import missing_fields
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from rwt_bridge.reply import Replies
     from rwt_delivery.fanout import Fanout
     from rwt_delivery.shared_publishers import Lacks
-    from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Encoding
     from rwt_protocol.dispatcher import Steps
@@ -45,7 +45,9 @@ class Topics:
         queued: bytes that all throttled subscriptions together may keep in their queues.
     """
 
-    __slots__ = ("_encoding_of", "_graph", "_now", "_publishers", "_replies", "_room", "_subscriptions")
+    __slots__ = (
+        "_encoding_of", "_exact", "_graph", "_now", "_publishers", "_replies", "_room", "_subscriptions",
+    )  # fmt: skip
 
     def __init__(
         self, graph: ClientGraph, replies: Replies, encoding_of: Callable[[str], Encoding], queued: int
@@ -56,6 +58,8 @@ class Topics:
         self._now = graph.clock.time_ns
         self._room = Room(queued)
         self._publishers: dict[str, ClientPublisher] = {}
+        # Those on which the last message could be passed on as it came, by the topic in UTF-8.
+        self._exact: dict[bytes, ClientPublisher] = {}
         self._subscriptions: dict[str, ClientSubscription] = {}
 
     def advertise(self, op: Advertise) -> None:
@@ -78,8 +82,34 @@ class Topics:
         raw = op.msg
         if isinstance(raw, RawJson) and len(raw.data) >= IN_STEPS:
             return self._publish_in_steps(op, raw, publisher.type)
-        self._publish(op, publisher, payload_of(publisher.type, raw, "publish.msg", self._now))
+        payload = payload_of(publisher.type, raw, "publish.msg", self._now)
+        self._publish(op, publisher, payload)
+        if payload.is_as_it_came:
+            self._exact[op.topic.encode()] = publisher
         return None
+
+    def publish_exact(self, topic: bytes, raw: bytes) -> bool:
+        """Hand on a small message that may be passed on as it came, on a topic where the one before could be.
+
+        Args:
+            topic: in UTF-8, as it is spelt.
+            raw: what may be the message in JSON.
+
+        Returns:
+            Whether that was done; if not, nothing was.
+        """
+        publisher = self._exact.get(topic)
+        if publisher is None:
+            return False
+        payload = Payload.from_exact_json(publisher.type, raw)
+        if payload is None:
+            del self._exact[topic]
+            return False
+        counts = publisher.counts
+        counts.received += 1
+        counts.received_bytes += len(raw)
+        publisher.publish(payload)
+        return True
 
     def _publish_in_steps(self, op: Publish, raw: RawJson, type: MessageType) -> Steps:
         payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
@@ -108,7 +138,7 @@ class Topics:
         if op.qos is not None:
             self._forget_publisher(publisher.topic)  # It may have taken the place of another.
         if len(self._publishers) >= _MOST_NAMES:
-            self._publishers.clear()
+            self.forget_publishers()
         self._publishers[op.topic] = publisher
         return publisher
 
@@ -124,10 +154,12 @@ class Topics:
     def _forget_publisher(self, topic: str) -> None:
         """Look the topic's publisher up again at the next publish."""
         self._publishers = {name: held for name, held in self._publishers.items() if held.topic != topic}
+        self._exact = {name: held for name, held in self._exact.items() if held.topic != topic}
 
     def forget_publishers(self) -> None:
         """Ask again for the right to publish: the client's role is another one."""
         self._publishers.clear()
+        self._exact.clear()
 
     def end_refused(self) -> None:
         """End the subscriptions that the client's role does not allow."""

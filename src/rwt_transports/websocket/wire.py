@@ -13,7 +13,7 @@ to the letter.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from struct import Struct
 
 try:
@@ -42,6 +42,9 @@ DIRECT_BYTES = 32 * 1024
 SMALL_PART_BYTES = 16 * 1024
 """Parts below this are joined with the header rather than written by themselves."""
 
+_LONGEST_USUAL_HEADER = 8
+"""Bytes of the header of a masked frame that has less than 64 KiB, its key included."""
+
 _SHORT = Struct("!BB").pack
 _MEDIUM = Struct("!BBH").pack
 _LONG = Struct("!BBQ").pack
@@ -64,6 +67,15 @@ def server_whole(frame: Frame) -> bytes:
     return b"".join((_server_header(frame), *frame.parts))
 
 
+def _server_joined(frames: Sequence[Frame]) -> bytes:
+    """Several messages, one after the other."""
+    parts: list[Buffer] = []
+    for frame in frames:
+        parts.append(_server_header(frame))
+        parts += frame.parts
+    return b"".join(parts)
+
+
 def server_pieces(frame: Frame) -> tuple[Buffer, ...]:
     """The same in pieces, the large parts of the message uncopied."""
     pieces: list[Buffer] = []
@@ -83,7 +95,7 @@ def _client_whole(frame: Frame) -> bytes:
     return pack(BINARY if frame.binary else TEXT, frame.data, masked=True)
 
 
-SERVER_FRAMING = Framing(server_whole, server_pieces)
+SERVER_FRAMING = Framing(server_whole, server_pieces, joined=_server_joined)
 """One unfragmented, unmasked WebSocket frame (RFC 6455 section 5.2)."""
 CLIENT_FRAMING = Framing(_client_whole, lambda frame: (_client_whole(frame),))
 """One unfragmented frame masked with a key of its own, as a client must send it (RFC 6455 section 5.3)."""
@@ -304,11 +316,41 @@ class WebSocketWire:
             if self._skip:
                 position = self._skip_some(data, position, end)
                 continue
+            if self._plain:
+                position = self._read_usual(data, position, end)
+                if position == end or self._ended:
+                    return
             following = self._read_frame(data, position, end)
             if following == position:
                 self._tail = data[position:]
                 return
             position = following
+
+    def _read_usual(self, data: bytes, position: int, end: int) -> int:
+        """Read whole, masked, small messages, nearly all that clients send; returns where something else
+        starts, or the end."""
+        most = self._max_size
+        while end - position >= _LONGEST_USUAL_HEADER and self._plain:
+            first = data[position]
+            size = data[position + 1] - 0x80
+            start = position + 6
+            if size == 126:
+                size = data[position + 2] << 8 | data[position + 3]
+                start = position + 8
+                if size < 126:
+                    return position
+            elif size == 127:
+                return position
+            stop = start + size
+            if (first != 0x81 and first != 0x82) or size < 0 or stop > end or size > most:
+                return position
+            payload = apply_mask(data[start:stop], data[start - 4 : start])
+            position = stop
+            if self._strict:
+                self._deliver(payload, first == 0x82)
+            else:
+                self.message(payload, first == 0x82)
+        return position
 
     def _read_frame(self, data: bytes, position: int, end: int) -> int:
         """Read the frame at `position`; returns where the next one starts, `position` when its header is
@@ -326,15 +368,6 @@ class WebSocketWire:
             size = _long_size(data[position + 2 : start])
         if second > 127:
             start += 4
-            stop = start + size
-            if stop <= end and (first == 0x81 or first == 0x82) and self._plain and size <= self._max_size:
-                # Nearly every frame: a whole message, masked, all here.
-                payload = apply_mask(data[start:stop], data[start - 4 : start])
-                if self._strict:
-                    self._deliver(payload, first == 0x82)
-                else:
-                    self.message(payload, first == 0x82)
-                return stop
         elif not self._server and self._whole and (first == 0x81 or first == 0x82):
             # Nearly every frame from a server: the same, and not masked.
             stop = start + size
