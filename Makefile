@@ -57,7 +57,7 @@ web: $(PAGE)
 	npm test --silent --prefix $(WEB)
 
 unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(PAGE)
-	$(BIN)/pytest
+	$(BIN)/python -m tests $(ARGS)
 
 test: lint types web unit
 

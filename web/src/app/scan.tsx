@@ -4,7 +4,7 @@
  */
 
 import { useSignal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { t } from "../i18n/text";
 import type { App } from "./state";
 
@@ -24,7 +24,7 @@ export function ScanBar({ app }: { app: App }) {
   const current = useRef<HTMLElement | null>(null);
   const held = useRef<HTMLElement | null>(null);
   const seconds = pace.value;
-  useEffect(() => {
+  useLayoutEffect(() => {
     const light = (element: HTMLElement | null) => {
       current.current?.classList.remove("scanned");
       current.current = element;

@@ -57,6 +57,11 @@ export class RobotSession {
   /** Why there is no connection; empty while there is one. */
   readonly reason = signal("");
   readonly graph: Signal<Graph> = signal(EMPTY);
+
+  /** Whether the robot has been asked what it has, and has answered or failed to. */
+  get hasAsked(): boolean {
+    return this.graph.value !== EMPTY;
+  }
   readonly permissions: Signal<Permissions> = signal(new Permissions(null));
   readonly notices: Signal<Notice[]> = signal([]);
   /** What each topic that is subscribed to costs, of the last second. */

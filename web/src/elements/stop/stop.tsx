@@ -1,6 +1,6 @@
 /** `<rwt-stop>`: a button that stops the robot, and keeps the controls of the page from moving it. */
 
-import { useEffect } from "preact/hooks";
+import { useLayoutEffect } from "preact/hooks";
 import { t } from "../../i18n/text";
 import { flag, text } from "../base/attributes";
 import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
@@ -41,7 +41,7 @@ export class StopElement extends RobotElement {
 
 function StopView({ element, session, stop }: ViewProps<StopElement>) {
   const { shortcut } = element;
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (!shortcut) return undefined;
     const onKey = (event: KeyboardEvent) => {
       if (event.key === shortcut && !event.repeat) element.stop();

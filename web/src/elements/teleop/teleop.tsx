@@ -1,6 +1,6 @@
 /** `<rwt-teleop>`: a stick, buttons and keys that drive the robot while they are held. */
 
-import { useEffect, useMemo, useRef } from "preact/hooks";
+import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics } from "../../robot/drive";
 import { choice, number, text } from "../base/attributes";
@@ -52,7 +52,8 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
   const drive = useMemo(() => new Drive(session, topic, type, stop.stopped), [session, topic, type, stop]);
   drive.limits = { linear: element.maxLinear, angular: element.maxAngular };
   const pad = useRef<HTMLFieldSetElement>(null);
-  useEffect(() => {
+  // Before the page is drawn, since what is seen to be there may be pressed.
+  useLayoutEffect(() => {
     const endPage = releaseWithPage(drive);
     const endTelling = tellOf(element, drive, topic);
     return () => {
@@ -62,7 +63,7 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
     };
   }, [drive, element, topic]);
   const { keys, controls } = element;
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (keys === "off" || !pad.current) return undefined;
     return followKeys(keys === "page" ? document : pad.current, drive);
   }, [drive, keys]);
@@ -70,7 +71,8 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
   // A server that does not say beforehand what is allowed says it when a velocity comes.
   const refusal = session.notices.value.findLast(({ level, about }) => level === "error" && about === topic);
   const stopped = stop.stopped.value;
-  const idle = stopped || session.state.value !== "open";
+  // Before the robot has said of which type the topic is, a grip would be lost when it does.
+  const idle = stopped || session.state.value !== "open" || !session.hasAsked;
   // Without a button in it, the keyboard needs a place to be.
   const place = controls === "stick" && keys === "focus" ? { tabIndex: 0 } : {};
   return (

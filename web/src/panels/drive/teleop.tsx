@@ -1,6 +1,6 @@
 /** Teleoperation: hold to run, by stick, buttons, keyboard or gamepad. */
 
-import { useEffect, useMemo, useRef } from "preact/hooks";
+import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics, type Wish } from "../../robot/drive";
@@ -54,7 +54,8 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
   };
   drive.limits = limits;
   const pad = useRef<HTMLFieldSetElement>(null);
-  useEffect(() => {
+  // Before the page is drawn, since what is seen to be there may be pressed.
+  useLayoutEffect(() => {
     const endPage = releaseWithPage(drive);
     const endGamepad = followGamepad(drive);
     return () => {
@@ -63,10 +64,10 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
       drive.dispose();
     };
   }, [drive]);
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (!visible.value) drive.releaseAll();
   }, [drive, visible.value]);
-  useEffect(() => followKeys(pad.current as HTMLElement, drive), [drive]);
+  useLayoutEffect(() => followKeys(pad.current as HTMLElement, drive), [drive]);
   const { linear, lateral, angular } = drive.sent.value;
   const idle = stop.stopped.value || session.state.value !== "open";
   return (

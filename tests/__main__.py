@@ -1,0 +1,182 @@
+"""Runs all tests: in several programs beside each other, those that measure alone, and those that failed once
+more, alone.
+
+A machine that does other things at the same time may starve a real browser or a real client until its test
+gives up. So whatever failed is asked again with nothing beside it. The run fails with what fails then, or if
+much failed at first; its end says what was asked again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Timer
+from typing import Final
+from xml.etree import ElementTree
+
+TESTS: Final = Path(__file__).parent
+
+ALONE: Final = ("bench", "faults/attacks")
+"""Folders whose tests measure."""
+
+FILES: Final = 6
+"""Files in one program."""
+
+MANY: Final = 25
+"""Failures that no busy machine explains."""
+
+PATIENCE: Final = 1200.0
+"""Seconds after which a program hangs; each test has a limit of its own, but what is around them has none."""
+
+NO_TESTS: Final = 5
+"""The exit code of pytest where no test is as asked."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one program.
+
+    Attributes:
+        files: whose tests it ran.
+        output: what it printed.
+        seconds: how long it took.
+        tests: how many it ran.
+        failed: those of them that failed, as pytest names them; of a program that did not come to its end,
+            its files.
+    """
+
+    files: tuple[str, ...]
+    output: str
+    seconds: float
+    tests: int
+    failed: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+        first = self.files[0].partition("::")[0]
+        return first if len(self.files) == 1 else f"{first} and {len(self.files) - 1} more"
+
+    def show(self) -> None:
+        """Print how it ended, and of what failed everything."""
+        failed = f", {len(self.failed)} FAILED" if self.failed else ""
+        print(f"{self.seconds:6.1f} s {self.tests:5} tests  {self.name}{failed}", flush=True)
+        if self.failed:
+            print(self.output, flush=True)
+
+
+def programs(paths: Iterable[Path]) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
+    """The files of each program, the largest first: those that run beside each other, and those that run
+    alone."""
+    beside: list[tuple[int, tuple[str, ...]]] = []
+    alone: list[tuple[str, ...]] = []
+    by_folder: dict[Path, list[Path]] = {}
+    for path in paths:
+        for file in sorted(path.rglob("test_*.py")) if path.is_dir() else [path]:
+            by_folder.setdefault(file.parent, []).append(file)
+    for folder, files in by_folder.items():
+        for start in range(0, len(files), FILES):
+            chosen = files[start : start + FILES]
+            names = tuple(os.path.relpath(file) for file in chosen)
+            if folder.resolve().relative_to(TESTS).as_posix() in ALONE:
+                alone.append(names)
+            else:
+                beside.append((sum(file.stat().st_size for file in chosen), names))
+    return [names for _, names in sorted(beside, reverse=True)], alone
+
+
+def run(files: tuple[str, ...], further: list[str]) -> Outcome:
+    """Run some tests in a program of their own."""
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder, "report.xml")
+        command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={report}", "-o", "junit_family=xunit1"]
+        command += ["-o", f"cache_dir={folder}/cache", *further, *files]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
+        ) as program:
+            ends = Timer(PATIENCE, os.killpg, (program.pid, signal.SIGKILL))
+            ends.start()
+            output = program.communicate()[0].decode(errors="replace")
+            ends.cancel()
+        seconds = time.monotonic() - began
+        if program.returncode in (0, NO_TESTS):
+            failed: tuple[str, ...] = ()
+        elif report.exists() and program.returncode == 1:
+            failed = _failed(report)
+        else:
+            failed = files
+        tests = len(list(ElementTree.parse(report).iter("testcase"))) if report.exists() else 0
+    return Outcome(files, output, seconds, tests, failed)
+
+
+def _failed(report: Path) -> tuple[str, ...]:
+    """The tests that a report in JUnit's form has as failed, as pytest takes them."""
+    found: dict[str, None] = {}
+    for case in ElementTree.parse(report).iter("testcase"):
+        if case.find("failure") is not None or case.find("error") is not None:
+            file, name, owner = case.get("file", ""), case.get("name", ""), case.get("classname", "")
+            stem = file.removesuffix(".py").replace("/", ".")
+            within = owner.removeprefix(stem).removeprefix(".").replace(".", "::")
+            found["::".join(each for each in (file, within, name) if each)] = None
+    return tuple(found)
+
+
+def main() -> int:
+    """Run, and return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tests",
+        description=__doc__,
+        epilog="example: python -m tests --processes 4 tests/bridge tests/access -- -x",
+    )
+    parser.add_argument("--processes", type=int, default=2, help="programs that run beside each other [2]")
+    parser.add_argument("paths", nargs="*", type=Path, default=[TESTS], help="files and folders [all]")
+    given, further = sys.argv[1:], []
+    if "--" in given:
+        given, further = given[: given.index("--")], given[given.index("--") + 1 :]
+    options = parser.parse_args(given)
+    beside, alone = programs(options.paths)
+    outcomes: list[Outcome] = []
+
+    def done(files: tuple[str, ...]) -> None:
+        outcome = run(files, further)
+        outcome.show()
+        outcomes.append(outcome)
+
+    with ThreadPoolExecutor(options.processes) as pool:
+        list(pool.map(done, beside))
+    for files in alone:
+        done(files)
+    failed = [test for outcome in outcomes for test in outcome.failed]
+    print(f"{sum(outcome.tests for outcome in outcomes)} tests, {len(failed)} failed")
+    if not failed:
+        return 0
+    if len(failed) > MANY:
+        print("so many are not asked again")
+        return 1
+    print("asking again, alone:\n" + "\n".join(f"  {test}" for test in failed), flush=True)
+    still: list[str] = []
+    for test in failed:
+        again = run((test,), further)
+        again.show()
+        still += again.failed
+    for heading, tests in (
+        ("passed when asked again:", [test for test in failed if test not in still]),
+        ("FAILED:", still),
+    ):
+        if tests:
+            print("\n".join([heading, *(f"  {test}" for test in tests)]))
+    return 1 if still else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
