@@ -136,7 +136,7 @@ class Clients:
                     publisher.send(frames[2])
                 else:
                     publish()
-                if not loop.until(lambda wanted=expected: subscriber.received >= wanted, PATIENCE_SECONDS):  # type: ignore[misc]
+                if not loop.until(partial(subscriber.has, expected), PATIENCE_SECONDS):
                     return float("nan")
                 if run:
                     least = min(least, self._selector.longest)

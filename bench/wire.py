@@ -166,6 +166,10 @@ class Connection:
         """Messages received so far."""
         return self._counter.count
 
+    def has(self, count: int) -> bool:
+        """Whether so many messages have come."""
+        return self._counter.count >= count
+
     @property
     def writable(self) -> bool:
         """Whether everything sent so far is in the kernel."""

@@ -11,7 +11,7 @@ from rwt import Settings
 from rwt_access.access import Access
 from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_graph.api import GoalEvents
+from rwt_graph.api import GoalEvents, ServerGoal
 from rwt_interfaces.payload import Payload
 from rwt_nodes import Rosapi
 from rwt_nodes.rosapi import DISCLOSURES
@@ -111,9 +111,9 @@ def test_an_actions_services_need_the_right_to_its_goals(graph: MemoryGraph, spe
     cancelled: list[bool] = []
     kind = graph.registry.action(FIBONACCI)
 
-    def on_goal(goal: object) -> None:
-        goal.on_cancel = lambda: cancelled.append(True)  # type: ignore[attr-defined]
-        goal.accept()  # type: ignore[attr-defined]
+    def on_goal(goal: ServerGoal) -> None:
+        goal.on_cancel = lambda: cancelled.append(True)
+        goal.accept()
 
     graph.participant("/other").advertise_action("/fib", kind, on_goal)
     graph.participant("/sender").send_goal(

@@ -290,11 +290,12 @@ async def test_axe_finds_nothing(browser: Browser, theme: str) -> None:
         await page.evaluate(f"localStorage.setItem('rwt-theme', {theme!r})")
         found: list[str] = []
         for kind in KINDS:
-            config: dict[str, object] = {
+            configs: dict[str, dict[str, object]] = {
                 "topics": {"topic": "/odom"},
                 "services": {"name": "/add_two_ints"},
                 "actions": {"name": "/fibonacci"},
-            }.get(kind, {})  # type: ignore[assignment]
+            }
+            config = configs.get(kind, {})
             await page.goto(f"{served.url}healthz")
             await open_panels(page, served.url, [(kind, config)])
             await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")

@@ -176,7 +176,7 @@ def test_echo_only_what_a_filter_lets_through(rwt: Rwt) -> None:
 def test_echo_undecoded(rwt: Rwt) -> None:
     (octets,) = rwt("topic", "echo", "/odom", "--raw", "--once", "--json").records
     odometry = Registry(JAZZY).message("nav_msgs/Odometry")
-    assert odometry.from_cdr(base64.b64decode(octets)).child_frame_id == "base_link"  # type: ignore[attr-defined]
+    assert odometry.from_cdr(base64.b64decode(octets)).child_frame_id == "base_link"  # type: ignore[attr-defined] # of nav_msgs/Odometry
     text, end, _ = rwt("topic", "echo", "/odom", "--raw", "--once").out.partition("\n---\n")
     assert isinstance(ast.literal_eval(text), bytes)
     assert end

@@ -8,6 +8,7 @@ import json
 import math
 import tracemalloc
 from collections.abc import Callable
+from functools import partial
 from random import Random
 from typing import Any
 
@@ -129,6 +130,10 @@ def with_content(kind: MessageType, content: str, chance: Random) -> Any:
     owner, name = chance.choice(spots)
     owner[name] = [content] if isinstance(owner[name], list) and chance.random() < 0.5 else content
     return message
+
+
+def itself(payload: Payload) -> Payload:
+    return payload
 
 
 def outcome(take: Callable[[], Payload]) -> object:
@@ -377,4 +382,4 @@ def test_to_number_a_message_is_to_change_its_sequence(
         again = Payload.from_value(kind, Payload.from_json(kind, raw, now).value()).numbered(77)
         expected = outcome(lambda: Payload(kind, None, whole))
         for each in (numbered, again, numbered.detach()):
-            assert outcome(lambda each=each: each) == expected  # type: ignore[misc]
+            assert outcome(partial(itself, each)) == expected

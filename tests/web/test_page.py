@@ -60,7 +60,7 @@ def ask(page: WebPage, path: str, query: str = "", **headers: str) -> HttpRespon
 def page_of(folder: Path, **arguments: object) -> WebPage:
     files = find_static_files(folder)
     assert files is not None
-    return WebPage(files, **arguments)  # type: ignore[arg-type]
+    return WebPage(files, **arguments)  # type: ignore[arg-type] # each of its own type
 
 
 def test_hashed_files_are_kept_for_ever_and_the_document_is_asked_for_again(built: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 import pybase64
@@ -21,6 +21,9 @@ from rwt_interfaces.serialise.long_strings import LongString, RawText, Steps, cu
 from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from rwt_interfaces.structs import MessageType
 
 #: Octets shorter than this are left to msgspec, whose base64 is slower but needs no copy of the message.
@@ -171,13 +174,13 @@ def _has_arrays(message: MessageType) -> bool:
 
 def _plain(value: object) -> object:
     """What msgspec does not know itself: a numpy array becomes a list."""
-    tolist = getattr(value, "tolist", None)
-    if tolist is None:
+    if not hasattr(value, "tolist"):
         raise InvalidMessage("", f"{type(value).__name__} has no form in JSON")
-    if len(value) <= _MANY_NUMBERS:  # type: ignore[arg-type]  # it is an array
-        return tolist()
+    array: NDArray[np.generic] = cast("NDArray[np.generic]", value)
+    if len(array) <= _MANY_NUMBERS:
+        return array.tolist()
     # A list of all the numbers would take eight times the memory of a float32 each.
-    parts = (value[start : start + _MANY_NUMBERS] for start in range(0, len(value), _MANY_NUMBERS))  # type: ignore[arg-type,index]
+    parts = (array[start : start + _MANY_NUMBERS] for start in range(0, len(array), _MANY_NUMBERS))
     return msgspec.Raw(b"[%b]" % b",".join(_ENCODER.encode(part.tolist())[1:-1] for part in parts))
 
 

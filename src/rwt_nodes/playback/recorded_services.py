@@ -8,13 +8,15 @@ responses in order, and then the last again. Any other request fails, saying so.
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol, cast
 
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_nodes.playback.publications import read_payload
 from rwt_nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rwt_graph.api import Graph, ServiceCall
     from rwt_interfaces.structs import MessageType, ServiceType
     from rwt_nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
@@ -24,6 +26,22 @@ logger = logging.getLogger(__name__)
 _EVENT: Final = "_Event"
 _REQUESTS: Final = (0, 1)
 """`event_type` of REQUEST_SENT and REQUEST_RECEIVED; the two others are responses."""
+
+
+class _CallInfo(Protocol):
+    """`service_msgs/ServiceEventInfo`, as far as it is needed here."""
+
+    event_type: int
+    client_gid: Sequence[int]
+    sequence_number: int
+
+
+class _ServiceEvent(Protocol):
+    """The message of any service's introspection."""
+
+    info: _CallInfo
+    request: Sequence[object]
+    response: Sequence[object]
 
 
 class RecordedServices:
@@ -76,18 +94,18 @@ class _RecordedCalls:
     def learn(self, topic: RecordedTopic, event: MessageType, message: RecordedMessage) -> None:
         """Take in one event."""
         try:
-            recorded = read_payload(topic.encoding, event, message.data).value()
-            call = (bytes(recorded.info.client_gid), recorded.info.sequence_number)  # type: ignore[attr-defined]  # a service event
-            if recorded.info.event_type in _REQUESTS:  # type: ignore[attr-defined]  # likewise
-                for request in recorded.request:  # type: ignore[attr-defined]  # likewise
+            recorded = cast("_ServiceEvent", read_payload(topic.encoding, event, message.data).value())
+            call = (bytes(recorded.info.client_gid), recorded.info.sequence_number)
+            if recorded.info.event_type in _REQUESTS:
+                for request in recorded.request:
                     self._open[call] = Payload.from_value(self._service.request, request).cdr()
                 return
-            for response in recorded.response:  # type: ignore[attr-defined]  # likewise
+            for response in recorded.response:
                 # Client and server may both have published a call: the second event finds nothing open.
-                request = self._open.pop(call, None)
-                if request is not None:
+                asked = self._open.pop(call, None)
+                if asked is not None:
                     payload = Payload.from_value(self._service.response, response)
-                    self._responses.setdefault(request, []).append(payload)
+                    self._responses.setdefault(asked, []).append(payload)
         except InvalidMessage as error:
             logger.warning("a recorded call of %s is left out: %s", self._name, error)
 

@@ -108,16 +108,15 @@ class PlayerServices:
 
         turn(0)
 
-    def _set_rate(self, asked: object) -> Answer:
+    def _set_rate(self, asked: Any) -> Answer:
         try:
-            self._player.set_rate(asked.rate)  # type: ignore[attr-defined]  # a request of that type
+            self._player.set_rate(asked.rate)
         except ValueError:
             return {"success": False}
         return {"success": True}
 
-    def _seek(self, asked: object) -> Answer:
-        time = asked.time  # type: ignore[attr-defined]  # a request of that type
-        return {"success": self._player.seek(self._distro.time_ns(time))}
+    def _seek(self, asked: Any) -> Answer:
+        return {"success": self._player.seek(self._distro.time_ns(asked.time))}
 
     def close(self) -> None:
         """Withdraw the services."""
