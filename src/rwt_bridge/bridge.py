@@ -14,8 +14,8 @@ from rwt_bridge.ops import actions, auth, services, topics
 from rwt_bridge.ops.offers import Offers
 from rwt_bridge.peer import Peer
 from rwt_bridge.pending_auth import PendingAuth
-from rwt_bridge.turns import Turns
 from rwt_delivery.shared_graph import SharedGraph
+from rwt_delivery.turns import Turns
 from rwt_interfaces.payload import Payload
 from rwt_program.errors import RobotError
 from rwt_program.qos import LATCHED

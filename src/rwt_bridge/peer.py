@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from rwt_access.errors import AccessError
 from rwt_access.quotas import RateLimit
@@ -13,8 +12,8 @@ from rwt_bridge.ops.actions import Actions
 from rwt_bridge.ops.services import Services
 from rwt_bridge.ops.topics import Topics
 from rwt_bridge.reply import Replies
-from rwt_bridge.turns import SHARE
 from rwt_delivery.counters import UNKNOWN
+from rwt_delivery.turns import SHARE, TakesTurns
 from rwt_program.errors import RobotError
 from rwt_protocol.errors import ProtocolError
 from rwt_protocol.ops import OPS, CallService, Op, SendActionGoal, Status
@@ -33,16 +32,11 @@ if TYPE_CHECKING:
     from rwt_bridge.ops.actions import OrphanedGoals
     from rwt_bridge.ops.offers import Offers
     from rwt_bridge.settings import BridgeSettings
-    from rwt_bridge.turns import Turns
+    from rwt_delivery.turns import Turns
     from rwt_protocol.codecs import Encoding
     from rwt_protocol.dispatcher import Dispatcher, Steps
     from rwt_protocol.session import Session
     from rwt_protocol.transport import PeerInfo, Sink
-    from rwt_transports.api import FlowControl
-
-
-_SMALL: Final = 4096
-"""Bytes of a message that is read in a turn of the event loop which is full already."""
 
 
 class _Work(NamedTuple):
@@ -50,6 +44,10 @@ class _Work(NamedTuple):
 
     op: Op
     steps: Steps
+
+
+_Waiting = Op | Refusal | _Work | tuple[bytes, bool]
+"""What may wait: a message, the rest of one, or a frame that is not read."""
 
 
 class Gateway(Protocol):
@@ -71,7 +69,7 @@ class Gateway(Protocol):
         """A client has gone."""
 
 
-class Peer:
+class Peer(TakesTurns[_Waiting]):
     """One client. A new connection is a new, empty peer (DIS-06).
 
     Attributes:
@@ -96,6 +94,7 @@ class Peer:
         *,
         by_auth: bool = False,
     ) -> None:
+        super().__init__(bridge.turns, graph.work, graph.clock.monotonic)
         settings = bridge.settings
         limits = settings.limits
         self._bridge = bridge
@@ -105,21 +104,8 @@ class Peer:
         self.sink = sink
         self.messages = 0
         self.graph = graph
-        self._flow_control: FlowControl | None = None
-        self._is_held = False
-        self._over = False
-        self._received = 0
-        self._work = graph.work
-        self._turns = bridge.turns
-        self._worked = 0.0  # seconds, in all
-        self._counted = 0.0  # of them, as work that it has caused
-        self._turn_began = 0.0  # when it had worked so long
-        self._is_beyond = self._needs_turn = self._work.excess > 0.0  # its rate of work
-        self._began = 0.0  # with the frame or message at hand
         self._unfinished: Op | None = None
-        self._waiting: deque[Op | Refusal | _Work | tuple[bytes, bool]] = deque()
         self._session = session
-        self._monotonic = graph.clock.monotonic
         self._dispatch = bridge.dispatcher.dispatch
         self._rate = (
             RateLimit(limits.messages_per_second, limits.messages_burst)
@@ -138,10 +124,6 @@ class Peer:
             settings.default_call_service_timeout,
         )
         self.actions = Actions(graph, self.replies, info.address, bridge.action_offers, bridge.orphans)
-
-    def set_flow_control(self, flow_control: FlowControl) -> None:
-        """Hold this client back by `flow_control` while its messages wait their turn."""
-        self._flow_control = flow_control
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one frame from the wire, run what it holds, and answer what is refused.
@@ -205,25 +187,6 @@ class Peer:
                     return
             self._do(item)
 
-    def _count_work(self) -> None:
-        """Charge the work since the last time, which is not done for each message."""
-        seconds = self._worked - self._counted
-        self._counted = self._worked
-        self._work.add(seconds, "messages")
-        self._turns.note(seconds)
-        self._is_beyond = self._needs_turn = self._work.excess > 0.0
-
-    def _must_wait(self, size: int) -> bool:
-        """Whether a message of `size` bytes waits, where one may have to."""
-        worked = self._worked - self._turn_began
-        if self._waiting or worked > SHARE or (self._turns.is_full and (worked or size > _SMALL)):
-            return True
-        if self._needs_turn:
-            self._is_beyond = self._work.excess > 0.0
-            # Once for each read, which is within one turn.
-            self._needs_turn = self._is_beyond and not self._turns.take(self)
-        return self._needs_turn
-
     def _may_send(self, now: float) -> bool:
         """Whether one message more is within the rate: each of a frame, and each frame that holds none."""
         if self._rate is None or self._rate.take(now):
@@ -271,9 +234,6 @@ class Peer:
             self._wait(_Work(op, left))
         return None
 
-    def _has_time(self) -> bool:
-        return self._worked - self._turn_began + self._monotonic() - self._began <= SHARE
-
     def _after(self, op: Op, answer: Op | None) -> None:
         """Say what has become of a message."""
         if answer is not None:
@@ -285,52 +245,20 @@ class Peer:
             # Success, for ops that have no reply of their own (STA-04).
             self.replies.send(Status(level="info", msg=f"{op.op}: done", id=op.id))
 
-    def _wait(self, what: Op | Refusal | _Work | tuple[bytes, bool]) -> None:
-        """Let a frame or a message wait for a later turn, or the rest of one; until then nothing is read from
-        this client."""
-        self._waiting.append(what)
-        if not self._is_held:
-            self._is_held = True
-            if self._flow_control is not None:
-                self._flow_control.pause()
-            self._ask_for_turn()
-
-    def _ask_for_turn(self) -> None:
-        if self._is_beyond:
-            self._work.note_wait()
-        self._turns.wait(self._go_on)
-
-    def _go_on(self) -> None:
-        """Take this turn's share of what waits."""
-        waiting, self._waiting = self._waiting, deque()
-        self._turn_began = self._worked
-        try:
-            while waiting and not (self._waiting or self._over or self._worked - self._turn_began > SHARE):
-                what = waiting.popleft()
-                now = self._began = self._monotonic()
-                if isinstance(what, _Work):
-                    self._unfinished = None
-                    answer = self.work(what.op, what.steps)
-                    if answer is not None or self._session.level == "info":
-                        self._after(what.op, answer)
-                elif isinstance(what, tuple):
-                    data, binary = what
-                    self._read(data, binary, now)
-                else:
-                    self.messages += 1
-                    if self._may_send(now):
-                        self._do(what)
-                self._worked += self._monotonic() - now
-        finally:
-            if not self._over:
-                self._waiting += waiting
-                self._count_work()
-            if self._waiting:
-                self._ask_for_turn()
-            else:
-                self._is_held = False
-                if self._flow_control is not None:
-                    self._flow_control.resume()
+    def _take_up(self, what: _Waiting, now: float) -> None:
+        """Do a message that has waited, go on with the rest of one, or read a frame."""
+        if isinstance(what, _Work):
+            self._unfinished = None
+            answer = self.work(what.op, what.steps)
+            if answer is not None or self._session.level == "info":
+                self._after(what.op, answer)
+        elif isinstance(what, tuple):
+            data, binary = what
+            self._read(data, binary, now)
+        else:
+            self.messages += 1
+            if self._may_send(now):
+                self._do(what)
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         """A message is too large to be taken from the wire. It is refused if its head tells what it is, and
@@ -353,8 +281,7 @@ class Peer:
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
-        self._over = True
-        self._waiting.clear()
+        self._end_turns()
         now = self._monotonic()
         self.topics.close()
         self.services.close()

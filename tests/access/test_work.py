@@ -13,7 +13,7 @@ from rwt.settings.models import Settings
 from rwt_access.access import Access
 from rwt_access.quotas import Work
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.turns import SHARE
+from rwt_delivery.turns import SHARE
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph

@@ -13,7 +13,7 @@ from rwt import Settings
 from rwt_access.roles import Role
 from rwt_access.settings import RoleSettings
 from rwt_bridge.bridge import Bridge
-from rwt_bridge.turns import FULL, SHARE, Turns
+from rwt_delivery.turns import FULL, SHARE, Turns
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
