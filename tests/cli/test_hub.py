@@ -65,8 +65,15 @@ def test_a_robot_behind_a_hub() -> None:
                         wire.recv(timeout=10)
                     assert closed.value.rcvd is not None and closed.value.rcvd.code == 1001
             assert process.wait(timeout=10) == 0
-        with pytest.raises(urllib.error.HTTPError, match="404"):
-            urllib.request.urlopen(f"{url.replace('ws', 'http', 1)}/rosie", timeout=10)
+        # 503 until the hub has heard that the robot's connections have ended.
+        for _ in range(100):
+            with pytest.raises(urllib.error.HTTPError) as refused:
+                urllib.request.urlopen(f"{url.replace('ws', 'http', 1)}/rosie", timeout=10)
+            refused.value.close()
+            if refused.value.code != 503:
+                break
+            time.sleep(0.1)
+        assert refused.value.code == 404
         assert hub.poll() is None
 
 

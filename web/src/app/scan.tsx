@@ -5,6 +5,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
+import { Choice } from "../forms/inputs";
 import { t } from "../i18n/text";
 import type { App } from "./state";
 
@@ -82,21 +83,14 @@ export function ScanBar({ app }: { app: App }) {
           {t(`${kind}.title`)}
         </button>
       ))}
-      <label class="choice">
-        <span>{t("scan.pace")}</span>
-        <select
-          value={String(seconds)}
-          onChange={(event) => {
-            pace.value = Number(event.currentTarget.value);
-          }}
-        >
-          {PACES.map((each) => (
-            <option key={each} value={String(each)}>
-              {each} s
-            </option>
-          ))}
-        </select>
-      </label>
+      <Choice
+        label={t("scan.pace")}
+        chosen={String(seconds)}
+        options={PACES.map((each) => [String(each), `${each} s`])}
+        onChoose={(value) => {
+          pace.value = Number(value);
+        }}
+      />
     </div>
   );
 }

@@ -13,6 +13,7 @@ import {
   type TypeDefinition,
   valueError,
 } from "../robot/typedefs";
+import { Check } from "./inputs";
 
 type Values = Record<string, unknown>;
 
@@ -147,14 +148,9 @@ function ItemInput(props: Input) {
   }
   if (isBoolean(field.type)) {
     return (
-      <label class="check">
-        <input
-          type="checkbox"
-          checked={value === true}
-          onChange={(event) => onChange(event.currentTarget.checked)}
-        />
+      <Check checked={value === true} onChange={onChange}>
         {field.name}
-      </label>
+      </Check>
     );
   }
   const names = namedValues(definition, field);

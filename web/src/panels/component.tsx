@@ -1,7 +1,9 @@
 /** Panels as components. */
 
 import { signal } from "@preact/signals";
-import { Component, type ComponentChildren, type ComponentType, render } from "preact";
+import { type ComponentType, render } from "preact";
+import { Choice } from "../forms/inputs";
+import { Guard } from "../forms/problem";
 import { t } from "../i18n/text";
 import type { Act } from "../robot/permissions";
 import type { PanelContext } from "./registry";
@@ -19,28 +21,6 @@ export function componentPanel(View: ComponentType<{ context: PanelContext }>) {
   };
 }
 
-class Guard extends Component<{ children: ComponentChildren }, { error: Error | null }> {
-  override state = { error: null as Error | null };
-
-  override componentDidCatch(error: Error): void {
-    this.setState({ error });
-  }
-
-  render() {
-    if (!this.state.error) return this.props.children;
-    return <Problem text={t("panel.failed", { reason: this.state.error.message })} />;
-  }
-}
-
-/** Something that is wrong, said where it is. */
-export function Problem({ text }: { text: string }) {
-  return (
-    <p class="problem" role="alert">
-      {text}
-    </p>
-  );
-}
-
 /** Why a control is not there: the role does not allow what it does. */
 export function Refusal({ context, act, name }: { context: PanelContext; act: Act; name: string }) {
   const role = context.session.permissions.value.role;
@@ -56,18 +36,7 @@ export function TopicChoice(props: {
 }) {
   const { label, topics, chosen, onChoose } = props;
   const all = chosen && !topics.includes(chosen) ? [chosen, ...topics] : topics;
-  return (
-    <label class="choice">
-      <span>{label}</span>
-      <select value={chosen} onChange={(event) => onChoose(event.currentTarget.value)}>
-        {all.map((topic) => (
-          <option key={topic} value={topic}>
-            {topic}
-          </option>
-        ))}
-      </select>
-    </label>
-  );
+  return <Choice label={label} chosen={chosen} options={all} onChoose={onChoose} />;
 }
 
 /** The time, told once a second to whoever shows ages. */

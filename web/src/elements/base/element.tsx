@@ -1,7 +1,8 @@
 /** What all elements have in common: the robot, attributes as properties, errors in words, and a style of their own. */
 
 import { effect, type Signal, signal } from "@preact/signals";
-import { Component, type ComponentChildren, type ComponentType, render } from "preact";
+import { type ComponentType, render } from "preact";
+import { Guard, Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
 import type { Stop } from "../../robot/stop";
@@ -196,28 +197,5 @@ function TokenForm({ session }: { session: RobotSession }) {
       <button type="submit">{t("token.go")}</button>
       <p class="faint">{t("token.kept")}</p>
     </form>
-  );
-}
-
-/** A fault of a view is said in its element. */
-class Guard extends Component<{ children: ComponentChildren }, { error: Error | null }> {
-  override state = { error: null as Error | null };
-
-  override componentDidCatch(error: Error): void {
-    this.setState({ error });
-  }
-
-  render() {
-    if (!this.state.error) return this.props.children;
-    return <Problem text={t("panel.failed", { reason: this.state.error.message })} />;
-  }
-}
-
-/** Something that is wrong, said where it is. */
-export function Problem({ text: words }: { text: string }) {
-  return (
-    <p part="problem" class="problem" role="status">
-      {words}
-    </p>
   );
 }

@@ -1,10 +1,10 @@
 /** One topic of an element: which it is, and why there is nothing to see of it. */
 
 import { useEffect } from "preact/hooks";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
 import type { Message, SubscribeOptions } from "../../robot/subscriptions";
-import { Problem } from "./element";
 
 export interface ChosenTopic {
   name: string;

@@ -2,11 +2,12 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { Series } from "../../panels/view/series";
 import { numberAt, valueAt } from "../../robot/fields";
 import { flag, number, text } from "../base/attributes";
-import { COMMON, defineElement, Problem, RobotElement, type ViewProps } from "../base/element";
+import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
 import { type ChosenTopic, chooseTopic, NoTopic, useTopic } from "../base/topic";
 import { style } from "./style";
 

@@ -2,13 +2,14 @@
 
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { NavigationState } from "../../panels/drive/navigation_state";
 import { shortType } from "../../robot/names";
 import { Navigation } from "../../robot/navigation";
 import type { RobotScene } from "../../scene/scene";
 import { flag, text } from "../base/attributes";
-import { COMMON, defineElement, Problem, RobotElement, type ViewProps } from "../base/element";
+import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
 import { style } from "./style";
 
 export class SceneElement extends RobotElement {

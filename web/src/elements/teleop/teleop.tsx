@@ -1,10 +1,11 @@
 /** `<rwt-teleop>`: a stick, buttons and keys that drive the robot while they are held. */
 
 import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics } from "../../robot/drive";
 import { choice, number, text } from "../base/attributes";
-import { COMMON, defineElement, Problem, RobotElement, type ViewProps } from "../base/element";
+import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "./controls";
 import { style } from "./style";
 

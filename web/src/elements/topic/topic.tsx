@@ -1,11 +1,12 @@
 /** `<rwt-topic>`: what a topic says last, or one value of it. */
 
 import { useSignal } from "@preact/signals";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { valueAt } from "../../robot/fields";
 import type { Message } from "../../robot/subscriptions";
 import { number, text } from "../base/attributes";
-import { COMMON, defineElement, Problem, RobotElement, type ViewProps } from "../base/element";
+import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
 import { type ChosenTopic, chooseTopic, NoTopic, useTopic } from "../base/topic";
 import { readable } from "./readable";
 import { style } from "./style";

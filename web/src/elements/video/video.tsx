@@ -1,10 +1,11 @@
 /** `<rwt-video>`: a camera, by the best way that the robot has. */
 
 import { useEffect, useMemo, useRef } from "preact/hooks";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { CAMERA_TYPES, Camera, cameraTopics } from "../../robot/camera";
 import { flag, text } from "../base/attributes";
-import { COMMON, defineElement, Problem, RobotElement, type ViewProps } from "../base/element";
+import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
 import { chooseTopic, NoTopic } from "../base/topic";
 import { style } from "./style";
 

@@ -3,8 +3,10 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { SENSORS, type Sensor, startSensor } from "../../device/sensors";
+import { Check } from "../../forms/inputs";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
-import { componentPanel, Problem, Refusal } from "../component";
+import { componentPanel, Refusal } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 export const device: PanelKind = {
@@ -78,16 +80,9 @@ function OneSensor(props: { context: PanelContext; sensor: Sensor; namespace: st
   const available = isSecureContext && sensor.available();
   return (
     <div class="sensor">
-      <label class="check">
-        <input
-          type="checkbox"
-          name={sensor.name}
-          checked={on.value}
-          disabled={!available}
-          onChange={(event) => change(event.currentTarget.checked)}
-        />
+      <Check name={sensor.name} checked={on.value} disabled={!available} onChange={change}>
         {t(`device.${sensor.name}`)} <span class="faint">{topic}</span>
-      </label>
+      </Check>
       {on.value && <span class="faint">{t("device.sent", { count: count.value })}</span>}
       {!available && isSecureContext && <span class="faint">{t("device.missing")}</span>}
       {problem.value && <Problem text={problem.value} />}

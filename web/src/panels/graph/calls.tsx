@@ -2,13 +2,15 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Check, NameButton, Search } from "../../forms/inputs";
 import { MessageForm } from "../../forms/message_form";
 import { MessageTree } from "../../forms/message_tree";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { GoalHandle } from "../../robot/goals";
 import type { Message } from "../../robot/subscriptions";
 import type { Definitions } from "../../robot/typedefs";
-import { componentPanel, Problem, Refusal } from "../component";
+import { componentPanel, Refusal } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** Milliseconds to wait for a service. */
@@ -46,16 +48,14 @@ function ServicesPanel({ context }: { context: PanelContext }) {
       context={context}
       names={names}
       extra={
-        <label class="check">
-          <input
-            type="checkbox"
-            checked={all.value}
-            onChange={(event) => {
-              all.value = event.currentTarget.checked;
-            }}
-          />
+        <Check
+          checked={all.value}
+          onChange={(checked) => {
+            all.value = checked;
+          }}
+        >
           {t("services.all")}
-        </label>
+        </Check>
       }
     >
       {(name) => <OneService key={name} context={context} name={name} />}
@@ -85,31 +85,18 @@ function Chooser(props: {
   return (
     <div class="split">
       <div class="list">
-        <label class="search">
-          <span class="hidden">{t("topics.search")}</span>
-          <input
-            type="search"
-            placeholder={t("topics.search")}
-            value={search.value}
-            onInput={(event) => {
-              search.value = event.currentTarget.value;
-            }}
-          />
-        </label>
+        <Search text={search} />
         {extra}
         <ul class="names">
           {found.slice(0, MOST_ROWS).map((name) => (
             <li key={name} class={name === chosen ? "chosen" : ""}>
-              <button
-                type="button"
-                class="plain"
-                aria-pressed={name === chosen}
-                onClick={() => {
+              <NameButton
+                name={name}
+                chosen={name === chosen}
+                onChoose={() => {
                   config.value = { ...config.value, name };
                 }}
-              >
-                {name}
-              </button>
+              />
             </li>
           ))}
         </ul>

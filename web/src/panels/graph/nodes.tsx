@@ -2,8 +2,10 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Choice, NameButton } from "../../forms/inputs";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
-import { componentPanel, Problem } from "../component";
+import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** What a node does, as rosapi tells it. */
@@ -75,22 +77,14 @@ function NodesPanel({ context }: { context: PanelContext }) {
   const one = details.value.get(chosen);
   return (
     <div class="nodes">
-      <label class="choice">
-        <span>{t("parameters.node")}</span>
-        <select
-          value={chosen}
-          onChange={(event) => {
-            config.value = { ...config.value, node: event.currentTarget.value };
-          }}
-        >
-          <option value="">{t("nodes.all")}</option>
-          {[...names].sort().map((name) => (
-            <option key={name} value={name}>
-              {name}
-            </option>
-          ))}
-        </select>
-      </label>
+      <Choice
+        label={t("parameters.node")}
+        chosen={chosen}
+        options={[["", t("nodes.all")], ...[...names].sort()]}
+        onChoose={(node) => {
+          config.value = { ...config.value, node };
+        }}
+      />
       {problem.value && <Problem text={problem.value} />}
       <Picture details={details.value} chosen={chosen} />
       {one &&
@@ -105,13 +99,7 @@ function NodesPanel({ context }: { context: PanelContext }) {
                   {kind === "services" ? (
                     name
                   ) : (
-                    <button
-                      type="button"
-                      class="plain"
-                      onClick={() => context.open("topics", { topic: name })}
-                    >
-                      {name}
-                    </button>
+                    <NameButton name={name} onChoose={() => context.open("topics", { topic: name })} />
                   )}
                 </li>
               ))}

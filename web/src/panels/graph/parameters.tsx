@@ -2,9 +2,11 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Choice } from "../../forms/inputs";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
-import { componentPanel, Problem } from "../component";
+import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** What a node declares of a parameter. */
@@ -91,21 +93,14 @@ function ParametersPanel({ context }: { context: PanelContext }) {
   return (
     <div class="parameters">
       <div class="plot-bar">
-        <label class="choice">
-          <span>{t("parameters.node")}</span>
-          <select
-            value={chosen}
-            onChange={(event) => {
-              config.value = { ...config.value, node: event.currentTarget.value };
-            }}
-          >
-            {nodes.map((node) => (
-              <option key={node} value={node}>
-                {node}
-              </option>
-            ))}
-          </select>
-        </label>
+        <Choice
+          label={t("parameters.node")}
+          chosen={chosen}
+          options={nodes}
+          onChoose={(node) => {
+            config.value = { ...config.value, node };
+          }}
+        />
         <button
           type="button"
           onClick={() => {

@@ -2,12 +2,14 @@
 
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { NameButton, Search } from "../../forms/inputs";
 import { MessageForm } from "../../forms/message_form";
 import { MessageTree } from "../../forms/message_tree";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
 import type { Definitions } from "../../robot/typedefs";
-import { componentPanel, now, Problem, Refusal } from "../component";
+import { componentPanel, now, Refusal } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** Rows of the list at a time: a robot may have ten thousand topics. */
@@ -38,17 +40,7 @@ function TopicsPanel({ context }: { context: PanelContext }) {
   return (
     <div class="split">
       <div class="list">
-        <label class="search">
-          <span class="hidden">{t("topics.search")}</span>
-          <input
-            type="search"
-            placeholder={t("topics.search")}
-            value={search.value}
-            onInput={(event) => {
-              search.value = event.currentTarget.value;
-            }}
-          />
-        </label>
+        <Search text={search} />
         <table>
           <thead>
             <tr>
@@ -62,16 +54,13 @@ function TopicsPanel({ context }: { context: PanelContext }) {
             {shown.map(([name, type]) => (
               <tr key={name} class={name === chosen ? "chosen" : ""}>
                 <td>
-                  <button
-                    type="button"
-                    class="plain"
-                    aria-pressed={name === chosen}
-                    onClick={() => {
+                  <NameButton
+                    name={name}
+                    chosen={name === chosen}
+                    onChoose={() => {
                       config.value = { ...config.value, topic: name };
                     }}
-                  >
-                    {name}
-                  </button>
+                  />
                 </td>
                 <td class="faint">{type}</td>
                 <Traffic context={context} name={name} />

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { Check, Choice, Search } from "../../forms/inputs";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
 import { componentPanel } from "../component";
@@ -84,40 +85,23 @@ function LogPanel({ context }: { context: PanelContext }) {
   return (
     <div class="log">
       <div class="plot-bar">
-        <label class="choice">
-          <span>{t("log.level")}</span>
-          <select
-            value={String(least)}
-            onChange={(event) => {
-              config.value = { ...config.value, level: Number(event.currentTarget.value) };
-            }}
-          >
-            {LEVELS.map((name, at) => (
-              <option key={name} value={String(at)}>
-                {t(`log.${name}`)}
-              </option>
-            ))}
-          </select>
-        </label>
-        <input
-          type="search"
-          aria-label={t("topics.search")}
-          placeholder={t("topics.search")}
-          value={search.value}
-          onInput={(event) => {
-            search.value = event.currentTarget.value;
+        <Choice
+          label={t("log.level")}
+          chosen={String(least)}
+          options={LEVELS.map((name, at) => [String(at), t(`log.${name}`)])}
+          onChoose={(level) => {
+            config.value = { ...config.value, level: Number(level) };
           }}
         />
-        <label class="check">
-          <input
-            type="checkbox"
-            checked={follow.value}
-            onChange={(event) => {
-              follow.value = event.currentTarget.checked;
-            }}
-          />
+        <Search text={search} />
+        <Check
+          checked={follow.value}
+          onChange={(checked) => {
+            follow.value = checked;
+          }}
+        >
           {t("log.follow")}
-        </label>
+        </Check>
       </div>
       {/* biome-ignore lint/a11y/noNoninteractiveTabindex: what scrolls must be reached by the keyboard. */}
       <div class="log-entries" ref={list} role="log" tabIndex={0} aria-label={t("log.title")}>

@@ -2,9 +2,11 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Choice } from "../../forms/inputs";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
-import { componentPanel, Problem, Refusal } from "../component";
+import { componentPanel, Refusal } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** Milliseconds between two looks. */
@@ -98,23 +100,17 @@ function Pausable({ context, node }: { context: PanelContext; node: string }) {
           </button>
         )}
         {has("set_rate") && (
-          <label class="choice">
-            <span>{t("player.rate")}</span>
-            <select
-              value={String(rate.value)}
-              onChange={async (event) => {
-                const wanted = Number(event.currentTarget.value);
-                if (await act("set_rate", { rate: wanted })) rate.value = wanted;
-              }}
-            >
-              {!RATES.includes(rate.value) && <option value={String(rate.value)}>{rate.value}</option>}
-              {RATES.map((each) => (
-                <option key={each} value={String(each)}>
-                  {each}×
-                </option>
-              ))}
-            </select>
-          </label>
+          <Choice
+            label={t("player.rate")}
+            chosen={String(rate.value)}
+            options={[...new Set([rate.value, ...RATES])]
+              .sort((a, b) => a - b)
+              .map((it) => [String(it), `${it}×`])}
+            onChoose={async (value) => {
+              const wanted = Number(value);
+              if (await act("set_rate", { rate: wanted })) rate.value = wanted;
+            }}
+          />
         )}
       </div>
       {has("seek") && (

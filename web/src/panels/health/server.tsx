@@ -2,9 +2,10 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
-import { componentPanel, now, Problem } from "../component";
+import { componentPanel, now } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** Milliseconds between two looks. */

@@ -1,9 +1,10 @@
 /** A camera: the best stream that the robot has, with its age and rate, and stills of it. */
 
 import { useEffect, useMemo, useRef } from "preact/hooks";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { CAMERA_TYPES, Camera, cameraTopics } from "../../robot/camera";
-import { componentPanel, now, Problem, Refusal, TopicChoice } from "../component";
+import { componentPanel, now, Refusal, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** Seconds without a picture after which its age is said loudly. */

@@ -1,13 +1,15 @@
 /** Numbers over time: any numeric field of any topic, on several axes, with pause, zoom and export. */
 
+import { Choice } from "../../forms/inputs";
 import "uplot/dist/uPlot.min.css";
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import type uPlot from "uplot";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { numberAt, numericPaths } from "../../robot/fields";
 import type { Message } from "../../robot/subscriptions";
-import { componentPanel, Problem } from "../component";
+import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { Series } from "./series";
 
@@ -165,40 +167,26 @@ function AddLine({ context, onAdd }: { context: PanelContext; onAdd: (line: Line
     .sort();
   return (
     <>
-      <label class="choice">
-        <span class="hidden">{t("panel.topic")}</span>
-        <select
-          value={chosen}
-          onChange={(event) => {
-            topic.value = event.currentTarget.value;
-          }}
-        >
-          <option value="">{t("plot.topic")}</option>
-          {topics.slice(0, 500).map((name) => (
-            <option key={name} value={name}>
-              {name}
-            </option>
-          ))}
-        </select>
-      </label>
+      <Choice
+        label={t("panel.topic")}
+        quiet
+        chosen={chosen}
+        options={[["", t("plot.topic")], ...topics.slice(0, 500)]}
+        onChoose={(name) => {
+          topic.value = name;
+        }}
+      />
       {chosen && (
-        <label class="choice">
-          <span class="hidden">{t("plot.field")}</span>
-          <select
-            value=""
-            onChange={(event) => {
-              onAdd({ topic: chosen, path: event.currentTarget.value });
-              topic.value = "";
-            }}
-          >
-            <option value="">{sample.value ? t("plot.field") : t("panel.waiting", { name: chosen })}</option>
-            {paths.map((path) => (
-              <option key={path} value={path}>
-                {path}
-              </option>
-            ))}
-          </select>
-        </label>
+        <Choice
+          label={t("plot.field")}
+          quiet
+          chosen=""
+          options={[["", sample.value ? t("plot.field") : t("panel.waiting", { name: chosen })], ...paths]}
+          onChoose={(path) => {
+            onAdd({ topic: chosen, path });
+            topic.value = "";
+          }}
+        />
       )}
     </>
   );

@@ -2,11 +2,13 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { Check, Choice } from "../../forms/inputs";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { shortType } from "../../robot/names";
 import type { RobotScene } from "../../scene/scene";
 import type { ToolName } from "../../scene/tools";
-import { componentPanel, Problem } from "../component";
+import { componentPanel } from "../component";
 import { NavigationState } from "../drive/navigation_state";
 import type { PanelContext, PanelKind } from "../registry";
 
@@ -113,34 +115,27 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
       >
         {t("scene.frames")}
       </button>
-      <label class="choice">
-        <span>{t("scene.fixed")}</span>
-        <select value={frames.fixed.value} onChange={(event) => frames.fix(event.currentTarget.value)}>
-          {frames.names.map((name) => (
-            <option key={name} value={name}>
-              {name}
-            </option>
-          ))}
-        </select>
-      </label>
+      <Choice
+        label={t("scene.fixed")}
+        chosen={frames.fixed.value}
+        options={frames.names}
+        onChoose={(frame) => frames.fix(frame)}
+      />
       <details class="scene-layers">
         <summary>{t("scene.layers")}</summary>
         <ul>
           {scene.rows.value.map(({ topic, type, layer }) => (
             <li key={topic}>
-              <label class="check">
-                <input
-                  type="checkbox"
-                  checked={layer !== null}
-                  onChange={(event) => {
-                    const { checked } = event.currentTarget;
-                    scene.show(topic, checked);
-                    const layers = config.value.layers as Record<string, boolean> | undefined;
-                    config.value = { ...config.value, layers: { ...layers, [topic]: checked } };
-                  }}
-                />
+              <Check
+                checked={layer !== null}
+                onChange={(checked) => {
+                  scene.show(topic, checked);
+                  const layers = config.value.layers as Record<string, boolean> | undefined;
+                  config.value = { ...config.value, layers: { ...layers, [topic]: checked } };
+                }}
+              >
                 {topic} <span class="faint">{shortType(type).split("/")[1]}</span>
-              </label>
+              </Check>
             </li>
           ))}
         </ul>

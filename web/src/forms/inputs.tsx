@@ -1,0 +1,89 @@
+/** Inputs that several panels have: a choice, a search, a check box, a name to choose. */
+
+import type { Signal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
+import { t } from "../i18n/text";
+
+/** A choice among values; each option is a value, or a value and what is shown of it. */
+export function Choice(props: {
+  label: string;
+  /** Whether the label is said, and not shown. */
+  quiet?: boolean;
+  chosen: string;
+  options: readonly (string | readonly [value: string, shown: string])[];
+  onChoose: (value: string) => void;
+}) {
+  const { label, quiet = false, chosen, options, onChoose } = props;
+  return (
+    <label class="choice">
+      <span class={quiet ? "hidden" : ""}>{label}</span>
+      <select value={chosen} onChange={(event) => onChoose(event.currentTarget.value)}>
+        {options.map((option) => {
+          const [value, shown] = typeof option === "string" ? [option, option] : option;
+          return (
+            <option key={value} value={value}>
+              {shown}
+            </option>
+          );
+        })}
+      </select>
+    </label>
+  );
+}
+
+/** A field for what is searched. */
+export function Search({ text }: { text: Signal<string> }) {
+  return (
+    <label class="search">
+      <span class="hidden">{t("topics.search")}</span>
+      <input
+        type="search"
+        placeholder={t("topics.search")}
+        value={text.value}
+        onInput={(event) => {
+          text.value = event.currentTarget.value;
+        }}
+      />
+    </label>
+  );
+}
+
+/** A box with a tick, and what it is about. */
+export function Check(props: {
+  checked: boolean;
+  name?: string;
+  disabled?: boolean;
+  onChange: (checked: boolean) => void;
+  children: ComponentChildren;
+}) {
+  const { checked, name, disabled, onChange, children } = props;
+  return (
+    <label class="check">
+      <input
+        type="checkbox"
+        name={name}
+        checked={checked}
+        disabled={disabled}
+        onChange={(event) => onChange(event.currentTarget.checked)}
+      />
+      {children}
+    </label>
+  );
+}
+
+/** A name that can be chosen from a list. */
+export function NameButton({
+  name,
+  chosen,
+  onChoose,
+}: {
+  name: string;
+  chosen?: boolean;
+  onChoose: () => void;
+}) {
+  return (
+    <button type="button" class="plain" aria-pressed={chosen} onClick={onChoose}>
+      {name}
+    </button>
+  );
+}

@@ -1,0 +1,27 @@
+/** What is wrong, said where it is. */
+
+import { Component, type ComponentChildren } from "preact";
+import { t } from "../i18n/text";
+
+/** Something that is wrong. */
+export function Problem({ text }: { text: string }) {
+  return (
+    <p part="problem" class="problem" role="alert">
+      {text}
+    </p>
+  );
+}
+
+/** A fault of what is in it is said in its place. */
+export class Guard extends Component<{ children: ComponentChildren }, { error: Error | null }> {
+  override state = { error: null as Error | null };
+
+  override componentDidCatch(error: Error): void {
+    this.setState({ error });
+  }
+
+  render() {
+    if (!this.state.error) return this.props.children;
+    return <Problem text={t("panel.failed", { reason: this.state.error.message })} />;
+  }
+}
