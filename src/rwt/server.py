@@ -354,6 +354,7 @@ class Server:
         if self._script is not None:
             middleware.insert(0, start_script(graph, self._script, settings, nodes))
         access = Access(graph, settings, DISCLOSURES)
+        stack.callback(access.close)
         bridge = Bridge(graph, settings, access)
         stack.callback(bridge.close)
         gateways = [make(graph, access) for make in self._gateways]

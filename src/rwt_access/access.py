@@ -13,7 +13,7 @@ from rwt_access.disclosure import setting_parameters
 from rwt_access.graph_view import GraphView
 from rwt_access.quotas import AddressQuotas, ClientQuotas, Work, WorkTotals
 from rwt_access.roles import Role
-from rwt_access.settings import RoleSettings
+from rwt_access.settings import RoleSettings, SettingsError
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
 from rwt_graph.program.logs import DISCLOSURES as LOGGER_DISCLOSURES
 from rwt_transports.errors import Refused
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt_access.disclosure import Disclosures
+    from rwt_access.gate.client_gate import ClientGate
+    from rwt_access.gate.gate import Gate
     from rwt_access.settings import AccessSettings
+    from rwt_access.settings.gate import GateSettings
     from rwt_delivery.shared_graph import SharedGraph
     from rwt_graph.api import Graph
     from rwt_protocol.transport import PeerInfo
@@ -36,6 +39,7 @@ class Access:
     Attributes:
         admission: who comes in, and in which role.
         audit: the log of what clients do.
+        gate: what their acts have to pass; None where nothing is declared.
         nobody: a reader that sees nothing of the graph.
         work: that all clients have caused.
 
@@ -47,7 +51,8 @@ class Access:
         now: seconds since 1970.
 
     Raises:
-        SettingsError: the secret of rosauth cannot be read.
+        SettingsError: the secret of rosauth cannot be read, the audit's file cannot be written, or a rule of
+            the gate does not fit what is in the graph.
     """
 
     def __init__(
@@ -65,20 +70,51 @@ class Access:
         self._disclosures = {**PARAMETER_DISCLOSURES, **LOGGER_DISCLOSURES, **disclosures}
         self._setting_parameters = setting_parameters(self._disclosures)
         self.audit = Audit()
+        self.gate = self._gate_of(graph, settings.gate)
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
 
-    def client(self, shared: SharedGraph, role: Role, address: str) -> ClientGraph:
+    def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
+        if not settings.rules and settings.audit.file is None:
+            return None
+        # What only some servers need is imported for them alone.
+        from rwt_access.gate.gate import BadRule, Gate
+        from rwt_access.gate.node import GateNode
+
+        try:
+            gate = Gate(graph, settings, self.audit)
+        except BadRule as wrong:
+            raise SettingsError(str(wrong)) from None
+        except OSError as error:
+            raise SettingsError(f"`gate.audit.file`: cannot be written: {error.strerror}") from error
+        if settings.rules:
+            GateNode(gate, graph)
+        return gate
+
+    def close(self) -> None:
+        """Leave the graph, and write what the audit's queue holds."""
+        if self.gate is not None:
+            self.gate.close()
+
+    def client(self, shared: SharedGraph, role: Role, address: str, name: str = "") -> ClientGraph:
         """The graph as a client of that role may see it and act on it.
 
         Args:
             shared: the part in the graph of the gateway that it came through.
             role: the client's.
             address: the client's; what earlier clients from there have left behind counts as its own.
+            name: what the gate calls it, such as `rosbridge:3`; empty: the gate finds one.
         """
         of_address = self._quotas_of(address)
         work = self._work(self._limits.work_per_second, of_address.work)
         quotas = ClientQuotas(self._limits, of_address, work)
-        return ClientGraph(shared, role, quotas, self._disclosures, self._setting_parameters)
+        gate = None if self.gate is None else self._client_gate(self.gate, role, address, name)
+        return ClientGraph(shared, role, quotas, self._disclosures, self._setting_parameters, gate)
+
+    @staticmethod
+    def _client_gate(gate: Gate, role: Role, address: str, name: str) -> ClientGate:
+        from rwt_access.gate.client_gate import ClientGate
+
+        return ClientGate(gate, name, role, address)
 
     def _quotas_of(self, address: str) -> AddressQuotas:
         """What counts for all clients of an address; this machine's own may cause any amount of work, as they

@@ -11,19 +11,21 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar, Union
 
-from rwt_access.disclosure import restrict
-from rwt_access.errors import QuotaExceeded
+from rwt_access.disclosure import restrict, written_parameters
+from rwt_access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt_access.graph_view import GraphView
 from rwt_graph.names import resolve
 from rwt_graph.parameters.accounts import ACCOUNT
 from rwt_program.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
+from rwt_program.goals import GoalStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Sequence
 
     from rwt_access.disclosure import Disclosures, OutcomeFilter
+    from rwt_access.gate.client_gate import ClientGate, GatedPublisher, Needed
     from rwt_access.quotas import Charge, ClientQuotas, Quota
-    from rwt_access.roles import Role
+    from rwt_access.roles import Act, Role
     from rwt_delivery.counters import Counters
     from rwt_delivery.fanout import Fanout
     from rwt_delivery.shared_graph import SharedGraph
@@ -42,7 +44,6 @@ if TYPE_CHECKING:
     )
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-    from rwt_program.goals import GoalStatus
     from rwt_program.qos import QoS
 
 
@@ -139,7 +140,7 @@ class LatchedPublisher:
         self._shared.publish_kept(payload, self._kept.exchange(replaced, payload.kept_size))
 
 
-ClientPublisher = Union["SharedPublisher", LatchedPublisher]
+ClientPublisher = Union["SharedPublisher", LatchedPublisher, "GatedPublisher"]
 """What a client publishes on."""
 
 
@@ -152,6 +153,7 @@ class ClientGraph(GraphView):
         quotas: how much the client may hold.
         disclosures: what services reveal, by the name of their type.
         setting_parameters: types of services whose calls set parameters.
+        gate: what the client's acts have to pass; None: nothing.
     """
 
     def __init__(
@@ -161,9 +163,11 @@ class ClientGraph(GraphView):
         quotas: ClientQuotas,
         disclosures: Disclosures,
         setting_parameters: frozenset[str],
+        gate: ClientGate | None = None,
     ) -> None:
         super().__init__(shared.graph, role, quotas.work)
         self._shared = shared
+        self._gate = gate
         self._disclosures = disclosures
         self._setting_parameters = setting_parameters
         self._advertised: dict[str, dict[Hashable, Charge]] = {}
@@ -178,6 +182,22 @@ class ClientGraph(GraphView):
         """Act as another role from now on. What is open stays open; publishers have to be asked for again."""
         self.role = role
         self._named_at = -1
+        if self._gate is not None:
+            self._gate.take_role(role)
+
+    @property
+    def gate_name(self) -> str:
+        """What the gate calls this client, in leases and requests for a yes; empty where there is no gate."""
+        return "" if self._gate is None else self._gate.name
+
+    def require(self, act: Act, name: str) -> str:
+        """As :meth:`GraphView.require`; refusals are noted by the gate."""
+        try:
+            return super().require(act, name)
+        except NotAllowed as refused:
+            if self._gate is not None:
+                self._gate.note_refusal(act, resolve(name), str(refused))
+            raise
 
     def withdraw_refused(self) -> None:
         """End what the client publishes and offers and its role does not allow."""
@@ -226,8 +246,14 @@ class ClientGraph(GraphView):
             UnknownType: no such message is known.
             TypeConflict, IncompatiblePolicies: the topic has another type, or other policies.
         """
-        name = self.require("publish", topic)
+        name = self._require_publish(topic)
         self._acquire(name, self.registry.message(type), mark, qos, lacks)
+        return name
+
+    def _require_publish(self, topic: str) -> str:
+        name = self.require("publish", topic)
+        if self._gate is not None:
+            self._gate.reserve(name)
         return name
 
     def unadvertise(self, topic: str, mark: Hashable = None) -> bool:
@@ -247,6 +273,8 @@ class ClientGraph(GraphView):
             self._shared.publishers.release(name, (self, each), marks.pop(each))
         if dropped and not marks:
             del self._advertised[name]
+            if self._gate is not None:
+                self._gate.left_topic(name)
 
     def publisher(
         self,
@@ -271,13 +299,15 @@ class ClientGraph(GraphView):
         Raises:
             NotAllowed: the role may not publish on the topic.
             UnknownTopicType: the topic has no type yet, and none is given.
+            GateRefused: rules of the gate know the topic with another type.
             QuotaExceeded, UnknownType, TypeConflict: as :meth:`advertise`.
         """
-        name = self.require("publish", topic)
+        name = self._require_publish(topic)
         marks = self._advertised.get(name)
         known = next(iter(marks)) if marks else _IMPLICIT if mark is None else mark
         shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)
-        return LatchedPublisher(shared, self._quotas.kept) if shared.keeps_samples else shared
+        publisher = LatchedPublisher(shared, self._quotas.kept) if shared.keeps_samples else shared
+        return publisher if self._gate is None else self._gate.publisher(publisher)
 
     def _acquire(
         self, name: str, type: MessageType, mark: Hashable, qos: QoS | None, lacks: Lacks | None = None
@@ -358,19 +388,28 @@ class ClientGraph(GraphView):
 
         Raises:
             NotAllowed: the role may not call the service, or not what the request asks of it.
+            GateRefused: a rule of the gate does not let the call through.
             ProviderNotFound: nobody offers the service.
             QuotaExceeded: as many calls and goals of the client are under way as may be.
         """
-        name = self.require("call", service)
+        gate = self._gate
+        is_gates = gate is not None and gate.is_own(resolve(service))
+        name = resolve(service) if is_gates else self.require("call", service)
         info = self._graph.service(name)
         if info is None:
             raise ProviderNotFound(f"Service {name} does not exist")
         quotas = self._quotas
         quotas.calls.add(1)
+        needed: Needed = []
+        written: list[str] = []
         try:
             payload, filtered = request(info.type), None
             if not self.role.unrestricted:
                 payload, filtered = restrict(self, self._disclosures, name, info.type, payload)
+            if gate is not None and not is_gates:
+                if info.type.name in self._setting_parameters:
+                    written = written_parameters(self._disclosures, name, info.type, payload)
+                payload, needed = gate.check_call(name, info.type, payload, written)
             size = payload.kept_size
             if size > _SMALL:
                 quotas.kept.add(size)
@@ -382,14 +421,47 @@ class ClientGraph(GraphView):
         call = _Call(self._calls, quotas, size, on_reply, filtered)
         self._calls.add(call)
         self._shared.counters.calls += 1
+        if gate is None:
+            call.pending = self._send(info, payload, call, timeout)
+        elif is_gates:
+            call.pending = gate.as_caller(partial(self._send, info, payload, call, timeout))
+        else:
+            self._send_through(gate, info, payload, call, timeout, needed, written)
+
+    def _send(self, info: ServiceInfo, payload: Payload, call: _Call, timeout: float | None) -> PendingCall:
         send = self._shared.participant.call_service
         if info.type.name in self._setting_parameters:
             # Whatever answers it, at once or in a task, sets them on the client's account.
             context = copy_context()
             context.run(ACCOUNT.set, self._parameters)
-            call.pending = context.run(send, name, payload, call, timeout)
+            return context.run(send, info.name, payload, call, timeout)
+        return send(info.name, payload, call, timeout)
+
+    def _send_through(
+        self,
+        gate: ClientGate,
+        info: ServiceInfo,
+        payload: Payload,
+        call: _Call,
+        timeout: float | None,
+        needed: Needed,
+        written: list[str],
+    ) -> None:
+        """Make a call that the gate lets through, or let it wait for a person's yes."""
+
+        def send(kept: Payload) -> PendingCall:
+            now = self._graph.service(info.name)
+            if now is not None and now.type is not info.type:
+                raise GateRefused(f"{info.name} is of another type now: call it again")
+            self.role.require("call", info.name)
+            gate.note_call(info.name, written)
+            return self._send(info, kept, call, timeout)
+
+        if needed:
+            call.pending = gate.call(needed, payload, send, call)
         else:
-            call.pending = send(name, payload, call, timeout)
+            gate.note_call(info.name, written)
+            call.pending = self._send(info, payload, call, timeout)
 
     def advertise_service(
         self, service: str, type: str, on_call: Callable[[ServiceType, ServiceCall], None]
@@ -421,6 +493,7 @@ class ClientGraph(GraphView):
 
         Raises:
             NotAllowed: the role may not send goals to the action.
+            GateRefused: a rule of the gate does not let the goal through.
             ProviderNotFound: nobody offers the action.
             QuotaExceeded: as many calls and goals of the client are under way as may be.
         """
@@ -428,9 +501,13 @@ class ClientGraph(GraphView):
         info = self._graph.action(name)
         if info is None:
             raise ProviderNotFound(f"Action {name} does not exist")
+        gate = self._gate
         charge = self._quotas.calls.take()
+        needed: Needed = []
         try:
             payload = goal(info.type)
+            if gate is not None:
+                payload, needed = gate.check_goal(name, info.type, payload)
             kept = self._quotas.kept.take(payload.kept_size)
         except BaseException:
             charge.end()
@@ -442,7 +519,20 @@ class ClientGraph(GraphView):
             events.on_result(status, outcome)
 
         self._shared.counters.goals += 1
-        return self._shared.participant.send_goal(name, payload, replace(events, on_result=on_result))
+        if gate is None:
+            return self._shared.participant.send_goal(name, payload, replace(events, on_result=on_result))
+
+        def send(goal_id: str, payload: Payload) -> ClientGoal:
+            self.role.require("goals", name)  # It may have waited, and the role be another.
+
+            def on_gated_result(status: GoalStatus, outcome: Payload | CallFailed) -> None:
+                gate.goal_ended(name, goal_id)
+                on_result(status, outcome)
+
+            heard = replace(events, on_result=on_gated_result)
+            return self._shared.participant.send_goal(name, payload, heard, goal_id)
+
+        return gate.send_goal(name, needed, payload, send, partial(on_result, GoalStatus.UNKNOWN))
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
         """Ask to cancel a goal that anybody sent, by its id.
@@ -481,6 +571,8 @@ class ClientGraph(GraphView):
     ) -> str:
         """Offer a service or an action; the client's own of the same name gives way to it."""
         absolute = self.require("provide", name)
+        if self._gate is not None:
+            self._gate.reserve_offer(absolute)
         present = find(absolute)
         gateway = self._shared.participant.name
         # All clients act as the gateway's node, whose own services are below its name.
@@ -520,4 +612,6 @@ class ClientGraph(GraphView):
         for call in self._calls:
             call.cancel()
         self._calls.clear()
+        if self._gate is not None:
+            self._gate.close()
         self._quotas.leave()

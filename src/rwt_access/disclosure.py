@@ -107,6 +107,18 @@ def setting_parameters(disclosures: Disclosures) -> frozenset[str]:
     )
 
 
+def written_parameters(
+    disclosures: Disclosures, service: str, type: ServiceType, request: Payload
+) -> list[str]:
+    """The full names of the parameters that a call sets, by what the service's type declares."""
+    return [
+        name
+        for part in disclosures.get(type.name, ())
+        if isinstance(part, Writes)
+        for name in _parameters(service, getattr(request.value(), part.field))
+    ]
+
+
 def _sees(view: GraphView, kind: Kind, name: str) -> bool:
     role = view.role
     match kind:

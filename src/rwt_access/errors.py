@@ -5,6 +5,7 @@
   * :exc:`NotAuthenticated`: the credentials are not good.
   * :exc:`NotAllowed`: the client's role does not allow this.
   * :exc:`QuotaExceeded`: the client has as much as it may have.
+  * :exc:`GateRefused`: a rule of the gate does not let this through now.
 
 A connection that is turned away before it opens gets :exc:`rwt_transports.errors.Refused`, and settings that
 cannot be used raise :exc:`rwt_access.settings.SettingsError`.
@@ -27,3 +28,16 @@ class NotAllowed(AccessError):
 
 class QuotaExceeded(AccessError):
     """The client has as much as it may have."""
+
+
+class GateRefused(AccessError):
+    """A rule of the gate does not let this through now.
+
+    Attributes:
+        rule: the key of the rule in the settings, such as `gate.rules.drive`; empty where it is the gate
+            itself.
+    """
+
+    def __init__(self, text: str, rule: str = "") -> None:
+        super().__init__(f"{text} ({rule})" if rule else text)
+        self.rule = rule

@@ -140,7 +140,7 @@ class Bridge:
     ) -> Peer:
         """Make a client of a connection whose role is known, perhaps from an `auth` op."""
         self._count += 1
-        graph = self.access.client(self.shared, role, info.address)
+        graph = self.access.client(self.shared, role, info.address, f"rosbridge:{self._count}")
         peer = Peer(self, self._count, sink, info, session, graph, by_auth=by_auth)
         self._peers[peer.number] = peer
         where = info.address or "?"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 from collections.abc import AsyncIterator, Iterator, Mapping
 from typing import Any
 
@@ -16,8 +17,9 @@ from rwt.observability.metrics import ServerMetrics
 from rwt.pages import routes
 from rwt_access.access import Access
 from rwt_access.client_graph import ClientGraph
-from rwt_access.errors import NotAllowed
+from rwt_access.errors import GateRefused, NotAllowed
 from rwt_access.graph_view import GraphView
+from rwt_access.settings.gate import GateRule
 from rwt_bridge import Bridge
 from rwt_delivery.shared_graph import SharedGraph
 from rwt_graph import MemoryGraph, Node
@@ -152,6 +154,126 @@ async def test_a_role_without_rights_sees_nothing(graph: MemoryGraph) -> None:
     assert {info.name for info in client.nodes()} == {"/rosapi"}
     for name in sorted(LOOK_UPS):
         assert not getattr(client, name)("/open_topic")
+
+
+# -- the gate ----------------------------------------------------------------------------------------------
+
+ACTS: Mapping[str, tuple[str, str, str, str]] = {
+    "publisher": ("topics", "/open_point", "geometry_msgs/Point", "x"),
+    "call_service": ("services", "/open_spawn", "turtlesim/Spawn", "x"),
+    "send_goal": ("actions", "/open_go", "nav2_msgs/NavigateToPose", "pose.pose.position.x"),
+}
+"""The verbs by which something is done to the robot: the key of a rule that names what it is done with, such
+a name, its type, and a number in it."""
+
+NOT_GATED: Mapping[str, str] = {
+    "advertise": "says what will be published, which is looked at then",
+    "subscribe": "reads",
+    "advertise_service": "offers; what is the robot's own needs `displace`",
+    "advertise_action": "offers; what is the robot's own needs `displace`",
+    "cancel_goal": "stops",
+    "require": "asks",
+}
+
+RULE_KINDS: Mapping[str, object] = {
+    "lease": {"take": "service"},
+    "fields": {"max": 1},
+    "finite": True,
+    "largest_bytes": 1,
+    "messages_per_second": 1,
+    "approval": {"roles": ["admin"]},
+    "emergency": True,
+}
+"""Of every kind of rule one that lets nothing through, or of messages a single one."""
+
+ABOUT_NAMES = {"topics", "services", "actions", "parameters", "roles", "stop"}
+"""What says whom and what a rule is about, and not what it asks."""
+
+OF_TOPICS = {"lease", "messages_per_second"}
+
+
+def test_every_kind_of_rule_and_every_verb_is_walked_over() -> None:
+    assert set(RULE_KINDS) == set(GateRule.model_fields) - ABOUT_NAMES
+    assert set(ACTS) | set(NOT_GATED) == set(VERBS)
+
+
+def _gated(graph: Graph, verb: str, kind: str, mode: str) -> ClientGraph:
+    names, name, _, field = ACTS[verb]
+    value = {field: RULE_KINDS[kind]} if kind == "fields" else RULE_KINDS[kind]
+    rule = {names: [name], kind: value, **({"stop": {}} if names == "topics" else {})}
+    gate = {"mode": mode, "rules": {"it": rule}, "emergency": {"at_start": kind == "emergency"}}
+    globs = {"auth": {"default_role": "guest"}, "roles": {"guest": GUEST}, "gate": gate}
+    access = Access(graph, Settings.model_validate(globs), DISCLOSURES)
+    return access.client(SharedGraph(graph, "/gateway", 0.0, _nothing), access.admission.roles["guest"], "")
+
+
+def _message(verb: str, kind: str) -> dict[str, object]:
+    """A message, a request or a goal beyond what the kind of rule allows."""
+    message: object = math.nan if kind == "finite" else 2.0
+    for part in reversed(ACTS[verb][3].split(".")):
+        message = {part: message}
+    assert isinstance(message, dict)
+    return message
+
+
+def _act(client: ClientGraph, verb: str, kind: str) -> list[object]:
+    """Do what a rule may forbid, four times; returns the outcomes of calls and goals."""
+    _, name, type_name, _ = ACTS[verb]
+    outcomes: list[object] = []
+    for _ in range(4):
+        if verb == "publisher":
+            publisher = client.publisher(name, type_name)
+            publisher.publish(Payload.from_value(publisher.type, _message(verb, kind)))
+        elif verb == "call_service":
+            client.call_service(
+                name, lambda type: Payload.from_value(type.request, _message(verb, kind)), outcomes.append
+            )
+        else:
+            client.send_goal(
+                name,
+                lambda type: Payload.from_value(type.goal, _message(verb, kind)),
+                GoalEvents(on_result=lambda _, outcome: outcomes.append(outcome)),
+            )
+    return outcomes
+
+
+def _ears(graph: MemoryGraph) -> list[object]:
+    """What reaches the robot of all that :data:`ACTS` does."""
+    heard: list[object] = []
+    robot = graph.participant("/ears")
+    robot.subscribe("/open_point", heard.append, graph.registry.message("geometry_msgs/Point"))
+    robot.advertise_service("/open_spawn", graph.registry.service("turtlesim/Spawn"), heard.append)
+    robot.advertise_action("/open_go", graph.registry.action("nav2_msgs/NavigateToPose"), heard.append)
+    return heard
+
+
+CASES = [(kind, verb) for kind in RULE_KINDS for verb in ACTS if verb == "publisher" or kind not in OF_TOPICS]
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(("kind", "verb"), CASES)
+async def test_what_a_rule_of_any_kind_forbids_does_not_reach_the_graph(
+    graph: MemoryGraph, kind: str, verb: str
+) -> None:
+    heard = _ears(graph)
+    client = _gated(graph, verb, kind, "enforce")
+    heard.clear()
+    if kind == "approval" and verb != "publisher":
+        assert _act(client, verb, kind) == []  # They wait.
+    else:
+        with pytest.raises(GateRefused, match=r"gate\.rules\.it"):
+            _act(client, verb, kind)
+    assert len(heard) == (1 if kind == "messages_per_second" else 0)
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(("kind", "verb"), CASES)
+async def test_a_gate_that_observes_lets_all_of_it_through(graph: MemoryGraph, kind: str, verb: str) -> None:
+    heard = _ears(graph)
+    client = _gated(graph, verb, kind, "observe")
+    heard.clear()
+    _act(client, verb, kind)
+    assert len(heard) == 4
 
 
 # -- services ----------------------------------------------------------------------------------------------

@@ -187,3 +187,9 @@ class Settings(BridgeSettings):
         if not self.listen and not self.dial.urls:
             raise ValueError("`listen`: expected at least one URL, or one in `dial.urls`")
         return self
+
+    @model_validator(mode="after")
+    def _one_gate(self) -> Settings:
+        if self.workers > 1 and (self.gate.rules or self.gate.audit.file):
+            raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")
+        return self

@@ -1,4 +1,4 @@
-"""What an operator can set about who may do what: the models alone."""
+"""Tokens, roles, origins, TLS and what one client may have open."""
 
 from __future__ import annotations
 
@@ -8,26 +8,23 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Final
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, SecretStr, model_validator
+from pydantic import AfterValidator, Field, SecretStr, model_validator
 
-MIB: Final = 1024 * 1024
-
-Bytes = Annotated[int, Field(ge=1024)]
-Count = Annotated[int, Field(ge=1)]
-CountOrNone = Annotated[int, Field(ge=0)]
-Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-SecondsOrNone = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Globs = tuple[str, ...]
+from rwt_access.settings.gate import GateSettings
+from rwt_access.settings.types import (
+    MIB,
+    Bytes,
+    Count,
+    CountOrNone,
+    Globs,
+    Seconds,
+    SecondsOrNone,
+    Table,
+)
 
 
 class SettingsError(ValueError):
     """A setting that cannot be used; the text says which, where it stands and what is expected."""
-
-
-class Table(BaseModel):
-    """A group of settings: one table of the TOML file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class ClientLimits(Table):
@@ -234,12 +231,14 @@ class AccessSettings(Table):
         default_factory=dict, description="roles besides the built-in `admin` and `viewer`"
     )
     origins: OriginSettings = OriginSettings()
+    gate: GateSettings = GateSettings()
 
     @model_validator(mode="after")
     def _roles_exist(self) -> AccessSettings:
         auth = self.auth
         named = {"auth.default_role": auth.default_role, "auth.rosauth_role": auth.rosauth_role}
         named |= {f"auth.tokens.{name}.role": token.role for name, token in auth.tokens.items()}
+        named |= dict(self.gate.named_roles())
         known = (*BUILT_IN_ROLES, *self.roles)
         for key, role in named.items():
             if role is not None and role not in known:
