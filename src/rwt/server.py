@@ -28,6 +28,7 @@ from rwt.nodes import (
     start_script,
 )
 from rwt.observability.metrics import ServerMetrics
+from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
 from rwt.settings.sources import with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt_access.access import Access
@@ -273,6 +274,8 @@ class Server:
         if not self._announced:
             self._announced = True
             (say or print_announcement)((on_up or listening)(self))
+            if self._worker is None:
+                tell(READY)
 
     def reload(self) -> None:
         """Read certificate, tokens, roles, origins and the secret of rosauth again, as SIGHUP asks for.
@@ -296,12 +299,14 @@ class Server:
         self._warn_of_strangers(running.bridge.access, running.listeners)
 
     def _on_hangup(self) -> None:
+        tell_reloading()
         try:
             self.reload()
         except SettingsError as error:
             logger.error("the settings stay as they were: %s", error)
         else:
             logger.info("certificate, tokens, roles and origins were read again")
+        tell(READY)
 
     async def ended(self) -> None:
         """Wait until there is nobody to serve: the program at the other end of ``stdio:`` has closed it, or
@@ -339,6 +344,8 @@ class Server:
     async def __aexit__(self, *exc: Any) -> bool | None:
         stack = self._while_running.stack
         self._running = None
+        if self._announced and self._worker is None:
+            tell(STOPPING)
         return await stack.__aexit__(*exc)
 
     async def _start(self, stack: AsyncExitStack) -> _Running:
@@ -363,6 +370,8 @@ class Server:
         extensions: list[HttpExtension[GraphView]] = [*http, *(gateway.http for gateway in gateways)]
         metrics = ServerMetrics(bridge, extensions)
         stack.callback(metrics.close)
+        if self._worker is None:
+            stack.callback(Heartbeat(graph.clock).close)
         stack.enter_context(bounded_log())
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
         doors = Doors(settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker)

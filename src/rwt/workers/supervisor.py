@@ -19,6 +19,14 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Final
 
+from rwt.observability.supervision import (
+    ALIVE,
+    READY,
+    STOPPING,
+    heartbeat_seconds,
+    tell,
+    tell_reloading,
+)
 from rwt.signals import terminal_is_gone
 from rwt_transports.backoff import Backoff
 
@@ -94,10 +102,12 @@ class Supervisor:
                     if (code := self._await_up(signals)) is not None:
                         return self._stop() or code
                 when_up(self._children[1].announced or "")
+                tell(READY)
                 self._watch(signals)
             except BaseException:
                 self._stop()
                 raise
+            tell(STOPPING)
             return self._stop()
 
     def _start(self, number: int) -> None:
@@ -127,14 +137,19 @@ class Supervisor:
 
     def _watch(self, signals: socket.socket) -> None:
         """Start again what ends, until a signal comes."""
+        heartbeat = heartbeat_seconds()
         while True:
-            ready = self._wait(signals)
+            ready = self._wait(signals, heartbeat)
+            if heartbeat is not None:
+                tell(ALIVE)
             if signals in ready:
                 if any(number in _STOP_SIGNALS for number in signals.recv(64)) or terminal_is_gone():
                     return
+                tell_reloading()
                 for child in self._children.values():
                     if child.process.pid is not None:
                         os.kill(child.process.pid, signal.SIGHUP)
+                tell(READY)
             for child in self._ended(ready):
                 self._schedule_restart(child)
             now = time.monotonic()

@@ -1,0 +1,74 @@
+"""What a service manager such as systemd is told: ready, alive, reading again, ending (sd_notify(3))."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import time
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from rwt_graph.clock import Clock
+    from rwt_program.timers import Timer
+
+logger = logging.getLogger(__name__)
+
+READY: Final = "READY=1"
+STOPPING: Final = "STOPPING=1"
+ALIVE: Final = "WATCHDOG=1"
+
+
+def tell(state: str) -> None:
+    """Tell the service manager that has started this process; nothing where none has.
+
+    Args:
+        state: lines of ``NAME=VALUE``.
+    """
+    address = os.environ.get("NOTIFY_SOCKET", "")
+    if not address.startswith(("/", "@")):
+        return
+    if address.startswith("@"):  # Linux's abstract names begin with a zero byte.
+        address = "\0" + address[1:]
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+            manager.sendto(state.encode(), address)
+    except OSError as error:
+        logger.warning("the service manager at NOTIFY_SOCKET cannot be told %s: %s", state, error)
+
+
+def tell_reloading() -> None:
+    """Tell that settings are being read again, as ``Type=notify-reload`` wants it; :data:`READY` ends it."""
+    tell(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
+
+
+def heartbeat_seconds() -> float | None:
+    """Seconds between two times that this process is to tell :data:`ALIVE`: half of what ``WatchdogSec=``
+    gives it; None where nobody waits for it."""
+    microseconds = os.environ.get("WATCHDOG_USEC", "")
+    is_meant = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+    return int(microseconds) / 2e6 if is_meant and microseconds.isdecimal() and int(microseconds) else None
+
+
+class Heartbeat:
+    """Tells the service manager that the event loop turns; a server that hangs is then started again.
+
+    Args:
+        clock: of the event loop.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._timer: Timer | None = None
+        self._period = heartbeat_seconds()
+        self._beat()
+
+    def _beat(self) -> None:
+        if self._period is not None:
+            tell(ALIVE)
+            self._timer = self._clock.call_later(self._period, self._beat)
+
+    def close(self) -> None:
+        """Tell nothing more."""
+        if self._timer is not None:
+            self._timer.cancel()

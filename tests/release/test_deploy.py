@@ -1,0 +1,174 @@
+"""The files for a service and a container run the server as they say."""
+
+from __future__ import annotations
+
+import configparser
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from rwt.settings.sources import read_settings
+from rwt_access.settings import SettingsError
+from tests.processes import LONGEST, ROOT, free_port, running
+
+FILES = ROOT / "docs" / "how-to" / "deploy"
+TOKEN = "a-token-of-thirty-two-characters"
+ADVERTISE = json.dumps({"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"})
+
+
+class Unit(configparser.RawConfigParser):
+    """A unit file of systemd, each of whose keys stands once here."""
+
+    def optionxform(self, optionstr: str) -> str:
+        return optionstr
+
+
+@pytest.fixture
+def service() -> configparser.SectionProxy:
+    unit = Unit()
+    unit.read(FILES / "robot.service", encoding="utf-8")
+    return unit["Service"]
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> tuple[Path, int]:
+    """The settings of the page, on a port that is free."""
+    port = free_port()
+    text = (FILES / "rwt.toml").read_text(encoding="utf-8")
+    assert "0.0.0.0:9090" in text
+    file = tmp_path / "rwt.toml"
+    file.write_text(text.replace("0.0.0.0:9090", f"127.0.0.1:{port}"))
+    return file, port
+
+
+class Manager:
+    """What a service manager hears from the process that it has started."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = str(folder / "notify")
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(self.path)
+        self._socket.settimeout(LONGEST)
+
+    def hears(self, state: str) -> str:
+        """Wait for a state; the whole message that has it."""
+        while True:
+            message = self._socket.recv(4096).decode()
+            if state in message.split("\n"):
+                return message
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+@contextmanager
+def managed(folder: Path) -> Iterator[Manager]:
+    manager = Manager(folder)
+    try:
+        yield manager
+    finally:
+        manager.close()
+
+
+def arguments(command: str, settings: Path) -> list[str]:
+    """What follows `rwt` in a command of the files, with other settings."""
+    program, *rest = command.split()
+    assert program == "/opt/robot/bin/rwt"
+    return [str(settings) if each == "/etc/robot/rwt.toml" else each for each in rest]
+
+
+def test_the_unit_is_one(tmp_path: Path) -> None:
+    program = shutil.which("systemd-analyze")
+    if program is None:
+        pytest.skip("systemd is not installed")
+    text = (FILES / "robot.service").read_text(encoding="utf-8")
+    unit = tmp_path / "robot.service"
+    unit.write_text(text.replace("/opt/robot/bin/rwt", sys.executable))
+    done = subprocess.run([program, "verify", str(unit)], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_service_tells_when_it_is_ready_alive_reloading_and_stopping(
+    service: configparser.SectionProxy, settings: tuple[Path, int], tmp_path: Path, workers: int
+) -> None:
+    file, port = settings
+    with managed(tmp_path) as manager:
+        environment = {
+            "NOTIFY_SOCKET": manager.path,
+            "WATCHDOG_USEC": "200000",
+            "RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN,
+        }
+        command = [*arguments(service["ExecStart"], file), "--workers", str(workers)]
+        with running(*command, environment=environment) as (process, _):
+            manager.hears("READY=1")
+            manager.hears("WATCHDOG=1")
+            manager.hears("WATCHDOG=1")
+            with connect(f"ws://127.0.0.1:{port}?token={TOKEN}") as operator:
+                operator.send(
+                    json.dumps({"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"})
+                )
+                assert service["ExecReload"] == "/bin/kill -HUP $MAINPID"
+                process.send_signal(signal.SIGHUP)
+                assert re.search(r"^MONOTONIC_USEC=\d+$", manager.hears("RELOADING=1"), re.MULTILINE)
+                manager.hears("READY=1")
+            process.send_signal(signal.SIGTERM)
+            manager.hears("STOPPING=1")
+            assert process.wait(float(service["TimeoutStopSec"])) == 0
+
+
+def test_who_shows_no_token_may_look(settings: tuple[Path, int]) -> None:
+    file, port = settings
+    with (
+        running("serve", "--config", str(file), environment={"RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN}),
+        connect(f"ws://127.0.0.1:{port}") as viewer,
+    ):
+        viewer.send(json.dumps({"op": "set_level", "level": "error"}))
+        viewer.send(ADVERTISE)
+        assert "roles.viewer" in json.loads(viewer.recv(LONGEST))["msg"]
+        with pytest.raises(InvalidStatus):
+            connect(f"ws://127.0.0.1:{port}?token=wrong")
+
+
+def test_without_the_token_the_server_does_not_start(settings: tuple[Path, int]) -> None:
+    with pytest.raises(SettingsError, match=r"auth\.tokens\.operator"):
+        read_settings(settings[0])
+
+
+def test_the_container_runs_the_same(settings: tuple[Path, int]) -> None:
+    file, port = settings
+    text = (FILES / "Containerfile").read_text(encoding="utf-8").replace("\\\n", " ")
+    steps = [line.split(maxsplit=1) for line in text.splitlines() if line and not line.startswith("#")]
+    said = dict(steps)
+    assert said["STOPSIGNAL"] == "SIGTERM" and said["USER"] != "root" and said["EXPOSE"] == "9090"
+    command = " ".join(json.loads(said["CMD"]))
+    health = json.loads(said["HEALTHCHECK"].partition("CMD ")[2])
+    environment = {"RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN}
+    with running(*arguments(command, file), environment=environment):
+        check = [sys.executable, "-c", health[2].replace("9090", str(port))]
+        assert health[:2] == ["/opt/robot/bin/python", "-c"]
+        assert subprocess.run(check, timeout=LONGEST, check=False).returncode == 0
+    assert subprocess.run(check, timeout=LONGEST, check=False, capture_output=True).returncode != 0
+
+
+def test_a_manager_that_is_gone_ends_nothing(tmp_path: Path) -> None:
+    gone = {"NOTIFY_SOCKET": os.fspath(tmp_path / "nobody")}
+    with running("serve", "ws://127.0.0.1:0", environment=gone) as (process, url):
+        with connect(url):
+            pass
+        process.terminate()
+        assert process.wait(LONGEST) == 0
+        assert process.stderr is not None
+        assert "NOTIFY_SOCKET cannot be told READY=1" in process.stderr.read()
