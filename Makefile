@@ -7,6 +7,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 BROWSER := tests/browser/node
+GENERATED := tests/http/node
 WEB := web
 PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
@@ -30,7 +31,8 @@ $(STAMP)-dev: pyproject.toml $(STAMP)
 	touch $@
 
 # The npm releases of the client libraries that the tests drive, exactly as the lock file names them.
-$(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(WEB)/node_modules/.installed: \
+$(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(GENERATED)/node_modules/.installed \
+$(WEB)/node_modules/.installed: \
 %/node_modules/.installed: %/package-lock.json
 	npm ci --prefix $* --no-audit --no-fund --loglevel=error
 	touch $@
@@ -56,7 +58,8 @@ web: $(PAGE)
 	npm run --silent --prefix $(WEB) types
 	npm test --silent --prefix $(WEB)
 
-unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(PAGE)
+unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed \
+$(GENERATED)/node_modules/.installed $(PAGE)
 	$(BIN)/python -m tests $(ARGS)
 
 test: lint types web unit

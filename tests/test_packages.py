@@ -15,6 +15,7 @@ PACKAGES = {
     "rwt_graph": {"rwt_protocol", "rwt_transports", "rwt_bridge", "numpy", "websockets"},
     "rwt_transports": {"rwt_interfaces", "rwt_graph", "rwt_bridge", "numpy"},
     "rwt_bridge": {"rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
+    "rwt_http": {"rwt_bridge", "rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_nodes": {"rwt_bridge", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_web": {"rwt_graph", "rwt_nodes", "rwt_bridge", "rwt_interfaces", "numpy", "PIL"},
     "rwt_client": {"rwt_bridge", "rwt_graph", "rwt_nodes", "rwt_cli"},

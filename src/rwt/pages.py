@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from rwt.observability.prometheus import CONTENT_TYPE
 from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http import Audience, HttpResponse, Route, Routes, page_policy
+from rwt_transports.http import Audience, HttpResponse, Route, Routes, page_policy, refusal_as_text
 
 if TYPE_CHECKING:
     from rwt.observability.metrics import ServerMetrics
@@ -82,7 +82,7 @@ def routes(
     routes = Routes()
     methods: dict[str, list[str]] = {}
     for route in (Route("/role", _role, Audience.ADMITTED), *brought, *own):
-        page = guarded(bridge.access, route.page, route.audience, loopback=loopback)
+        page = guarded(bridge.access, route.page, route.audience, loopback=loopback, refusal=route.refusal)
         routes.add(route.path, page, route.method)
         methods.setdefault(route.path, []).append(route.method)
     for path, allowed in methods.items():
@@ -99,7 +99,7 @@ def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Han
     def handler(request: HttpRequest) -> HttpResponse:
         origin = request.headers.get("origin", "")
         if not origin.isascii() or not access.admission.allows_page(request.headers, loopback=loopback):
-            return _foreign(origin)
+            return refusal_as_text(request, _foreign(origin))
         headers = {
             "Access-Control-Allow-Origin": origin or "*",
             "Access-Control-Allow-Methods": allowed,
@@ -113,9 +113,8 @@ def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Han
     return handler
 
 
-def _foreign(origin: str) -> HttpResponse:
-    text = f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)\n"
-    return HttpResponse(text.encode(), 403)
+def _foreign(origin: str) -> Refused:
+    return Refused(403, f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)")
 
 
 def guarded(
@@ -124,6 +123,7 @@ def guarded(
     audience: Audience,
     *,
     loopback: bool = True,
+    refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text,
 ) -> Handler:
     """A page that only its audience gets, as the graph's reader that the request proves to be, and that is
     refused for a while to addresses that cause too much work.
@@ -141,7 +141,9 @@ def guarded(
         if origin and not (
             origin.isascii() and access.admission.allows_page(request.headers, loopback=loopback)
         ):
-            return answer_admitted(request) if request.method in ("GET", "HEAD") else _foreign(origin)
+            if request.method in ("GET", "HEAD"):
+                return answer_admitted(request)
+            return refusal(request, _foreign(origin))
         answer = answer_admitted(request)
         if not origin:
             return answer
@@ -159,11 +161,11 @@ def guarded(
             if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
                 role = reader.role.name
                 raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
-            if (refusal := reader.work.refusal()) is not None:
-                reason, seconds = refusal
+            if (beyond := reader.work.refusal()) is not None:
+                reason, seconds = beyond
                 raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
         except Refused as refused:
-            return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+            return refusal(request, refused)
         monotonic = reader.clock.monotonic
         began = monotonic()
         try:

@@ -18,6 +18,7 @@ import anyio
 
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
 from rwt.doors import Doors
+from rwt.gateways import start_gateways
 from rwt.graphs import check_graph, make_graph
 from rwt.nodes import (
     ReadyNode,
@@ -364,7 +365,10 @@ class Server:
         stack.callback(access.close)
         bridge = Bridge(graph, settings, access)
         stack.callback(bridge.close)
-        gateways = [make(graph, access) for make in self._gateways]
+        gateways = [
+            *start_gateways(graph, settings, access),
+            *(make(graph, access) for make in self._gateways),
+        ]
         for gateway in gateways:
             stack.callback(gateway.close)
         extensions: list[HttpExtension[GraphView]] = [*http, *(gateway.http for gateway in gateways)]

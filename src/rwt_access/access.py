@@ -139,5 +139,6 @@ class Access:
         """
         role = self.admission.role_of(info)
         if role is None:
-            raise Refused(401, "this page is for clients that authenticate by a token (auth.tokens)")
+            reason = "this page is for clients that authenticate by a token (auth.tokens)"
+            raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
         return GraphView(self._graph, role, self._quotas_of(info.address).work)

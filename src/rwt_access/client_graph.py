@@ -226,6 +226,14 @@ class ClientGraph(GraphView):
         """Bytes that the server keeps for the client (`limits.kept_bytes`)."""
         return self._quotas.kept.held
 
+    def keep(self, size: int) -> Charge:
+        """Charge the client for bytes that its gateway keeps for it, until the charge ends.
+
+        Raises:
+            QuotaExceeded: as many bytes are kept for the client as may be.
+        """
+        return self._quotas.kept.take(size)
+
     # Topics
 
     def advertise(

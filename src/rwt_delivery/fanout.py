@@ -11,7 +11,7 @@ from rwt_protocol.transport import Burst, Frame
 
 if TYPE_CHECKING:
     from rwt_delivery.counters import EncodingCounts, TopicCounts
-    from rwt_delivery.throttle import Throttle
+    from rwt_delivery.throttle import Gate
     from rwt_graph.api import Participant, Sample, Subscription
     from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
@@ -67,15 +67,15 @@ class EncodedStream:
         self.steps: Callable[[Sample], Iterator[None]] | None = getattr(encode, "steps", None)
         self._monotonic = monotonic
         self._sent_at = float("-inf")
-        self._open_since: dict[Throttle, int] = {}
+        self._open_since: dict[Gate, int] = {}
         self._sendings = 0
         self.counts = counts
         self.form = form
-        self._gates: list[Throttle] = []
+        self._gates: list[Gate] = []
         self._direct: tuple[tuple[Callable[[Burst], bool], Callable[[Frame], None]], ...] = ()
         self._burst: Burst | None = None
         self._apart: list[Callable[[Frame], None]] = []
-        self._gated: tuple[Throttle, ...] = ()
+        self._gated: tuple[Gate, ...] = ()
         self._encoded = 0
         self._encoded_bytes = 0
 
@@ -87,12 +87,12 @@ class EncodedStream:
         """Whether every sample goes to somebody."""
         return bool(self._direct)
 
-    def add(self, gate: Throttle) -> None:
+    def add(self, gate: Gate) -> None:
         """Let a gate take part from the next sample on."""
         self._gates.append(gate)
         self.sort()
 
-    def remove(self, gate: Throttle) -> None:
+    def remove(self, gate: Gate) -> None:
         """Take a gate out."""
         self._gates.remove(gate)
         self._open_since.pop(gate, None)
@@ -178,11 +178,11 @@ class EncodedStream:
         if burst is not None:
             burst.seal()
 
-    def _offer(self, encoded: _Encoded, gates: Iterable[Throttle]) -> None:
+    def _offer(self, encoded: _Encoded, gates: Iterable[Gate]) -> None:
         for gate in gates:
             gate.offer(encoded)
 
-    def replay(self, sample: Sample, gate: Throttle) -> None:
+    def replay(self, sample: Sample, gate: Gate) -> None:
         """Send one kept sample to one gate (SUB-13)."""
         self._end_burst()
         gate.offer(_Encoded(self, sample))
@@ -242,7 +242,7 @@ class Fanout:
         self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
         old.close()
 
-    def join(self, gate: Throttle, name: str, encoding: Encoding) -> EncodedStream:
+    def join(self, gate: Gate, name: str, encoding: Encoding) -> EncodedStream:
         """Add a gate to the channel of that spelling and encoding."""
         self._catch_up()  # What it missed is replayed to it.
         key = (name, encoding.name)
@@ -258,7 +258,7 @@ class Fanout:
         channel.add(gate)
         return channel
 
-    def leave(self, gate: Throttle, name: str, encoding: Encoding) -> None:
+    def leave(self, gate: Gate, name: str, encoding: Encoding) -> None:
         """Take a gate out of its channel."""
         key = (name, encoding.name)
         channel = self._channels[key]

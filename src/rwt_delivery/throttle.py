@@ -35,6 +35,29 @@ class Encoded(Protocol):
         """The frame to send; asked for each time one is sent."""
 
 
+class Gate(Protocol):
+    """What decides when a sample goes to one client, as a fan-out sees it: a :class:`Throttle`, or
+    :class:`rwt_delivery.next_sample.NextSample`."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether every sample passes, so that a caller may skip the gate and send at once."""
+
+    @property
+    def send(self) -> Callable[[Frame], None]:
+        """Where the frames of an open gate go."""
+
+    @property
+    def join(self) -> Callable[[Burst], bool]:
+        """Lets a burst of an open gate go."""
+
+    def note_sent(self, at: float) -> None:
+        """A sample went past the gate while it was open, `at` seconds of the clock's steady time."""
+
+    def offer(self, encoded: Encoded) -> None:
+        """Take one sample, while the gate is not open."""
+
+
 class Room:
     """What the throttles of one client may keep in their queues together.
 

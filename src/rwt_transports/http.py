@@ -15,6 +15,8 @@ from urllib.parse import urlsplit
 
 from typing_extensions import TypeVar
 
+from rwt_transports.errors import Refused
+
 TEXT = "text/plain; charset=utf-8"
 
 
@@ -95,6 +97,11 @@ AnyReader = TypeVar("AnyReader", default=Reader, contravariant=True)
 """What a page needs to know of who asks: a page of a gateway more than that of a node."""
 
 
+def refusal_as_text(request: HttpRequest, refused: Refused) -> HttpResponse:
+    """A refusal in words."""
+    return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+
+
 class Audience(Enum):
     """Who may ask for a route. Each route declares it; there is no default."""
 
@@ -116,12 +123,14 @@ class Route(Generic[AnyReader]):
         audience: who may ask.
         method: upper case; what serves ``GET`` serves ``HEAD`` too. Pages of other origins may ask by any
             other method only where they may connect by WebSocket (the setting `origins`).
+        refusal: how a request hears that it does not come to the page.
     """
 
     path: str
     page: Callable[[HttpRequest, AnyReader], HttpResponse | Awaitable[HttpResponse]]
     audience: Audience
     method: str = "GET"
+    refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text
 
 
 class MetricFamily(NamedTuple):

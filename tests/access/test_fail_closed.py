@@ -113,6 +113,7 @@ OWN = {
     "withdraw_action",
     "take_role",
     "withdraw_refused",
+    "keep",
     "close",
 }
 """What concerns nothing but what the client itself holds already."""

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from rwt_access.settings import MIB, Bytes, Count, PlainToken, Seconds, SecondsOrNone, Table, TlsSettings
 from rwt_bridge.settings import BridgeLimits, BridgeSettings
+from rwt_http.settings import HttpSettings
 
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
@@ -20,6 +21,7 @@ def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
 
 
 NodeName = Literal["rosapi", "tf2_web_republisher", "web_video_server"]
+GatewayName = Literal["http"]
 
 
 class LimitSettings(BridgeLimits):
@@ -155,6 +157,10 @@ class Settings(BridgeSettings):
         tuple[NodeName, ...],
         Field(description="ready-made nodes that take part; `[]` for none"),
     ] = get_args(NodeName)
+    gateways: Annotated[
+        tuple[GatewayName, ...],
+        Field(description="protocols that are spoken beside rosbridge, on the same port; `[]` for none"),
+    ] = ("http",)
     deflate: Annotated[
         Literal["off", "shared", "context"],
         Field(description="permessage-deflate for WebSocket clients that ask: `shared` or in `context`"),
@@ -169,6 +175,7 @@ class Settings(BridgeSettings):
     tls: TlsSettings = TlsSettings()
     dial: DialSettings = DialSettings()
     web: WebSettings = WebSettings()
+    api: HttpSettings = HttpSettings()
     graph: Annotated[
         Literal["memory", "zenoh"],
         Field(description="`zenoh` joins the graph with those of other processes; needs the extra `zenoh`"),

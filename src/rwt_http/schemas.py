@@ -1,0 +1,121 @@
+"""Message types as JSON Schema (2020-12), each once: as they are sent, and as they are taken."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from rwt_interfaces import field_types
+
+if TYPE_CHECKING:
+    from rwt_interfaces.field_types import FieldType, Slot
+    from rwt_interfaces.structs import MessageType
+
+Schema = dict[str, object]
+
+INCOMING: Final = ".Input"
+"""What the name of a type's schema ends in where fields may be left out: then they take their defaults."""
+
+
+class Schemas:
+    """The schemas of the types that were asked for, and of those within them.
+
+    Attributes:
+        found: by name; a name is that of the type with a dot for its slash.
+
+    Args:
+        place: where they will stand, as a JSON Pointer with a slash at its end.
+    """
+
+    def __init__(self, place: str = "#/components/schemas/") -> None:
+        self.found: dict[str, Schema] = {}
+        self._place = place
+
+    def reference(self, message: MessageType, *, incoming: bool = False) -> Schema:
+        """A reference to the schema of a message.
+
+        Args:
+            message: the type.
+            incoming: whether clients send it, and may leave fields out.
+        """
+        time = message.time
+        if time is not None:
+            return self._time(time, incoming=incoming)
+        name = message.name.replace("/", ".") + (INCOMING if incoming else "")
+        if name not in self.found:
+            self.found[name] = {}  # Its place, before those within it.
+            self.found[name] = self._object(message, incoming=incoming)
+        return {"$ref": self._place + name}
+
+    def _object(self, message: MessageType, *, incoming: bool) -> Schema:
+        properties = {slot.name: self._field(slot, incoming=incoming) for slot in message.slots}
+        # No title: generators would call both forms of a type by it.
+        constants = [f"{each.name} = {each.value!r}" for each in message.definition.constants]
+        name = message.registry.type_name(message)
+        schema: Schema = {
+            "type": "object",
+            "description": f"{name}; constants: {', '.join(constants)}" if constants else name,
+            "properties": properties,
+            "additionalProperties": False,
+        }
+        if properties and not incoming:
+            schema["required"] = list(properties)
+        return schema
+
+    def _field(self, slot: Slot, *, incoming: bool) -> Schema:
+        schema = self._of(slot.type, incoming=incoming)
+        if incoming and isinstance(slot.default, bool | int | float | str):
+            schema = {**schema, "default": slot.default}
+        return schema
+
+    def _of(self, type: FieldType, *, incoming: bool) -> Schema:
+        match type:
+            case field_types.Bool():
+                return {"type": "boolean"}
+            case field_types.Int():
+                return {"type": "integer", "minimum": type.low, "maximum": type.high}
+            case field_types.Float():
+                # NaN and infinities are null, both ways.
+                return {"type": ["number", "null"], "format": "float" if type.code == "f" else "double"}
+            case field_types.String():
+                return {"type": "string"} | ({} if type.bound is None else {"maxLength": type.bound})
+            case field_types.Time():
+                return self._time(type, incoming=incoming)
+            case field_types.Octets():
+                schema: Schema = {"type": "string", "contentEncoding": "base64"}
+                if type.length is not None:
+                    schema["minLength"] = schema["maxLength"] = (type.length + 2) // 3 * 4
+                return schema
+            case field_types.Message():
+                return self.reference(type.type, incoming=incoming)
+            case field_types.Array():
+                return self._array(type, incoming=incoming)
+
+    def _array(self, type: field_types.Array, *, incoming: bool) -> Schema:
+        schema: Schema = {"type": "array", "items": self._of(type.element, incoming=incoming)}
+        if type.length is not None:
+            schema["minItems"] = schema["maxItems"] = type.length
+        elif type.bound is not None:
+            schema["maxItems"] = type.bound
+        return schema
+
+    def _time(self, type: field_types.Time, *, incoming: bool) -> Schema:
+        kind = "Duration" if type.is_duration else "Time"
+        name = f"builtin_interfaces.{kind}" + (INCOMING if incoming else "")
+        if name not in self.found:
+            numbers = zip(type.keys, (type.seconds, type.nanoseconds), strict=True)
+            schema: Schema = {
+                "type": "object",
+                "properties": {key: self._of(number, incoming=incoming) for key, number in numbers},
+                "additionalProperties": False,
+            }
+            if not incoming:
+                schema["required"] = list(type.keys)
+            self.found[name] = schema
+        return {"$ref": self._place + name}
+
+
+def document(message: MessageType) -> Schema:
+    """The schema of one type by itself, with those within it as its `$defs`."""
+    schemas = Schemas("#/$defs/")
+    reference = schemas.reference(message)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **reference, "$defs": schemas.found}
