@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rwt_access.quotas import Work
     from rwt_access.roles import Role
     from rwt_delivery.shared_graph import SharedGraph
+    from rwt_program.timers import Timer
     from rwt_transports.http import HttpRequest
 
 T = TypeVar("T")
@@ -39,7 +40,9 @@ class Stream(Protocol):
 class HttpClient:
     """What clients of one role and address hold together.
 
-    A request holds it while it is answered, and so do streams and goals: quotas count for all of them.
+    A request holds it while it is answered, and so do streams and goals: quotas count for all of them. Since
+    nobody says goodbye over HTTP, it goes some seconds after its last request, and what it published on, and
+    its leases at the gate, with it.
 
     Attributes:
         graph: the graph as they may see it.
@@ -47,12 +50,13 @@ class HttpClient:
         streams: that are open, each with the request that began it.
     """
 
-    __slots__ = ("_clients", "_holds", "_key", "address", "graph", "streams")
+    __slots__ = ("_clients", "_holds", "_key", "_timer", "address", "graph", "streams")
 
     def __init__(self, clients: Clients, key: tuple[str, str], graph: ClientGraph, address: str) -> None:
         self._clients = clients
         self._key = key
         self._holds = 0
+        self._timer: Timer | None = None
         self.graph = graph
         self.address = address
         self.streams: dict[Stream, PeerInfo] = {}
@@ -60,13 +64,23 @@ class HttpClient:
     def hold(self) -> None:
         """Let it be there until :meth:`release`."""
         self._holds += 1
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     def release(self) -> None:
-        """Hold it no longer; without holds it gives everything back."""
+        """Hold it no longer; after a while without holds it gives everything back."""
         self._holds -= 1
         if not self._holds:
-            self._clients.forget(self._key)
-            self.graph.close()
+            self._timer = self.graph.clock.call_later(self._clients.linger, self.leave)
+
+    def leave(self) -> None:
+        """Give everything back."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._clients.forget(self._key)
+        self.graph.close()
 
     def add_stream(self, stream: Stream, request: HttpRequest) -> None:
         """Keep a stream that has begun."""
@@ -82,14 +96,20 @@ class HttpClient:
 class Clients:
     """All clients of the gateway.
 
+    Attributes:
+        linger: seconds that a client is there after its last request.
+
     Args:
         access: who may do what.
         shared: the gateway's part in the graph.
+        linger: see above.
     """
 
-    def __init__(self, access: Access, shared: SharedGraph) -> None:
+    def __init__(self, access: Access, shared: SharedGraph, linger: float) -> None:
         self._access = access
-        self.shared = shared
+        self._shared = shared
+        self._count = 0
+        self.linger = linger
         self._known: dict[tuple[str, str], HttpClient] = {}
 
     @property
@@ -111,13 +131,14 @@ class Clients:
         key = (role.name, network_of(request.address))
         client = self._known.get(key)
         if client is None:
-            graph = self._access.client(self.shared, role, request.address)
+            self._count += 1
+            graph = self._access.client(self._shared, role, request.address, f"http:{self._count}")
             client = self._known[key] = HttpClient(self, key, graph, request.address)
         return client
 
     def forget(self, key: tuple[str, str]) -> None:
-        """Forget a client that holds nothing."""
-        del self._known[key]
+        """Forget a client that leaves."""
+        self._known.pop(key, None)
 
     def reload_roles(self) -> None:
         """Let each client act as the settings say now, and end the streams that they do not allow."""
@@ -140,10 +161,11 @@ class Clients:
             return False
 
     def close(self) -> None:
-        """End every stream."""
+        """End every stream, and let every client go."""
         for client in tuple(self._known.values()):
             for stream in tuple(client.streams):
                 stream.end()
+            client.leave()
 
 
 def peer_of(request: HttpRequest) -> PeerInfo:

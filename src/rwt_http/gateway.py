@@ -50,7 +50,7 @@ class HttpGateway:
         graph: the robot.
         access: who may do what.
         settings: of the gateway.
-        linger: seconds that a publisher outlives its last use.
+        linger: seconds that a client is there after its last request, and a publisher after its client.
         capabilities: what else is offered on the port, for ``/version``.
     """
 
@@ -68,7 +68,7 @@ class HttpGateway:
         self._documents: dict[tuple[str, str], tuple[object, bytes]] = {}
         log = partial(access.audit.write, logging.INFO, "%s")
         self._shared = SharedGraph(graph, GATEWAY_NODE, linger, log)
-        self._clients = Clients(access, self._shared)
+        self._clients = Clients(access, self._shared, linger)
         self._actions = actions.Actions(self._clients, settings)
         self.websockets: Mapping[str, AcceptPeer] = {}
         self.http: HttpExtension[GraphView] = HttpExtension(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import msgspec
 
 from rwt_access.client_graph import UnknownTopicType
-from rwt_access.errors import AccessError, NotAllowed, NotAuthenticated, QuotaExceeded
+from rwt_access.errors import AccessError, GateRefused, NotAllowed, NotAuthenticated, QuotaExceeded
 from rwt_delivery.shared_publishers import IncompatiblePolicies
 from rwt_graph.errors import InvalidGraphName, TypeConflict
 from rwt_program.errors import (
@@ -48,6 +48,9 @@ KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
         "invalid-name": Kind(400, "Not a name that ROS allows", "names are like `odom` or `arm/state`"),
         "not-authenticated": Kind(401, "Credentials are needed", "send `Authorization: Bearer TOKEN`"),
         "not-allowed": Kind(403, "The role does not allow this", "ask for a role that does"),
+        "gate-refused": Kind(
+            403, "A rule of the gate does not let this through", "do what the rule asks for"
+        ),
         "not-found": Kind(404, "Nothing of that name is here", "the lists above it name what there is"),
         "no-message": Kind(404, "No message is kept", "wait for the next one with `?wait=SECONDS`"),
         "not-acceptable": Kind(406, "Not in a form that was asked for", "accept application/json"),
@@ -74,6 +77,7 @@ _OF_STATUS: Final[Mapping[int, str]] = {401: "not-authenticated", 403: "not-allo
 
 _OF_ERROR: Final[tuple[tuple[type[Exception], str], ...]] = (
     (NotAllowed, "not-allowed"),
+    (GateRefused, "gate-refused"),
     (NotAuthenticated, "not-authenticated"),
     (QuotaExceeded, "too-much"),
     (InvalidGraphName, "invalid-name"),

@@ -29,8 +29,8 @@ T = TypeVar("T")
 SHARE: Final = 0.003
 """Seconds of one turn of the event loop in which a body is read; the rest waits its turn."""
 
-_FEW_BYTES: Final = 64 * 1024
-"""Bytes of a body that is read at once, whatever is in it."""
+IN_STEPS: Final = 64 * 1024
+"""Bytes from which a body is read in steps."""
 
 _MOST_BRACKETS: Final = 32 * 1024
 """Objects and arrays of a larger body, unless it has every field of its type as ROS writes it: each becomes
@@ -159,7 +159,7 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
         return Payload.from_value(type, _cbor_map(body), now)
     if not body.strip():
         return Payload.from_json(type, b"{}", now)
-    if len(body) < _FEW_BYTES:
+    if len(body) < IN_STEPS:
         return Payload.from_json(type, body, now)
     if body.count(b"{") + body.count(b"[") <= _MOST_BRACKETS:
         return await _in_turns(Payload.from_json_in_steps(type, body, now))
@@ -180,8 +180,8 @@ def value_of(request: HttpRequest) -> object:
         HttpProblem: it is in a form that is not read here, not well formed, or too large.
     """
     body = request.body
-    if len(body) > _FEW_BYTES:
-        raise HttpProblem("too-large", f"a value of {len(body)} bytes; {_FEW_BYTES} is the limit")
+    if len(body) > IN_STEPS:
+        raise HttpProblem("too-large", f"a value of {len(body)} bytes; {IN_STEPS} is the limit")
     if media_of(request) == CBOR:
         # The decoder reads maps: so that any value may come, it becomes a member of one.
         return _cbor_map(b"\xa1\x61v" + body)["v"]

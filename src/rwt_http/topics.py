@@ -14,19 +14,20 @@ from rwt_delivery.throttle import Room, Throttle
 from rwt_http.events import SAMPLES, EventQueue, event
 from rwt_http.problems import HttpProblem
 from rwt_http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
-from rwt_http.requests import Query, name_below, payload_of
-from rwt_program.qos import LATCHED
+from rwt_http.requests import IN_STEPS, Query, name_below, payload_of
+from rwt_program.qos import LATCHED, Durability
 from rwt_transports.http import HttpResponse
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from rwt_access.access import Access
-    from rwt_access.client_graph import ClientGraph
+    from rwt_access.client_graph import ClientGraph, ClientPublisher
     from rwt_access.graph_view import GraphView
     from rwt_graph.api import Sample
     from rwt_http.clients import Clients, HttpClient
     from rwt_http.settings import HttpSettings
+    from rwt_program.qos import QoS
     from rwt_protocol.transport import DropReason
     from rwt_transports.http import HttpRequest
 
@@ -34,6 +35,9 @@ PATH: Final = "/api/topics/"
 
 WAIT_SECONDS: Final = 5.0
 """How long the next message is waited for where none is kept and the request does not say."""
+
+_MARK: Final = object()
+"""Under which a client of the gateway advertises what it publishes on."""
 
 _MOST_EVENTS: Final = 10_000
 _EVENTS: Final = 100
@@ -104,17 +108,14 @@ class Topics:
         """Publish the body as one message."""
         name = name_below(request, PATH, "topic")
         query = Query(request, ("type", "latch"))
-        qos = LATCHED if query.flag("latch") else None
-        mark = object()
+        type, is_latched = query.text("type"), query.flag("latch")
         with self._clients.client_of(request, reader) as client:
-            try:
-                publisher = client.graph.publisher(name, query.text("type"), mark, qos)
-                payload = await payload_of(publisher.type, request, client.graph.clock.time_ns)
-                # The role may be another one by now.
-                client.graph.require("publish", name)
-                publisher.publish(payload)
-            finally:
-                client.graph.unadvertise(name, mark)
+            publisher = _publisher(client.graph, name, type, is_latched)
+            payload = await payload_of(publisher.type, request, client.graph.clock.time_ns)
+            if len(request.body) >= IN_STEPS:
+                # That took turns: the role may be another one by now, and the publisher replaced.
+                publisher = _publisher(client.graph, name, payload.type.name, is_latched)
+            publisher.publish(payload)
             publisher.counts.received += 1
             publisher.counts.received_bytes += len(request.body)
         return HttpResponse(status=204)
@@ -134,6 +135,21 @@ class Topics:
         stream.replay(int(last) if last.isascii() and last.isdecimal() and len(last) < 20 else -1)
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         return HttpResponse(stream.queue, 200, EVENTS, headers)
+
+
+def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:
+    """What publishes on a topic as long as the client is there.
+
+    Raises:
+        RobotError, AccessError: as :meth:`rwt_access.client_graph.ClientGraph.publisher`.
+    """
+    if not is_latched:
+        return graph.publisher(name, type, _MARK)
+    return graph.publisher(name, type, _MARK, LATCHED, _lacks_latch)
+
+
+def _lacks_latch(qos: QoS) -> str:
+    return "" if qos.durability is Durability.TRANSIENT_LOCAL else "it keeps nothing for late readers"
 
 
 def _message(request: HttpRequest, reader: GraphView, sample: Sample) -> HttpResponse:

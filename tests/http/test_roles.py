@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import httpx
 import pytest
 
@@ -9,7 +11,13 @@ from rwt import Server
 from tests.http.conftest import GUEST, ROLES, ROOT
 from tests.http.test_resources import problem
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.parametrize("settings", [ROLES])]
+pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+
+
+@pytest.fixture
+def settings() -> dict[str, Any]:
+    return ROLES
+
 
 READ = ("/version", "/api", "/api/topics", "/api/services", "/api/actions", "/api/parameters",
         "/api/openapi.json", "/index")  # fmt: skip
@@ -78,3 +86,23 @@ async def test_pages_of_others_may_not_act(server: Server, client: httpx.AsyncCl
     own = {"Origin": str(client.base_url).rstrip("/")}
     asked = await client.options("/api/parameters/x", headers=own)
     assert asked.headers["access-control-allow-methods"] == "DELETE, GET, PUT"
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {
+            "gate": {
+                "mode": "enforce",
+                "rules": {
+                    "drive": {"topics": ["/open/heard"], "fields": {"linear.x": {"max": 0.5}}, "stop": {}}
+                },
+            }
+        }
+    ],
+)
+async def test_the_gate_stands_before_http_too(client: httpx.AsyncClient) -> None:
+    path = "/api/topics/open/heard"
+    assert (await client.post(path, json={"linear": {"x": 0.5}})).status_code == 204
+    refused = await client.post(path, json={"linear": {"x": 0.6}})
+    assert problem(refused) == (403, "gate-refused") and "gate.rules.drive" in refused.text
