@@ -179,6 +179,17 @@ class DriverCallbacks(Protocol):
         """The link is gone, for whatever reason. Called once, last."""
 
 
+@runtime_checkable
+class Gathering(Protocol):
+    """Callbacks that can give several pieces for one call of the system, and take back what it left."""
+
+    def take_pieces(self) -> Sequence[Buffer]:
+        """The next pieces to write, empty when there are none for now."""
+
+    def put_back(self, pieces: Sequence[Buffer]) -> None:
+        """The network has not taken these, the last of the pieces that were taken: they go first next."""
+
+
 Attach = Callable[[Link, str, int], object]
 """Called by a driver for each new peer: its link, its address (or "") and its port (or 0). Calls
 :meth:`Link.set_callbacks` before it returns."""

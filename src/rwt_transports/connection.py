@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -181,7 +181,9 @@ class Connection:
         "_wire",
         "address",
         "outbox",
+        "put_back",
         "take",
+        "take_pieces",
     )
 
     def __init__(
@@ -199,6 +201,8 @@ class Connection:
         )
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
         self.take: Callable[[], Buffer | None] = self.outbox.take
+        self.take_pieces: Callable[[], Sequence[Buffer]] = self.outbox.take_pieces
+        self.put_back: Callable[[Sequence[Buffer]], None] = self.outbox.put_back
         self._endpoint: Endpoint | None = None
         self._closed_with: tuple[int, str] | None = None
         self._ending = False

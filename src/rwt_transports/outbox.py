@@ -29,6 +29,8 @@ SLICE_BYTES = 256 * 1024
 uncopied."""
 ALONE_BYTES = 32 * 1024
 """A piece of this size is not joined with others: copying it would cost more than one more write."""
+GATHER_BYTES = 1024 * 1024
+"""What one call of the system is given at once, where it takes several pieces."""
 PIECES_BYTES = 256 * 1024
 """A frame of this size is not even joined with its own header."""
 
@@ -123,8 +125,8 @@ class Outbox:
     """
 
     __slots__ = (
-        "_closed", "_control", "_control_bytes", "_current", "_data", "_framing", "_large",
-        "_limits", "_on_empty", "_overflow", "_taken", "burst_bytes", "bursts", "messages", "ready",
+        "_begun", "_closed", "_control", "_control_bytes", "_data", "_framing", "_large", "_limits",
+        "_on_empty", "_overflow", "_taken", "burst_bytes", "bursts", "messages", "ready",
         "received", "room", "small", "wake", "whole",
     )  # fmt: skip
 
@@ -147,7 +149,7 @@ class Outbox:
         self.bursts = False
         self._large = 0  # how many of them are not to be joined
         self.room = READY_BYTES
-        self._current: memoryview | None = None
+        self._begun: deque[memoryview] = deque()  # the rest of what went out in part
         self._control: deque[Frame] = deque()
         self._control_bytes = 0
         self._data = DataLane(limits)
@@ -221,9 +223,9 @@ class Outbox:
     @property
     def backlog(self) -> int:
         """Bytes queued and not yet handed to the network."""
-        current = 0 if self._current is None else len(self._current)
+        begun = sum(map(len, self._begun))
         ready = sum(piece.size if type(piece) is Burst else len(piece) for piece in self.ready)
-        return current + ready + self._control_bytes + self._data.size
+        return begun + ready + self._control_bytes + self._data.size
 
     @property
     def traffic(self) -> Traffic:
@@ -241,7 +243,7 @@ class Outbox:
     @property
     def is_waited_for(self) -> bool:
         """Whether something is to happen once everything has been taken by the network, or bytes wait."""
-        return self._on_empty is not None or bool(self.ready) or self._current is not None
+        return self._on_empty is not None or bool(self.ready) or bool(self._begun)
 
     def _ready_frame(self, frame: Frame) -> None:
         self.messages += 1
@@ -311,7 +313,7 @@ class Outbox:
         self.stop_sending()
         self.ready.clear()
         self._large = 0
-        self._current = None
+        self._begun.clear()
         self._on_empty = None
 
     def _discard_lanes(self) -> None:
@@ -328,8 +330,8 @@ class Outbox:
 
     def take(self) -> Buffer | None:
         """The next bytes to write, None when there are none."""
-        if self._current is not None:
-            data: Buffer = self._slice(self._current)
+        if self._begun:
+            data: Buffer = self._slice(self._begun.popleft(), SLICE_BYTES)
         else:
             ready = self.ready
             if not ready:
@@ -338,7 +340,7 @@ class Outbox:
                     self._empty()
                     return None
             if self._large:
-                data = self._take_mixed(self._settle_bursts())
+                data = self._take_mixed(self._settle_bursts(), SLICE_BYTES)
             else:
                 if len(ready) == 1:
                     piece = ready[0]
@@ -365,7 +367,37 @@ class Outbox:
                     ready[at] = piece.framed(self.whole, self._framing.joined)
         return cast("list[Buffer]", ready)
 
-    def _take_mixed(self, ready: list[Buffer]) -> Buffer:
+    def take_pieces(self) -> Sequence[Buffer]:
+        """The next pieces to write, empty when there are none: small ones joined, large ones uncopied."""
+        if not self.ready and not self._begun:
+            self._refill()
+        if not self._large and not self._begun:
+            data = self.take()
+            return () if data is None else (data,)
+        pieces: list[Buffer] = []
+        left = GATHER_BYTES
+        while left > 0:
+            if self._begun:
+                pieces.append(self._slice(self._begun.popleft(), left))
+            elif self._large:
+                pieces.append(self._take_mixed(self._settle_bursts(), left))
+            else:
+                break
+            left -= len(pieces[-1])
+        self._taken += GATHER_BYTES - left
+        if self.ready and not self._large and not self._begun:
+            # The end of the last large message, and what is small behind it.
+            pieces += filter(None, (self.take(),))
+        return pieces
+
+    def put_back(self, pieces: Sequence[Buffer]) -> None:
+        """Let the last of the pieces that were taken go first next time: the network has not taken them."""
+        for piece in filter(len, reversed(pieces)):
+            self._begun.appendleft(memoryview(piece))
+            self._taken -= len(piece)
+        self._make_room()
+
+    def _take_mixed(self, ready: list[Buffer], most: int) -> Buffer:
         """The small pieces up to the first large one, joined; or that one, by itself and in slices."""
         small = next(at for at, piece in enumerate(ready) if len(piece) >= ALONE_BYTES)
         if small:
@@ -374,19 +406,18 @@ class Outbox:
             self.room = 0
             return data
         self._large -= 1
-        return self._slice(memoryview(ready.pop(0)))
+        return self._slice(memoryview(ready.pop(0)), most)
 
-    def _slice(self, data: memoryview) -> memoryview:
-        if len(data) > SLICE_BYTES:
-            self._current = data[SLICE_BYTES:]
+    def _slice(self, data: memoryview, most: int) -> memoryview:
+        if len(data) > most:
+            self._begun.appendleft(data[most:])
             self.room = 0
-            return data[:SLICE_BYTES]
-        self._current = None
+            return data[:most]
         self._make_room()
         return data
 
     def _make_room(self) -> None:
-        waiting = self.ready or self._control or self._data
+        waiting = self.ready or self._begun or self._control or self._data
         self.room = 0 if waiting or self._closed else READY_BYTES
 
     def _empty(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import re
 from asyncio import selector_events
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from rwt_protocol import codecs
 from rwt_protocol.codecs import CODECS, PublishEncoder
 from rwt_protocol.payloads import Sample
 from rwt_protocol.transport import Endpoint, Frame, PeerInfo
+from rwt_transports.drivers.asyncio_protocol import WATCHED_BYTES
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.wire import SERVER_FRAMING
@@ -225,3 +227,38 @@ def test_every_client_counts_its_messages(crowd: list[Wired], client: Client, co
         _publish(client, count)
         assert {tuple(each.numbers()) for each in crowd} == {tuple(range(count))}
     assert [each.traffic.messages - was for each, was in zip(crowd, before, strict=True)] == [5 * count] * 20
+
+
+@pytest.mark.parametrize("anyio_backend", ["asyncio"])
+@pytest.mark.anyio
+async def test_a_large_message_is_written_in_one_call_of_the_same_bytes(
+    monkeypatch: pytest.MonkeyPatch, writes: list[Call]
+) -> None:
+    calls: list[list[Any]] = []
+    real = os.writev
+
+    def writev(file: int, pieces: list[Any]) -> int:
+        calls.append(pieces)
+        return real(file, pieces)
+
+    monkeypatch.setattr(os, "writev", writev)
+    text = "x" * 300_000
+    async with Server("ws://127.0.0.1:0", nodes=()) as server, AsyncExitStack() as stack:
+        publisher = server.node("robot").advertise("/text", "std_msgs/String")
+        clients = [
+            await stack.enter_async_context(
+                connect_websocket(server.urls[0], compression=None, max_size=None)
+            )
+            for _ in range(3)
+        ]
+        for client in clients:
+            await client.send(json.dumps({"op": "subscribe", "topic": "/text"}))
+            await client.send(json.dumps({"op": "call_service", "service": "/none"}))
+            await client.recv()
+        writes.clear()
+        publisher.publish({"data": text})
+        assert [json.loads(await client.recv())["msg"]["data"] for client in clients] == [text] * 3
+    large = {id(piece.obj) for pieces in calls for piece in pieces if isinstance(piece, memoryview)}
+    assert len(large) == 1
+    # What the network did not take at once, a few bytes show that it takes again.
+    assert all(len(call.data) <= WATCHED_BYTES for call in writes)

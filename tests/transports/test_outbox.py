@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, Flow, FlowRules, Frame
 from rwt_transports.limits import Limits
-from rwt_transports.outbox import READY_BYTES, SLICE_BYTES, Outbox
+from rwt_transports.outbox import GATHER_BYTES, READY_BYTES, SLICE_BYTES, Outbox
 from rwt_transports.websocket.wire import SERVER_FRAMING
 
 FILLER = b"f" * READY_BYTES
@@ -126,6 +126,59 @@ def test_a_large_frame_goes_in_slices_without_a_copy() -> None:
     assert max(map(len, pieces)) <= SLICE_BYTES
     shared = [piece for piece in pieces if isinstance(piece, memoryview)]
     assert sum(map(len, shared)) == len(payload) and all(piece.obj is payload for piece in shared)
+
+
+def test_a_large_frame_is_gathered_in_one_go_without_a_copy() -> None:
+    payload = bytes(range(256)) * 3000
+    box = outbox()
+    box.send(Frame(b"before"))
+    box.send(Frame(b"{", payload, b"}"))
+    pieces = box.take_pieces()
+    assert b"".join(pieces) == framed(b"before", b"{" + payload + b"}")
+    assert [getattr(piece, "obj", None) is payload for piece in pieces] == [False, True, False]
+    assert not box.take_pieces() and box.backlog == 0
+
+
+def test_no_more_is_gathered_than_one_call_is_to_take() -> None:
+    box = outbox()
+    box.send(Frame(bytes(3 * GATHER_BYTES)))
+    sizes = [sum(map(len, pieces)) for pieces in iter(box.take_pieces, ())]
+    assert max(sizes) == GATHER_BYTES
+    assert sum(sizes) == len(framed(bytes(3 * GATHER_BYTES)))
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from(["/a", "/b", ""]), st.integers(1, 400_000)), max_size=12),
+    st.lists(st.integers(0, 500_000), min_size=1, max_size=8),
+)
+def test_what_the_network_leaves_goes_first_next_time(
+    frames: list[tuple[str, int]], takes: list[int]
+) -> None:
+    """The network takes so many bytes of each call, in turns; others are sent meanwhile."""
+    box, other = outbox(), outbox()
+    written, turn = b"", 0
+    for topic, size in [*frames, ("/a", 1)]:
+        frame = Frame(topic.encode(), b"." * size, b"!")
+        for each in (box, other):
+            (each.topic(topic).send if topic else each.send)(frame)
+        for _ in range(3):
+            pieces = box.take_pieces()
+            whole = b"".join(pieces)
+            taken = takes[turn % len(takes)] + 1
+            turn += 1
+            written += whole[:taken]
+            left, skipped = [], taken
+            for piece in pieces:
+                left.append(memoryview(piece)[min(skipped, len(piece)) :])
+                skipped -= min(skipped, len(piece))
+            box.put_back(left)
+            assert box.taken == len(written)
+            assert box.backlog >= len(whole) - taken
+    written += drain(box)
+    assert Counter(re.findall(rb"(/[ab])?(\.+)!", written)) == Counter(
+        re.findall(rb"(/[ab])?(\.+)!", drain(other))
+    )
+    assert box.traffic.bytes == len(written) and box.backlog == 0
 
 
 def test_middle_sized_frames_are_not_joined_with_others() -> None:

@@ -6,8 +6,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import os
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager, nullcontext
 from functools import partial
 from typing import cast
@@ -15,7 +16,8 @@ from typing import cast
 import anyio
 from anyio.abc import TaskGroup
 
-from rwt_transports.api import Attach, BindAddress, DriverCallbacks, Link, RemoteAddress
+from rwt_protocol.transport import Buffer
+from rwt_transports.api import Attach, BindAddress, DriverCallbacks, Gathering, Link, RemoteAddress
 from rwt_transports.drivers.sockets import Handshakes, accept_peers, bind_tcp, bind_unix, remove_unix
 from rwt_transports.errors import log_exception
 
@@ -24,6 +26,11 @@ logger = logging.getLogger("rwt_transports")
 READ_BYTES = 64 * 1024
 """Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
 BACKLOG = 512
+GATHERED_BYTES = 64 * 1024
+"""Less than this goes through asyncio's transport: what one call more or less costs is then little."""
+
+WATCHED_BYTES = 4096
+"""Of what the network does not take, asyncio's transport keeps a copy of this much."""
 
 
 class _Turn:
@@ -59,6 +66,8 @@ class _Link(asyncio.BufferedProtocol):
         "_buffer",
         "_callbacks",
         "_direct",
+        "_file",
+        "_gathering",
         "_loop",
         "_open",
         "_resuming",
@@ -77,6 +86,8 @@ class _Link(asyncio.BufferedProtocol):
         self._open = False
         self._writable = True
         self._resuming = False
+        self._file = -1
+        self._gathering: Gathering | None = None
         self._loop = turn.loop
         self.wake = partial(turn.add, self)
 
@@ -91,6 +102,8 @@ class _Link(asyncio.BufferedProtocol):
         self._transport = transport
         self._tls = transport.get_extra_info("sslcontext") is not None
         self._open = True
+        if not self._tls and isinstance(self._loop, asyncio.SelectorEventLoop) and hasattr(os, "writev"):
+            self._file = transport.get_extra_info("socket").fileno()
         name = transport.get_extra_info("peername")
         address, port = (str(name[0]), int(name[1])) if isinstance(name, tuple) else ("", 0)
         self._attach(self, address, port)
@@ -140,9 +153,13 @@ class _Link(asyncio.BufferedProtocol):
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
         """Call `callbacks` from now on."""
         self._callbacks = callbacks
+        self._gathering = callbacks if self._file >= 0 and isinstance(callbacks, Gathering) else None
 
     def flush(self) -> None:
         """Write what there is, as far as the network takes it."""
+        if self._gathering is not None:
+            self._flush_gathered(self._gathering)
+            return
         take = self._callbacks.take
         write = self._transport.write
         while self._writable and self._open:
@@ -150,6 +167,48 @@ class _Link(asyncio.BufferedProtocol):
             if data is None:
                 return
             write(data)
+
+    def _flush_gathered(self, gathering: Gathering) -> None:
+        """Write small data by the transport, and the pieces of large data by one call of the system.
+
+        asyncio's own call for several pieces copies them before Python 3.12, and keeps a copy of what the
+        network does not take.
+        """
+        take, transport = gathering.take_pieces, self._transport
+        write = transport.write
+        while self._writable and self._open:
+            pieces = take()
+            if not pieces:
+                return
+            size = len(pieces[0]) if len(pieces) == 1 else sum(map(len, pieces))
+            if (
+                size >= GATHERED_BYTES
+                and not transport.get_write_buffer_size()
+                and not transport.is_closing()
+            ):
+                left = self._gathered(pieces, size)
+                if left:
+                    # asyncio's transport is to see when the network takes more, or why it never will.
+                    first = memoryview(left[0])
+                    gathering.put_back((first[WATCHED_BYTES:], *left[1:]))
+                    write(first[:WATCHED_BYTES])
+            else:
+                for piece in pieces:
+                    write(piece)
+
+    def _gathered(self, pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
+        """Write pieces by one call, past the transport, in which nothing waits; returns what is left."""
+        try:
+            sent = os.writev(self._file, pieces)
+        except OSError:
+            return pieces
+        if sent == size:
+            return ()
+        left = list(pieces)
+        while sent >= len(left[0]):
+            sent -= len(left.pop(0))
+        left[0] = memoryview(left[0])[sent:]
+        return left
 
     def finish(self) -> None:
         """Half-close, or close where TLS has no such thing."""
