@@ -57,6 +57,9 @@ COMMANDS: Final = (
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),
+    Command("stop", "press a robot's emergency stop, or release it", "gate.stop"),
+    Command("approve", "answer what waits for a person's yes", "gate.approve"),
+    Command("audit", "read who did what to a robot", "gate.audit"),
     Command("bag", "recordings: record, play, info, recover"),
     Command("doctor", "find out what is wrong with a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),

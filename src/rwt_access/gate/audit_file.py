@@ -49,6 +49,7 @@ class AuditFile:
         self._unsaid = 0
         self.dropped = 0
         self._is_over = False
+        self._is_torn = False  # The last line may have been cut.
         self._changed = threading.Condition()
         self._file = self._open()
         self._thread = threading.Thread(target=self._run, name="rwt audit", daemon=True)
@@ -71,6 +72,11 @@ class AuditFile:
             self._waiting_bytes += len(data)
             self._changed.notify()
 
+    @property
+    def waiting(self) -> int:
+        """Bytes that wait for the disk, or are on their way to it."""
+        return self._waiting_bytes
+
     def close(self) -> None:
         """Write what waits, and end the thread; a disk that takes nothing is waited for 5 seconds."""
         with self._changed:
@@ -84,33 +90,36 @@ class AuditFile:
                 while not (self._waiting or self._is_over):
                     self._changed.wait()
                 lines = list(self._waiting)
+                taken = self._waiting_bytes
                 unsaid, self._unsaid = self._unsaid, 0
                 self._waiting.clear()
-                self._waiting_bytes = 0
-                is_over = self._is_over
-            if unsaid:
-                lines.append(
-                    _encode({"decision": "left out", "text": f"{unsaid} lines were dropped"}) + b"\n"
-                )
-            if lines:
-                self._put(lines)
+                is_over = self._is_over and not lines
+            self._put(lines, unsaid)
+            with self._changed:
+                self._waiting_bytes -= taken
             if is_over:
                 self._file.close()
                 return
 
-    def _put(self, lines: list[bytes]) -> None:
+    def _put(self, lines: list[bytes], unsaid: int) -> None:
+        """Write lines, and behind them how many were dropped since the last ones that were written."""
+        said = {"decision": "left out", "text": f"{unsaid} lines were dropped"}
+        data = b"".join([b"\n"] * self._is_torn + lines + [_encode(said) + b"\n"] * bool(unsaid))
         try:
             if self._file.closed:  # A rotation has failed in the middle.
                 self._file = self._open()
-            if self._file.tell() and self._file.tell() + sum(map(len, lines)) > self._most_bytes:
+            if self._file.tell() and self._file.tell() + len(data) > self._most_bytes:
                 self._rotate()
-            self._file.write(b"".join(lines))
+            while data:
+                data = data[self._file.write(data) :]
+            self._is_torn = False
         except OSError as error:
+            self._is_torn = True
             with self._changed:
                 if not self.dropped:
                     logger.error("the audit cannot be written: %s: %s", self._path, error.strerror)
                 self.dropped += len(lines)
-                self._unsaid += len(lines)
+                self._unsaid += unsaid + len(lines)
 
     def _rotate(self) -> None:
         self._file.close()

@@ -38,6 +38,9 @@ _SEND_GOAL: Final = re.compile(r"(?P<action>/.+)/_action/send_goal")
 _GOAL_TOPIC: Final = re.compile(r"(?P<action>/.+)/goal")
 
 
+#: Topics of which it is remembered that the audit says of a client that it publishes there.
+_MOST_NOTED: Final = 1000
+
 T = TypeVar("T", bound="Inner")
 
 
@@ -209,10 +212,11 @@ class ClientGate:
         address: where it comes from.
     """
 
-    __slots__ = ("_actor", "_gate")
+    __slots__ = ("_actor", "_gate", "_noted")
 
     def __init__(self, gate: Gate, name: str, role: Role, address: str) -> None:
         self._gate = gate
+        self._noted: set[str] = set()
         self._actor = gate.join(name, role, address)
 
     @property
@@ -260,6 +264,11 @@ class ClientGate:
     def publisher(self, inner: T) -> T | GatedPublisher:
         """What the client publishes on; what it is given where no rule is about the topic."""
         gate, actor = self._gate, self._actor
+        if gate.recorder.keeps_all and inner.topic not in self._noted:
+            if len(self._noted) >= _MOST_NOTED:
+                self._noted.clear()
+            self._noted.add(inner.topic)
+            gate.recorder.note("allowed", "publish", inner.topic, actor, "begins to publish")
         as_goal = _GOAL_TOPIC.fullmatch(inner.topic)
         if as_goal and inner.type.name.endswith("ActionGoal") and gate.rules.of("goal", as_goal["action"]):
             return GoalPublisher(gate, actor, inner, as_goal["action"])

@@ -103,7 +103,7 @@ def _table(loaded: LoadedSettings, above: Key, table: BaseModel) -> Iterator[str
         key, value = (*above, name), getattr(table, name)
         if isinstance(value, BaseModel):
             inner.append((key, value))
-        elif isinstance(value, Mapping):
+        elif isinstance(value, Mapping) and all(isinstance(each, BaseModel) for each in value.values()):
             inner.extend(((*key, each), entry) for each, entry in value.items())
         else:
             yield _line(key, value, loaded.source(key))
@@ -126,8 +126,10 @@ def _part(name: str) -> str:
 
 
 def _toml(value: object) -> str:
-    if isinstance(value, tuple):
+    if isinstance(value, tuple | list):
         return f"[{', '.join(_toml(item) for item in value)}]"
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{_part(name)} = {_toml(each)}' for name, each in value.items())}}}"
     if isinstance(value, bool | int | float):
         return str(value).lower()
     # A TOML basic string is a JSON string, but for the code point 127, which is written out.

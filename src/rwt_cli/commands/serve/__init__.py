@@ -32,6 +32,8 @@ examples:
   rwt serve --packages /opt/ros/jazzy/share with meshes for viewers, under /packages/
   rwt serve --script robot.toml            a robot for tests, which answers what the file says
   rwt serve ws://0.0.0.0:9090 --workers 4  on four cores, as one server
+  rwt serve --config robot.toml --gate observe
+                                           with a safety gate that only says what it would refuse
   rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
                                            joined with other servers, or with a ROS 2 graph
 """
@@ -70,6 +72,11 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         type=int,
         metavar="N",
         help="serve the same ports with N processes, for more clients than one core can serve (default 1)",
+    )
+    parser.add_argument(
+        "--gate",
+        choices=("enforce", "observe"),
+        help="whether the rules under `gate` hold, or it is only said what they would refuse",
     )
     _add_graph_options(parser)
     add_settings_options(parser)
@@ -190,6 +197,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "demo": arguments.demo,
         "workers": arguments.workers,
         "distro": arguments.distro,
+        "gate.mode": arguments.gate,
         "interfaces": tuple(arguments.interfaces or ()) or None,
         "packages": tuple(arguments.packages or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
