@@ -1,0 +1,1 @@
+"""WebRTC data channels as one more transport: peer connections, their signalling over HTTP, and both ends."""

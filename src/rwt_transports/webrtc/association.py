@@ -1,0 +1,337 @@
+"""The SCTP association of one peer, in which all of its data channels are (RFC 8831): what aiortc's is, with
+bounds, and with a schedule of what is sent.
+
+aiortc's own keeps all that it is given to send, in the order it was given, and all that a peer sends without
+an end to it; a message that is no UTF-8 ends the whole peer. Here:
+
+- a message is taken from a channel only when the one before has begun to leave, so that what is queued waits
+  in the lanes of its connection, where the oldest gives way;
+- channels without retransmission go first, since theirs is worth nothing later, and the others in turns;
+- what arrives is kept within bounds, and handed over as the bytes that came;
+- what an endpoint that is held back has not taken counts against the window that the peer is told.
+
+Names of aiortc that begin with an underscore are used, since it offers no other way; `tests/webrtc` looks
+whether they are what they were.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable
+from time import time
+from typing import TYPE_CHECKING, Final, Protocol, cast
+
+from aiortc.rtcsctptransport import (
+    DATA_CHANNEL_ACK,
+    DATA_CHANNEL_OPEN,
+    WEBRTC_BINARY,
+    WEBRTC_BINARY_EMPTY,
+    WEBRTC_DCEP,
+    WEBRTC_STRING,
+    WEBRTC_STRING_EMPTY,
+    DataChunk,
+    InboundStream,
+    RTCSctpTransport,
+    SackChunk,
+)
+
+from rwt_transports.errors import TransportError, log_exception
+from rwt_transports.webrtc.reassembly import Reassembly, Truncated
+
+if TYPE_CHECKING:
+    from aiortc import RTCDataChannel
+
+    from rwt_transports.limits import Limits
+    from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+
+logger = logging.getLogger("rwt_transports.webrtc")
+
+STREAMS: Final = 1024
+"""Streams each way: numbers of channels below this."""
+WINDOW_BYTES: Final = 1024 * 1024
+"""What a peer may have under way (RFC 9260's receiver window); a single message may be larger."""
+MISORDERED: Final = 2048
+"""Fragments after a gap that are noted; a further one counts as lost, and is sent again."""
+FRESH_TURNS: Final = 8
+"""Messages of channels without retransmission in a row, after which one of the others has a turn."""
+RTO_SECONDS: Final = 0.3
+"""Shortest time-out of a retransmission; RFC 9260 recommends a second, which is long for a robot, and
+browsers use less than half of it too."""
+HANDSHAKE_RTO_SECONDS: Final = 1.0
+
+_OPEN: Final = bytes([DATA_CHANNEL_OPEN])
+_ACK: Final = bytes([DATA_CHANNEL_ACK])
+
+
+class BrokenAssociation(TransportError):
+    """The peer has broken the protocol, or sends more than it may."""
+
+
+class ChannelReceiver(Protocol):
+    """What stands behind one data channel."""
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether what is lost on it is not sent again."""
+
+    @property
+    def channel(self) -> RTCDataChannel:
+        """The channel."""
+
+    def message(self, data: bytes, binary: bool) -> None:
+        """A message has come; a :class:`~rwt_transports.webrtc.reassembly.Truncated` is too large."""
+
+    def next_message(self) -> tuple[bytes, bool] | None:
+        """The next message to send, and whether it is binary."""
+
+    def sent_all(self) -> None:
+        """There was nothing more to send."""
+
+
+class Association(RTCSctpTransport):
+    """What becomes of the association of a peer connection, by :meth:`adopt`.
+
+    Attributes:
+        held_bytes: what is kept of messages whose end has not come.
+        unread_bytes: what has come for endpoints that are held back.
+    """
+
+    held_bytes: int
+    unread_bytes: int
+
+    @classmethod
+    def adopt(
+        cls,
+        sctp: RTCSctpTransport,
+        limits: Limits,
+        buffers: ReceiveBufferPool,
+        fail: Callable[[str], None],
+    ) -> Association:
+        """Make an association of the one that a peer connection has made, before it starts.
+
+        Args:
+            sctp: the one that was made.
+            limits: bounds of a message.
+            buffers: where is counted what has come of large messages.
+            fail: ends the peer, saying why.
+        """
+        sctp.__class__ = cls  # The peer connection offers no way to be given one.
+        self = cast("Association", sctp)
+        self.held_bytes = 0
+        self.unread_bytes = 0
+        self._limits = limits
+        self._buffers = buffers
+        self._fail = fail
+        self._channels: dict[int, ChannelReceiver] = {}
+        self._fresh: deque[ChannelReceiver] = deque()
+        self._others: deque[ChannelReceiver] = deque()
+        self._fresh_turns = 0
+        self._peer_window = WINDOW_BYTES
+        self._filling = False
+        self._wakeup: asyncio.Event = asyncio.Event()
+        self._inbound_streams_max = self._outbound_streams_count = STREAMS
+        self._rto = HANDSHAKE_RTO_SECONDS
+        self._sender: asyncio.Task[None] | None = asyncio.get_running_loop().create_task(self._send_awaited())
+        return self
+
+    # -- the channels' side --------------------------------------------------------------------------------
+
+    def register(self, receiver: ChannelReceiver) -> None:
+        """Let a channel's messages go to `receiver`, and take from it what it has to send."""
+        assert receiver.channel.id is not None  # An open channel has one.
+        self._channels[receiver.channel.id] = receiver
+
+    def unregister(self, receiver: ChannelReceiver) -> None:
+        """Forget a channel."""
+        if receiver.channel.id is not None:
+            self._channels.pop(receiver.channel.id, None)
+        for waiting in (self._fresh, self._others):
+            if receiver in waiting:
+                waiting.remove(receiver)
+
+    def wake(self, receiver: ChannelReceiver) -> None:
+        """The receiver has something to send."""
+        waiting = self._fresh if receiver.is_fresh else self._others
+        if receiver not in waiting:
+            waiting.append(receiver)
+        self._wakeup.set()
+
+    def count_unread(self, change: int) -> None:
+        """What has come for an endpoint that is held back has become more or less.
+
+        The window that the peer is told shrinks by it, so that one that goes by the window stops.
+        """
+        self.unread_bytes += change
+        self._set_window()
+        if change < 0 and self._association_state == self.State.ESTABLISHED:
+            self._sack_needed = True
+            self._wakeup.set()
+
+    def give_up(self, reason: str) -> None:
+        """End the peer, which holds most of the bytes of incomplete messages that may wait."""
+        self._fail(reason)
+
+    async def _send_awaited(self) -> None:
+        """Send what receivers were woken for, each turn of the event loop in one go, until cancelled."""
+        while True:
+            await self._wakeup.wait()
+            self._wakeup.clear()
+            try:
+                if self._sack_needed and self.unread_bytes < WINDOW_BYTES:
+                    await self._send_sack()
+                await self._fill()
+            except ConnectionError:
+                return  # The peer connection reports it.
+            except Exception:
+                log_exception("sending on data channels failed; ending the peer")
+                self._fail("internal error")
+                return
+
+    async def _fill(self) -> None:
+        """Send messages as long as each has begun to leave when the next is taken."""
+        if self._filling:
+            return
+        self._filling = True
+        try:
+            while not self._outbound_queue and not self._data_channel_queue and self._window_is_open():
+                receiver = self._next_receiver()
+                if receiver is None:
+                    return
+                message = receiver.next_message()
+                if message is None:
+                    receiver.sent_all()
+                    continue
+                self._requeue(receiver)
+                await self._send_message(receiver.channel, *message)
+        finally:
+            self._filling = False
+
+    def _window_is_open(self) -> bool:
+        # One message may always be under way, so that the window is heard of when it opens.
+        return self._peer_window > self._flight_size or not self._flight_size
+
+    def _next_receiver(self) -> ChannelReceiver | None:
+        if self._association_state != self.State.ESTABLISHED:
+            return None
+        if self._fresh and (self._fresh_turns < FRESH_TURNS or not self._others):
+            self._fresh_turns += 1
+            return self._fresh.popleft()
+        self._fresh_turns = 0
+        return self._others.popleft() if self._others else None
+
+    def _requeue(self, receiver: ChannelReceiver) -> None:
+        waiting = self._fresh if receiver.is_fresh else self._others
+        if receiver not in waiting:
+            waiting.append(receiver)
+
+    async def _send_message(self, channel: RTCDataChannel, data: bytes, binary: bool) -> None:
+        if channel.readyState != "open" or channel.id is None:
+            return
+        if data:
+            protocol = WEBRTC_BINARY if binary else WEBRTC_STRING
+        else:
+            protocol, data = (WEBRTC_BINARY_EMPTY if binary else WEBRTC_STRING_EMPTY), b"\0"
+        lifetime = channel.maxPacketLifeTime
+        await self._send(
+            channel.id,
+            protocol,
+            data,
+            expiry=None if lifetime is None else time() + lifetime / 1000,
+            max_retransmits=channel.maxRetransmits,
+            ordered=channel.ordered,
+        )
+
+    # -- aiortc's side -------------------------------------------------------------------------------------
+
+    async def stop(self) -> None:
+        """Stop the transport."""
+        sender, self._sender = self._sender, None
+        if sender is not None:
+            sender.cancel()
+        for stream in self._inbound_streams.values():
+            cast("Reassembly", stream).clear()
+        self._buffers.release(self)
+        await super().stop()
+
+    async def _handle_data(self, data: bytes) -> None:
+        try:
+            await super()._handle_data(data)
+        except ConnectionError:
+            raise
+        except BrokenAssociation as broken:
+            self._fail(str(broken))
+        except Exception:
+            # aiortc's task that reads would end with it, and leave the peer half alive.
+            log_exception("a packet of a peer could not be handled; ending the peer")
+            self._fail("a packet that could not be handled")
+
+    def _get_inbound_stream(self, stream_id: int) -> InboundStream:
+        stream = self._inbound_streams.get(stream_id)
+        if stream is None:
+            if stream_id >= STREAMS:
+                raise BrokenAssociation(f"stream {stream_id} is used, and {STREAMS} were agreed on")
+            made = Reassembly(stream_id, self._limits.message_bytes, self._hold)
+            stream = self._inbound_streams[stream_id] = cast("InboundStream", made)
+        return stream
+
+    def _hold(self, change: int) -> None:
+        """Count what is kept of messages whose end has not come."""
+        self.held_bytes += change
+        most = 2 * self._limits.message_bytes + WINDOW_BYTES
+        if self.held_bytes > most:
+            raise BrokenAssociation(f"{most} bytes of messages whose end does not come")
+        if self.held_bytes >= WINDOW_BYTES:
+            self._buffers.hold(self, self.held_bytes)
+        elif change < 0:
+            self._buffers.release(self)
+
+    def _set_window(self) -> None:
+        self._advertised_rwnd = WINDOW_BYTES - self.unread_bytes
+
+    async def _receive_data_chunk(self, chunk: DataChunk) -> None:
+        if len(self._sack_misordered) >= MISORDERED and chunk.tsn not in self._sack_misordered:
+            expected = ((self._last_received_tsn or 0) + 1) % 2**32
+            if chunk.tsn != expected:
+                return
+        await super()._receive_data_chunk(chunk)
+        self._set_window()
+
+    async def _receive_sack_chunk(self, chunk: SackChunk) -> None:
+        self._peer_window = chunk.advertised_rwnd
+        await super()._receive_sack_chunk(chunk)
+
+    async def _data_channel_flush(self) -> None:
+        await super()._data_channel_flush()
+        if self._fresh or self._others:
+            await self._fill()
+
+    def _update_rto(self, R: float) -> None:
+        super()._update_rto(R)
+        if self._srtt is not None and self._rttvar is not None:
+            self._rto = max(RTO_SECONDS, min(self._srtt + 4 * self._rttvar, self._rto))
+
+    async def _receive(self, stream_id: int, pp_id: int, data: bytes) -> None:
+        if pp_id == WEBRTC_DCEP:
+            await self._receive_control(stream_id, data)
+            return
+        receiver = self._channels.get(stream_id)
+        if receiver is None:
+            return
+        if pp_id in (WEBRTC_STRING, WEBRTC_BINARY):
+            receiver.message(data, pp_id == WEBRTC_BINARY)
+        elif pp_id in (WEBRTC_STRING_EMPTY, WEBRTC_BINARY_EMPTY):
+            receiver.message(b"", pp_id == WEBRTC_BINARY_EMPTY)
+
+    async def _receive_control(self, stream_id: int, data: bytes) -> None:
+        """A message of the protocol that opens channels (RFC 8832)."""
+        known = stream_id in self._data_channels
+        if isinstance(data, Truncated) or (known and data[:1] == _OPEN):
+            raise BrokenAssociation(f"a message about channel {stream_id} that has no place there")
+        if not known and data[:1] == _ACK:
+            return  # The channel was closed meanwhile.
+        try:
+            await self._data_channel_receive(stream_id, WEBRTC_DCEP, data)
+        except ValueError as error:  # A label that is no UTF-8.
+            raise BrokenAssociation(f"channel {stream_id} was opened wrongly: {error}") from error

@@ -1,0 +1,137 @@
+"""A data channel as a driver's link: each one that is open carries a connection of its own."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from rwt_transports.webrtc.reassembly import Truncated
+from rwt_transports.wires.whole_messages import HEADER, MessageCutter
+
+if TYPE_CHECKING:
+    from collections import deque
+
+    from aiortc import RTCDataChannel
+
+    from rwt_transports.api import DriverCallbacks
+    from rwt_transports.webrtc.association import Association
+
+
+class ChannelLink:
+    """One data channel; satisfies :class:`rwt_transports.api.Link` and
+    :class:`rwt_transports.webrtc.association.ChannelReceiver`.
+
+    Args:
+        association: in which the channel is.
+        channel: the channel, which is open.
+        unread: where messages wait while the endpoint is held back.
+    """
+
+    __slots__ = (
+        "_association", "_callbacks", "_closing", "_cutter", "_over", "_paused", "_unread", "channel",
+        "is_fresh",
+    )  # fmt: skip
+
+    def __init__(
+        self, association: Association, channel: RTCDataChannel, unread: deque[tuple[bytes, bool]]
+    ) -> None:
+        self._association = association
+        self.channel = channel
+        self.is_fresh = channel.maxRetransmits is not None or channel.maxPacketLifeTime is not None
+        self._callbacks: DriverCallbacks | None = None
+        self._cutter: MessageCutter | None = None
+        self._closing = False
+        self._over = False
+        self._paused = False
+        self._unread = unread
+        channel.on("close", self._closed)
+        association.register(self)
+
+    # -- the association's side ----------------------------------------------------------------------------
+
+    def message(self, data: bytes, binary: bool) -> None:
+        """A message has come."""
+        if self._paused or self._unread:
+            self._unread.append((data, binary))
+            self._association.count_unread(len(data))
+        else:
+            self._hand_over(data, binary)
+
+    def _hand_over(self, data: bytes, binary: bool) -> None:
+        callbacks = self._callbacks
+        if callbacks is None or self._over:
+            return
+        size = data.size if isinstance(data, Truncated) else len(data)
+        callbacks.receive(HEADER.pack(binary, size))
+        callbacks.receive(data)
+
+    def next_message(self) -> tuple[bytes, bool] | None:
+        """The next message to send, and whether it is binary."""
+        return None if self._cutter is None or self._over else self._cutter.next()
+
+    def sent_all(self) -> None:
+        """Everything that was to be sent has been."""
+        if self._closing and not self._over:
+            self._association.unregister(self)
+            self.channel.close()
+
+    def _closed(self) -> None:
+        """The channel is gone."""
+        if self._over:
+            return
+        self._over = True
+        self._association.unregister(self)
+        self._drop_unread()
+        if self._callbacks is not None:
+            self._callbacks.lost()
+
+    def _drop_unread(self) -> None:
+        size = sum(len(data) for data, _ in self._unread)
+        self._unread.clear()
+        if size:
+            self._association.count_unread(-size)
+
+    # -- Link ----------------------------------------------------------------------------------------------
+
+    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
+        """Call `callbacks` from now on."""
+        self._callbacks = callbacks
+        self._cutter = MessageCutter(callbacks.take)
+
+    def wake(self) -> None:
+        """Ask the association to take what there is."""
+        if not self._over:
+            self._association.wake(self)
+
+    def finish(self) -> None:
+        """Close: a channel has no half that could stay open."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the channel once what was taken has been sent."""
+        self._closing = True
+        self.wake()
+
+    def abort(self) -> None:
+        """Close the channel; nothing that waits is sent."""
+        if self._over:
+            return
+        self.channel.close()
+        self._closed()
+
+    def pause(self) -> None:
+        """Hand over nothing until :meth:`resume`; the peer hears of a smaller window."""
+        self._paused = True
+
+    def resume(self) -> None:
+        """Hand over again what comes, after what has come meanwhile."""
+        if self._paused:
+            self._paused = False
+            # Not within this call: an endpoint resumes while it works on what waits.
+            asyncio.get_running_loop().call_soon(self._catch_up)
+
+    def _catch_up(self) -> None:
+        while self._unread and not self._paused and not self._over:
+            data, binary = self._unread.popleft()
+            self._association.count_unread(-len(data))
+            self._hand_over(data, binary)

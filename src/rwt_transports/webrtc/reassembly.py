@@ -1,0 +1,209 @@
+"""Messages of one SCTP stream, out of the fragments that arrive (RFC 9260 section 6.9, RFC 8831).
+
+aiortc looks through all fragments of a message whenever one more arrives, which for a picture of a megabyte
+takes longer than to receive it, and keeps whatever a peer sends without ever ending it. Here a fragment costs
+the same however many there are, and what is kept is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final, Protocol
+
+from rwt_transports.api import HEAD_BYTES
+
+FIRST: Final = 0x02
+LAST: Final = 0x01
+UNORDERED: Final = 0x04
+"""Flags of a DATA chunk (RFC 9260 section 3.3.1)."""
+
+CHUNK_BYTES: Final = 256
+"""What is counted of a fragment besides its data: the objects that hold it."""
+
+_TSN: Final = 2**32
+_SEQUENCE: Final = 2**16
+
+
+class Fragment(Protocol):
+    """A DATA chunk."""
+
+    flags: int
+    tsn: int
+    stream_id: int
+    stream_seq: int
+    protocol: int
+    user_data: bytes
+
+
+class Truncated(bytes):
+    """The beginning of a message that is larger than the limit, of which no more was kept.
+
+    Attributes:
+        size: bytes of the message.
+    """
+
+    size: int = 0
+
+
+def is_later(one: int, other: int, modulo: int = _TSN) -> bool:
+    """Whether a number comes after another, where they are counted round (RFC 1982)."""
+    return one != other and (one - other) % modulo < modulo // 2
+
+
+class _Run:
+    """Fragments of one message without a gap, in order."""
+
+    __slots__ = ("charge", "end", "has_first", "has_last", "head", "pieces", "protocol", "sequence", "size",
+                 "start", "unordered")  # fmt: skip
+
+    def __init__(self, chunk: Fragment) -> None:
+        self.start = self.end = chunk.tsn
+        self.has_first = bool(chunk.flags & FIRST)
+        self.has_last = bool(chunk.flags & LAST)
+        self.unordered = bool(chunk.flags & UNORDERED)
+        self.sequence = chunk.stream_seq
+        self.protocol = chunk.protocol
+        self.pieces: list[bytes] | None = [chunk.user_data]
+        self.head = b""
+        self.size = len(chunk.user_data)
+        self.charge = self.size + CHUNK_BYTES
+
+    def truncate(self) -> None:
+        """Keep no more than the beginning."""
+        if self.pieces is not None:
+            self.head = b"".join(self.pieces)[:HEAD_BYTES] if self.has_first else b""
+            self.pieces = None
+            self.charge = len(self.head) + CHUNK_BYTES
+
+    def message(self) -> bytes:
+        """The message, of which all is there."""
+        if self.pieces is None:
+            head = Truncated(self.head)
+            head.size = self.size
+            return head
+        return self.pieces[0] if len(self.pieces) == 1 else b"".join(self.pieces)
+
+
+class Reassembly:
+    """One incoming stream; has what aiortc asks of its own `InboundStream`.
+
+    Args:
+        stream_id: its number.
+        max_size: bytes of the largest message that is kept.
+        hold: called with the change of what is kept of incomplete messages, in bytes.
+
+    Attributes:
+        sequence_number: of the ordered message that is next.
+    """
+
+    def __init__(self, stream_id: int, max_size: int, hold: Callable[[int], None]) -> None:
+        self._stream_id = stream_id
+        self._max_size = max_size
+        self._hold = hold
+        self._starts: dict[int, _Run] = {}
+        self._ends: dict[int, _Run] = {}
+        self._ordered: dict[int, _Run] = {}
+        self._ready: list[_Run] = []
+        self.sequence_number = 0
+
+    def add_chunk(self, chunk: Fragment) -> None:
+        """Take a fragment that has not come before."""
+        run = self._appended(chunk) or self._put(_Run(chunk), 0)
+        follower = None if run.has_last else self._starts.get((run.end + 1) % _TSN)
+        if follower is not None and not follower.has_first:
+            run = self._joined(run, follower)
+        if run.size > self._max_size:
+            before = run.charge
+            run.truncate()
+            self._hold(run.charge - before)
+        if run.has_first and run.has_last:
+            self._complete(run)
+
+    def _put(self, run: _Run, charged: int) -> _Run:
+        self._starts[run.start] = self._ends[run.end] = run
+        self._hold(run.charge - charged)
+        return run
+
+    def _appended(self, chunk: Fragment) -> _Run | None:
+        """The run that the fragment goes on with, if one is there."""
+        if chunk.flags & FIRST:
+            return None
+        run = self._ends.get((chunk.tsn - 1) % _TSN)
+        if run is None or run.has_last:
+            return None
+        del self._ends[run.end]
+        run.end = chunk.tsn
+        self._ends[run.end] = run
+        run.has_last = bool(chunk.flags & LAST)
+        run.size += len(chunk.user_data)
+        if run.pieces is not None:
+            run.pieces.append(chunk.user_data)
+            more = len(chunk.user_data) + CHUNK_BYTES
+            run.charge += more
+            self._hold(more)
+        return run
+
+    def _joined(self, run: _Run, follower: _Run) -> _Run:
+        self._forget(run)
+        self._forget(follower)
+        charged = run.charge + follower.charge
+        run.end = follower.end
+        run.has_last = follower.has_last
+        run.size += follower.size
+        if run.pieces is not None and follower.pieces is not None:
+            run.pieces += follower.pieces
+            run.charge = charged
+        else:
+            run.truncate()
+        return self._put(run, charged)
+
+    def _forget(self, run: _Run) -> None:
+        del self._starts[run.start], self._ends[run.end]
+
+    def _complete(self, run: _Run) -> None:
+        self._forget(run)
+        if run.unordered:
+            self._ready.append(run)
+        elif is_later(self.sequence_number, run.sequence, _SEQUENCE):
+            self._hold(-run.charge)  # It was given up by its sender.
+        else:
+            replaced = self._ordered.get(run.sequence)
+            self._ordered[run.sequence] = run
+            if replaced is not None:
+                self._hold(-replaced.charge)
+
+    def pop_messages(self) -> Iterator[tuple[int, int, bytes]]:
+        """Messages that are whole and whose turn it is: the stream, the protocol and the data, a
+        :class:`Truncated` where it was too large."""
+        ready, self._ready = self._ready, []
+        for run in ready:
+            yield self._released(run)
+        while (following := self._ordered.pop(self.sequence_number, None)) is not None:
+            self.sequence_number = (self.sequence_number + 1) % _SEQUENCE
+            yield self._released(following)
+
+    def _released(self, run: _Run) -> tuple[int, int, bytes]:
+        self._hold(-run.charge)
+        return self._stream_id, run.protocol, run.message()
+
+    def prune_chunks(self, tsn: int) -> int:
+        """Drop what its sender has given up: fragments up to `tsn` of messages that have a gap there. A message
+        that lacks nothing up to there is kept (RFC 3758 section 3.6). Returns 0: the window is not counted
+        here."""
+        for run in tuple(self._starts.values()):
+            if not is_later(run.start, tsn) and not (run.has_first and not is_later(tsn, run.end)):
+                self._forget(run)
+                self._hold(-run.charge)
+        for sequence in tuple(self._ordered):
+            if is_later(self.sequence_number, sequence, _SEQUENCE):
+                self._hold(-self._ordered.pop(sequence).charge)
+        return 0
+
+    def clear(self) -> None:
+        """Drop everything."""
+        for run in (*self._starts.values(), *self._ordered.values(), *self._ready):
+            self._hold(-run.charge)
+        self._starts.clear()
+        self._ends.clear()
+        self._ordered.clear()
+        self._ready.clear()

@@ -1,0 +1,199 @@
+"""Session descriptions (RFC 8866, RFC 8829): what is taken of an offer, and what is put into an answer."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from aiortc import RTCIceCandidate
+from aiortc.sdp import candidate_from_sdp
+
+from rwt_transports.errors import TransportError
+
+OFFER_BYTES: Final = 64 * 1024
+"""Largest offer that is looked at; a browser's with every codec it has takes 10 KiB."""
+LINE_BYTES: Final = 4096
+FRAGMENT_BYTES: Final = 16 * 1024
+"""Largest body of a PATCH with candidates."""
+LIBWEBRTC_BYTES: Final = 256 * 1024
+"""What Chromium, Safari and aiortc say is the largest message that they take, though they take larger ones."""
+
+UNSAID_BYTES: Final = 64 * 1024
+"""Largest message of who says nothing about it (RFC 8841 section 6.1)."""
+
+
+class BadDescription(TransportError):
+    """A session description, or a piece of one, that cannot be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """What is taken of an offer.
+
+    Attributes:
+        text: the offer without what is not used here: candidates that are no UDP or that only multicast could
+            resolve, and the end of candidates, after which aiortc would give up where none of them is left.
+        media: the kinds of its sections, in order.
+        candidates: how many are left.
+        ufrag: its ICE user name fragment.
+        largest: bytes of the largest message to send on a data channel; 0 for any.
+    """
+
+    text: str
+    media: tuple[str, ...]
+    candidates: int
+    ufrag: str
+    largest: int
+
+
+def read_offer(body: bytes, most_candidates: int) -> Offer:
+    """Read an offer, or an answer.
+
+    Args:
+        body: the description in UTF-8.
+        most_candidates: how many candidates of the other side are taken.
+
+    Raises:
+        BadDescription: it cannot be used; says why.
+    """
+    if len(body) > OFFER_BYTES:
+        raise BadDescription(f"a session description of {len(body)} bytes; the limit is {OFFER_BYTES}")
+    lines = list(_lines(body))
+    if not lines or lines[0] != "v=0":
+        raise BadDescription("this is no session description: its first line is not `v=0` (RFC 8866)")
+    kept: list[str] = []
+    media: list[str] = []
+    candidates, ufrag, largest = 0, "", UNSAID_BYTES
+    for line in lines:
+        if line.startswith("m="):
+            media.append(_media_kind(line))
+        elif line.startswith("a=candidate:"):
+            if not _is_usable(line[2:]):
+                continue
+            candidates += 1
+        elif line == "a=end-of-candidates":
+            continue
+        elif line.startswith("a=ice-ufrag:"):
+            ufrag = ufrag or line.partition(":")[2]
+        elif line.startswith("a=max-message-size:"):
+            largest = _number(line)
+        kept.append(line)
+    if candidates > most_candidates:
+        raise BadDescription(f"{candidates} candidates; the limit is {most_candidates} (webrtc.candidates)")
+    if not ufrag:
+        raise BadDescription("the session description has no `a=ice-ufrag`")
+    return Offer("\r\n".join(kept) + "\r\n", tuple(media), candidates, ufrag, _largest_message(largest))
+
+
+def _lines(body: bytes) -> Iterator[str]:
+    try:
+        text = body.decode()
+    except UnicodeDecodeError as error:
+        raise BadDescription(f"not UTF-8: {error}") from None
+    for line in text.split("\n"):
+        line = line.removesuffix("\r")
+        if not line:
+            continue
+        if len(line) > LINE_BYTES:
+            raise BadDescription(f"a line of {len(line)} characters; the limit is {LINE_BYTES}")
+        if not line.isprintable() or line[1:2] != "=" or not line[0].isalpha():
+            raise BadDescription(f"not a line of a session description: {ascii(line[:80])}")
+        yield line
+
+
+_MEDIA: Final = re.compile(r"m=(audio|video|application) ([0-9]{1,5}) [A-Z/]+ [!-~]+( [!-~]+)*")
+
+
+def _media_kind(line: str) -> str:
+    found = _MEDIA.fullmatch(line)
+    if found is None:
+        raise BadDescription(f"not a section that can be used: {ascii(line[:80])}")
+    return found[1]
+
+
+def _number(line: str) -> int:
+    text = line.partition(":")[2]
+    if not text.isascii() or not text.isdecimal() or len(text) > 19:
+        raise BadDescription(f"not a number: {ascii(line[:80])}")
+    return int(text)
+
+
+def _largest_message(said: int) -> int:
+    """What may be sent as one message (RFC 8841 section 6).
+
+    libwebrtc says 256 KiB whatever it takes, and takes megabytes; roslib, which joins no fragments, relies on
+    that. Others are believed.
+    """
+    return 0 if said == LIBWEBRTC_BYTES else said
+
+
+def _is_usable(attribute: str) -> bool:
+    """Whether a candidate (RFC 8839 section 5.1) is one of UDP at an address.
+
+    Names in `.local` would have to be asked for by multicast; who has one finds this side without being
+    asked, since what arrives from there makes a candidate by itself.
+    """
+    parts = attribute.split()
+    if len(parts) < 8 or parts[2].lower() != "udp" or parts[6] != "typ":
+        return False
+    try:
+        ipaddress.ip_address(parts[4])
+    except ValueError:
+        return False
+    return all(part.isascii() and part.isdecimal() and len(part) <= 10 for part in (*parts[1:2], *parts[3:6:2]))
+
+
+@dataclass(frozen=True, slots=True)
+class Fragment:
+    """What a PATCH brings (RFC 8840).
+
+    Attributes:
+        ufrag: whose candidates they are; empty where it does not say.
+        candidates: those that can be used.
+        left_out: how many cannot.
+    """
+
+    ufrag: str
+    candidates: tuple[RTCIceCandidate, ...]
+    left_out: int
+
+
+def read_fragment(body: bytes) -> Fragment:
+    """Read a piece of a description that brings further candidates.
+
+    Raises:
+        BadDescription: it cannot be used; says why.
+    """
+    if len(body) > FRAGMENT_BYTES:
+        raise BadDescription(f"candidates in {len(body)} bytes; the limit is {FRAGMENT_BYTES}")
+    ufrag, mid, left_out = "", "0", 0
+    candidates: list[RTCIceCandidate] = []
+    for line in _lines(body):
+        name, _, value = line.partition(":")
+        if name == "a=ice-ufrag":
+            ufrag = ufrag or value
+        elif name == "a=mid":
+            mid = value
+        elif name == "a=candidate":
+            if _is_usable(line[2:]):
+                candidate = _candidate(value)
+                candidate.sdpMid = mid
+                candidates.append(candidate)
+            else:
+                left_out += 1
+    return Fragment(ufrag, tuple(candidates), left_out)
+
+
+def _candidate(value: str) -> RTCIceCandidate:
+    try:
+        return candidate_from_sdp(value)
+    except (ValueError, AssertionError, IndexError) as error:
+        raise BadDescription(f"not a candidate: {ascii(value[:80])} ({error})") from None
+
+
+def with_largest_message(text: str, size: int) -> str:
+    """A description of aiortc's, with another size of the largest message than the one it has built in."""
+    return re.sub(r"(?m)^a=max-message-size:\d+", f"a=max-message-size:{size}", text)

@@ -1,0 +1,146 @@
+"""Messages of a transport that keeps their boundaries itself, text and binary apart (a WebRTC data channel).
+
+Between the wire and the driver each message follows a header that never leaves the process: whether it is
+binary, and its size. So a driver may be given many messages in one piece, or one in many, as every other.
+
+A message that is larger than the limit is announced by its header, and what follows is no more than its first
+:data:`~rwt_transports.api.HEAD_BYTES`: the driver has kept no more.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from struct import Struct
+from typing import Final
+
+from rwt_protocol.transport import Buffer, Frame
+from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_transports.limits import Limits
+from rwt_transports.websocket.close_codes import TOO_BIG
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.stream import StreamWire
+
+HEADER: Final = Struct(">?I")
+"""Whether a message is binary, and its size in bytes."""
+
+
+def _pieces(frame: Frame) -> tuple[Buffer, ...]:
+    return (HEADER.pack(frame.binary, frame.size), *frame.parts)
+
+
+WHOLE_MESSAGES = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
+"""One frame after its header."""
+
+
+class MessageWire(StreamWire):
+    """One peer's messages; the arguments are those of a stream."""
+
+    __slots__ = ("_binary", "_size", "_wanted")
+
+    def __init__(
+        self, events: WireEvents, max_size: int, framing: Framing, buffers: ReceiveBufferPool | None = None
+    ) -> None:
+        super().__init__(events, max_size, framing, buffers)
+        self._wanted = -1  # bytes that follow the header; -1 before it
+        self._size = 0
+        self._binary = False
+
+    def feed(self, data: bytes) -> None:
+        """Read messages; each whole one goes to :attr:`message` within the call."""
+        if self._over:
+            return
+        if self._wanted == len(data) and not self._buffer:
+            self._finish(data)  # The whole message as the driver has it: not copied.
+            return
+        self._buffer += data
+        while not self._over and self._step():
+            pass
+        if self._over:
+            self._buffer.clear()
+        self._count_held()
+
+    def _step(self) -> bool:
+        """Take a header or a message; False when more bytes are needed."""
+        wanted = HEADER.size if self._wanted < 0 else self._wanted
+        if len(self._buffer) < wanted:
+            return False
+        data = bytes(self._buffer[:wanted])
+        del self._buffer[:wanted]
+        if self._wanted >= 0:
+            self._finish(data)
+            return True
+        self._binary, self._size = HEADER.unpack(data)
+        self._wanted = self._size
+        if self._size > self._max_size:
+            self._wanted = min(self._size, HEAD_BYTES)
+            if not self._events.oversized(self._size):
+                self._over = True
+                reason = f"a message of {self._size} bytes; the limit is {self._max_size} (message_bytes)"
+                self._events.ended(TOO_BIG, reason, agreed=False)
+        return True
+
+    def _finish(self, data: bytes) -> None:
+        self._wanted = -1
+        if self._size > self._max_size:
+            self._events.oversized_head(self._size, data)
+        else:
+            self.message(data, self._binary)
+
+
+def whole_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> MessageWire:
+    """The wire of one channel that keeps the boundaries of messages."""
+    return MessageWire(events, limits.message_bytes, WHOLE_MESSAGES, buffers)
+
+
+class MessageCutter:
+    """Takes the messages apart that a connection has for its driver.
+
+    Args:
+        take: gives the next bytes of the connection, None when there are none for now.
+    """
+
+    __slots__ = ("_binary", "_buffer", "_size", "_take", "_wanted")
+
+    def __init__(self, take: Callable[[], Buffer | None]) -> None:
+        self._take = take
+        self._buffer: deque[memoryview] = deque()
+        self._size = 0
+        self._wanted = -1
+        self._binary = False
+
+    @property
+    def held(self) -> int:
+        """Bytes that the connection has handed over, and that are in no message yet."""
+        return self._size
+
+    def next(self) -> tuple[bytes, bool] | None:
+        """The next message and whether it is binary; None where none is whole, or there is none."""
+        if self._wanted < 0:
+            header = self._read(HEADER.size)
+            if header is None:
+                return None
+            self._binary, self._wanted = HEADER.unpack(header)
+        message = self._read(self._wanted)
+        if message is None:
+            return None
+        self._wanted = -1
+        return message, self._binary
+
+    def _read(self, count: int) -> bytes | None:
+        while self._size < count:
+            data = self._take()
+            if data is None:
+                return None
+            self._buffer.append(memoryview(data))
+            self._size += len(data)
+        self._size -= count
+        pieces = []
+        while count:
+            first = self._buffer.popleft()
+            if len(first) > count:
+                self._buffer.appendleft(first[count:])
+                first = first[:count]
+            pieces.append(first)
+            count -= len(first)
+        return b"".join(pieces)
