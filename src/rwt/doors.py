@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 from rwt.pages import routes
 from rwt_access.origins import is_loopback_listener
 from rwt_access.tls import client_tls
-from rwt_transports.http import Proxies
+from rwt_transports.http import HttpExtension, Proxies
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import dial
 from rwt_transports.websocket.extensions import Deflate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from ssl import SSLContext
 
     from rwt.observability.metrics import ServerMetrics
@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from rwt_bridge.bridge import Bridge
     from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
     from rwt_transports.api import Listener
-    from rwt_transports.http import HttpExtension, Routes
+    from rwt_transports.http import Routes
     from rwt_transports.relay.dial import RelayStatus
+    from rwt_transports.webrtc.signalling import Peers
 
 
 class Doors:
@@ -43,6 +44,11 @@ class Doors:
         http: what nodes and gateways bring.
         middleware: stand between the transports and the gateways, the outermost last.
         worker: the process that this is, of several with the same ports.
+
+    Attributes:
+        limits: the bounds that the transports keep.
+        addresses: how many connections each address has.
+        peers: what takes in clients over WebRTC, where there is such a thing.
     """
 
     def __init__(
@@ -64,9 +70,10 @@ class Doors:
         self._http = tuple(http)
         self._middleware = tuple(middleware)
         self._worker = worker
-        self._limits = _limits(settings)
+        self.limits = _limits(settings)
         self._proxies = Proxies(settings.proxies)
-        self._addresses = AddressCount(self._limits.connections_per_address, self._proxies)
+        self.addresses = AddressCount(self.limits.connections_per_address, self._proxies)
+        self.peers: Peers | None = None
 
     def listen(self, url: str) -> AbstractAsyncContextManager[Listener]:
         """Accept clients on `url` within the block; raises what :func:`~rwt_transports.listener.listen`
@@ -80,8 +87,8 @@ class Doors:
             proxies=self._proxies,
             access_log=settings.access_log,
             subprotocols=self._gateways,
-            addresses=self._addresses,
-            limits=self._limits,
+            addresses=self.addresses,
+            limits=self.limits,
             tls=self._tls,
             bson=settings.bson_only_mode,
             shared=self._worker is not None,
@@ -95,8 +102,8 @@ class Doors:
             url,
             self._accept(url),
             token=token.get_secret_value() if token else None,
-            limits=self._limits,
-            addresses=self._addresses,
+            limits=self.limits,
+            addresses=self.addresses,
             routes=self._pages(url),
             tls=self._dial_tls,
         )
@@ -120,7 +127,15 @@ class Doors:
     def _pages(self, url: str) -> Routes:
         gather = None if self._worker is None else self._worker.metrics.gather
         loopback = is_loopback_listener(url)
-        return routes(self._bridge, self._metrics, self._http, loopback=loopback, gather=gather)
+        http: tuple[HttpExtension[GraphView], ...] = (*self._http, *self._webrtc(url))
+        return routes(self._bridge, self._metrics, http, loopback=loopback, gather=gather)
+
+    def _webrtc(self, url: str) -> Iterator[HttpExtension[GraphView]]:
+        """The pages by which WebRTC is signalled; its clients come in as those of the listener do."""
+        if self.peers is not None:
+            from rwt_transports.webrtc.signalling import data_routes  # An extra that few need.
+
+            yield HttpExtension(data_routes(self.peers, self._accept(url)))
 
 
 def _limits(settings: Settings) -> Limits:

@@ -32,6 +32,7 @@ from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
 from rwt.settings.sources import with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
+from rwt.webrtc import webrtc_peers
 from rwt_access.access import Access
 from rwt_access.audit import bounded_log
 from rwt_access.origins import is_loopback_listener
@@ -379,6 +380,10 @@ class Server:
         stack.enter_context(bounded_log())
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
         doors = Doors(settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker)
+        if settings.webrtc.enabled:
+            peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses)
+            doors.peers = await stack.enter_async_context(peers)
+            metrics.include(doors.peers.metrics)
         listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
         if self._worker is None or self._worker.number == 1:
             node = start_gateway_node(graph, [listener.url for listener in listeners], settings)

@@ -9,7 +9,7 @@ thread, so a message costs no task.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from ssl import SSLContext
@@ -18,7 +18,7 @@ from typing import Final, Protocol, runtime_checkable
 from anyio.abc import TaskGroup
 
 from rwt_protocol.transport import Buffer, Frame
-from rwt_transports.limits import AddressCount
+from rwt_transports.limits import AddressCount, Limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,12 +230,18 @@ class RemoteAddress:
         port: 1 to 65535.
         path: of a Unix socket, or the command of a program; the host is then empty.
         tls: encrypts the connection, and checks the other side.
+        target: path and query of a request by HTTP, for drivers that make one.
+        headers: of that request.
+        limits: bounds of the connection, for drivers that keep some of them.
     """
 
     host: str = ""
     port: int = 0
     path: str = ""
     tls: SSLContext | None = None
+    target: str = ""
+    headers: Mapping[str, str] = field(default_factory=dict)
+    limits: Limits = field(default_factory=Limits)
 
     def __str__(self) -> str:
         return self.path or f"{self.host}:{self.port}"

@@ -189,7 +189,13 @@ async def connect(
     async with background_tasks() as tasks:
         try:
             with anyio.move_on_after(timeout) as patience:
-                address = replace(target.address, tls=context)
+                address = replace(
+                    target.address,
+                    tls=context,
+                    target=target.path,
+                    headers=outgoing.headers,
+                    limits=state.limits,
+                )
                 try:
                     await target.scheme.connector().connect(address, outgoing.attach, tasks)
                 except OSError as error:

@@ -12,6 +12,7 @@ from rwt_transports.websocket.extensions import Deflate
 
 KIB = 1024
 MIB = 1024 * KIB
+READY_BYTES = 128 * KIB
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,8 @@ class Limits:
         data_bytes: bytes queued in one connection's data lane. Reached, the oldest frame of the same topic is
             dropped for each new one; every topic keeps its newest frame.
         data_frames: the same bound as a number of frames.
+        ready_bytes: bytes that may wait in front of the lanes: what one write joins, and the most that
+            dropping cannot reach.
         outgoing_bytes: largest message of the data lane; a larger one is dropped.
         control_bytes: bytes queued in one connection's control lane. Reached, the connection is closed with
             1008.
@@ -66,6 +69,7 @@ class Limits:
     idle_peer_seconds: float = 60.0
     data_bytes: int = 8 * MIB
     data_frames: int = 10_000
+    ready_bytes: int = READY_BYTES
     outgoing_bytes: int = 256 * MIB
     control_bytes: int = 64 * MIB
     control_frames: int = 100_000

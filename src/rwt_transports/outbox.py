@@ -21,9 +21,6 @@ from rwt_transports.api import Framing
 from rwt_transports.data_lane import DataLane, Queue
 from rwt_transports.limits import Limits
 
-READY_BYTES = 128 * 1024
-"""Bytes that may wait in front of the lanes: what one write joins, and the most that dropping cannot
-reach."""
 SLICE_BYTES = 256 * 1024
 """A larger piece is handed over in slices of this size, so that a slow peer's rest stays shared and
 uncopied."""
@@ -148,7 +145,7 @@ class Outbox:
         self.ready: list[Buffer | Burst] = []
         self.bursts = False
         self._large = 0  # how many of them are not to be joined
-        self.room = READY_BYTES
+        self.room = limits.ready_bytes
         self._begun: deque[memoryview] = deque()  # the rest of what went out in part
         self._control: deque[Frame] = deque()
         self._control_bytes = 0
@@ -289,7 +286,7 @@ class Outbox:
 
     def push_if_read(self, data: bytes) -> None:
         """Queue bytes of the protocol itself that may be left out while the peer does not read."""
-        if self.room > -READY_BYTES and not self._closed:
+        if self.room > -self._limits.ready_bytes and not self._closed:
             self.push(data)
 
     def finish(self, last: bytes) -> None:
@@ -418,7 +415,7 @@ class Outbox:
 
     def _make_room(self) -> None:
         waiting = self.ready or self._begun or self._control or self._data
-        self.room = 0 if waiting or self._closed else READY_BYTES
+        self.room = 0 if waiting or self._closed else self._limits.ready_bytes
 
     def _empty(self) -> None:
         self._make_room()
@@ -428,7 +425,7 @@ class Outbox:
 
     def _refill(self) -> None:
         """Move frames from the lanes to the ready bytes, as much as one write may join."""
-        room = READY_BYTES
+        room = self._limits.ready_bytes
         control = self._control
         while control and room > 0:
             frame = control.popleft()

@@ -15,11 +15,12 @@ from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.drivers.datagrams import DatagramDriver
 from rwt_transports.drivers.standard_streams import StandardStreamsDriver
-from rwt_transports.errors import BadUrl
+from rwt_transports.errors import BadUrl, ConnectError
 from rwt_transports.websocket.wire import websocket_client, websocket_server
 from rwt_transports.wires.bson_stream import bson_documents
 from rwt_transports.wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
 from rwt_transports.wires.json_stream import json_lines, json_over_tcp
+from rwt_transports.wires.whole_messages import whole_messages
 
 DEFAULT_PORT = 9090
 """The port of rosbridge (CFG-01)."""
@@ -34,13 +35,25 @@ def stream_driver() -> AnyioDriver | AsyncioDriver:
     return AsyncioDriver()
 
 
+def _data_channel() -> Connector:
+    """What connects over WebRTC; raises :exc:`~rwt_transports.errors.ConnectError` where it cannot."""
+    try:
+        from rwt_transports.webrtc.connector import DataChannelConnector  # An extra that few need.
+    except ImportError as missing:
+        raise ConnectError(
+            f"webrtc+http:// and webrtc+https:// need aiortc: pip install robot-web-tools[webrtc] ({missing})"
+        ) from missing
+    return DataChannelConnector()
+
+
 @dataclass(frozen=True, slots=True)
 class Scheme:
     """One row of the table.
 
     Attributes:
-        example: a URL to listen on.
-        wire: makes the wire of a client.
+        example: a URL to listen on, or to connect to where the scheme is not listened on.
+        wire: makes the wire of a client; None: the scheme is connected to, and a server offers it in another
+            way.
         client_wire: makes the wire of a server; None: the scheme is served, and cannot be connected to.
         bson_wire: makes the wire of a client that speaks nothing but BSON; None: BSON cannot be spoken.
         driver: makes what listens.
@@ -57,7 +70,7 @@ class Scheme:
     """
 
     example: str
-    wire: MakeWire
+    wire: MakeWire | None = None
     client_wire: MakeWire | None = None
     bson_wire: MakeWire | None = None
     driver: Callable[[], Driver] = stream_driver
@@ -87,6 +100,13 @@ SCHEMES = {
         "udp://127.0.0.1:9092", json_datagrams, driver=DatagramDriver, expires=True,
         max_message_size=DATAGRAM_BYTES,
     ),
+    "webrtc+http": Scheme(
+        "webrtc+http://127.0.0.1:9090", client_wire=whole_messages, connector=_data_channel, binary=True
+    ),
+    "webrtc+https": Scheme(
+        "webrtc+https://robot.example", client_wire=whole_messages, connector=_data_channel, binary=True,
+        tls=True, connect_port=443,
+    ),
     "stdio": Scheme(
         "stdio:", json_lines, json_lines, bson_documents, driver=StandardStreamsDriver,
         connector=StandardStreamsDriver, single=True,
@@ -96,7 +116,7 @@ SCHEMES = {
 
 def url_forms(*, connect: bool = False) -> str:
     """How URLs to listen on, or to connect to, begin: ``ws://, wss://, …``, for help and errors."""
-    rows = [(name, row) for name, row in SCHEMES.items() if not connect or row.client_wire is not None]
+    rows = [(name, row) for name, row in SCHEMES.items() if (row.client_wire if connect else row.wire)]
     return ", ".join(f"{name}:" if row.single else f"{name}://" for name, row in rows)
 
 
@@ -147,6 +167,11 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
         what = f"the scheme {name!r} is not known" if "://" in url else "it has no scheme"
         example = SCHEMES["ws"].example
         raise BadUrl(f"cannot listen on {url!r}: {what}; use {url_forms()}, for example {example}")
+    if scheme.wire is None:
+        raise BadUrl(
+            f"cannot listen on {url!r}: WebRTC is reached through the port of ws:// or wss://, with the"
+            " setting `webrtc.enabled` (--webrtc)"
+        )
     if scheme.tls and tls is None:
         raise BadUrl(
             f"cannot listen on {url!r}: it needs a certificate and a key "

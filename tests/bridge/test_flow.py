@@ -13,7 +13,7 @@ from rwt_graph.clock import SimulatedClock
 from rwt_protocol.transport import DropReason
 from rwt_transports import Limits
 from rwt_transports.connection import ListenerState
-from rwt_transports.outbox import READY_BYTES
+from rwt_transports.limits import READY_BYTES
 from rwt_transports.wires.json_stream import json_over_tcp
 from tests.bridge.recording_client import Client
 from tests.memory_pipe import MemoryPipe

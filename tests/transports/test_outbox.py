@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, Flow, FlowRules, Frame
-from rwt_transports.limits import Limits
-from rwt_transports.outbox import GATHER_BYTES, READY_BYTES, SLICE_BYTES, Outbox
+from rwt_transports.limits import READY_BYTES, Limits
+from rwt_transports.outbox import GATHER_BYTES, SLICE_BYTES, Outbox
 from rwt_transports.websocket.wire import SERVER_FRAMING
 
 FILLER = b"f" * READY_BYTES

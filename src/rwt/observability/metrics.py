@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_program.timers import Timer
     from rwt_protocol.transport import Traffic
-    from rwt_transports.http import HttpExtension
+    from rwt_transports.http import HttpExtension, MetricFamily
     from rwt_transports.relay.dial import RelayStatus
 
 
@@ -45,6 +45,10 @@ class ServerMetrics:
         self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
         self._loop_lag = LoopLag(bridge.shared.graph.clock, bridge.access.work)
         self.dials: list[RelayStatus] = []
+
+    def include(self, count: Callable[[], Iterable[MetricFamily]]) -> None:
+        """Put what `count` gives on the page too."""
+        self._of_nodes.append(count)
 
     def text(self) -> bytes:
         """The page, with the metrics of nodes after those of the server."""

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
+from rwt.settings.webrtc import WebRtcSettings
 from rwt_access.settings import MIB, Bytes, Count, PlainToken, Seconds, SecondsOrNone, Table, TlsSettings
 from rwt_bridge.settings import BridgeLimits, BridgeSettings
 from rwt_http.settings import HttpSettings
@@ -176,6 +177,7 @@ class Settings(BridgeSettings):
     dial: DialSettings = DialSettings()
     web: WebSettings = WebSettings()
     api: HttpSettings = HttpSettings()
+    webrtc: WebRtcSettings = WebRtcSettings()
     graph: Annotated[
         Literal["memory", "zenoh"],
         Field(description="`zenoh` joins the graph with those of other processes; needs the extra `zenoh`"),

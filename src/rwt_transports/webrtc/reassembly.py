@@ -187,9 +187,9 @@ class Reassembly:
         return self._stream_id, run.protocol, run.message()
 
     def prune_chunks(self, tsn: int) -> int:
-        """Drop what its sender has given up: fragments up to `tsn` of messages that have a gap there. A message
-        that lacks nothing up to there is kept (RFC 3758 section 3.6). Returns 0: the window is not counted
-        here."""
+        """Drop what its sender has given up: fragments up to `tsn` of messages that have a gap there. A
+        message that lacks nothing up to there is kept (RFC 3758 section 3.6). Returns 0: the window is not
+        counted here."""
         for run in tuple(self._starts.values()):
             if not is_later(run.start, tsn) and not (run.has_first and not is_later(tsn, run.end)):
                 self._forget(run)

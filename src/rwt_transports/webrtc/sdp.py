@@ -19,7 +19,7 @@ LINE_BYTES: Final = 4096
 FRAGMENT_BYTES: Final = 16 * 1024
 """Largest body of a PATCH with candidates."""
 LIBWEBRTC_BYTES: Final = 256 * 1024
-"""What Chromium, Safari and aiortc say is the largest message that they take, though they take larger ones."""
+"""What Chromium, Safari and aiortc say is the largest message they take, though they take larger ones."""
 
 UNSAID_BYTES: Final = 64 * 1024
 """Largest message of who says nothing about it (RFC 8841 section 6.1)."""
@@ -100,7 +100,7 @@ def _lines(body: bytes) -> Iterator[str]:
         if len(line) > LINE_BYTES:
             raise BadDescription(f"a line of {len(line)} characters; the limit is {LINE_BYTES}")
         if not line.isprintable() or line[1:2] != "=" or not line[0].isalpha():
-            raise BadDescription(f"not a line of a session description: {ascii(line[:80])}")
+            raise BadDescription(f"not a line of a session description: {line[:80]!a}")
         yield line
 
 
@@ -110,14 +110,14 @@ _MEDIA: Final = re.compile(r"m=(audio|video|application) ([0-9]{1,5}) [A-Z/]+ [!
 def _media_kind(line: str) -> str:
     found = _MEDIA.fullmatch(line)
     if found is None:
-        raise BadDescription(f"not a section that can be used: {ascii(line[:80])}")
+        raise BadDescription(f"not a section that can be used: {line[:80]!a}")
     return found[1]
 
 
 def _number(line: str) -> int:
     text = line.partition(":")[2]
     if not text.isascii() or not text.isdecimal() or len(text) > 19:
-        raise BadDescription(f"not a number: {ascii(line[:80])}")
+        raise BadDescription(f"not a number: {line[:80]!a}")
     return int(text)
 
 
@@ -143,7 +143,9 @@ def _is_usable(attribute: str) -> bool:
         ipaddress.ip_address(parts[4])
     except ValueError:
         return False
-    return all(part.isascii() and part.isdecimal() and len(part) <= 10 for part in (*parts[1:2], *parts[3:6:2]))
+    return all(
+        part.isascii() and part.isdecimal() and len(part) <= 10 for part in (*parts[1:2], *parts[3:6:2])
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +193,7 @@ def _candidate(value: str) -> RTCIceCandidate:
     try:
         return candidate_from_sdp(value)
     except (ValueError, AssertionError, IndexError) as error:
-        raise BadDescription(f"not a candidate: {ascii(value[:80])} ({error})") from None
+        raise BadDescription(f"not a candidate: {value[:80]!a} ({error})") from None
 
 
 def with_largest_message(text: str, size: int) -> str:

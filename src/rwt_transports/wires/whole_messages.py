@@ -48,9 +48,7 @@ class MessageWire(StreamWire):
 
     def feed(self, data: bytes) -> None:
         """Read messages; each whole one goes to :attr:`message` within the call."""
-        if self._over:
-            return
-        if self._wanted == len(data) and not self._buffer:
+        if not self._over and self._wanted == len(data) and not self._buffer:
             self._finish(data)  # The whole message as the driver has it: not copied.
             return
         self._buffer += data

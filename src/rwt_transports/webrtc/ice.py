@@ -1,0 +1,163 @@
+"""How two peers find a path to each other (ICE, RFC 8445): servers that help, addresses, and whether the
+other side is still there."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final
+from urllib.parse import quote
+
+from aioice import Candidate, Connection
+from aioice.stun import TransactionError
+from aiortc import RTCConfiguration, RTCIceServer
+from aiortc.rtcicetransport import parse_stun_turn_uri
+
+from rwt_transports.errors import TransportError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from aiortc import RTCIceTransport
+
+logger = logging.getLogger("rwt_transports.webrtc")
+
+CONSENT_SECONDS: Final = 0.7
+"""How often the other side is asked whether it still wants to be sent anything (RFC 7675)."""
+CONSENT_EXPIRES_SECONDS: Final = 3.6
+"""Without an answer for so long it counts as gone. RFC 7675 allows 30 s, in which a robot drives far."""
+CONSENT_ASKED: Final = 3
+"""It must have been asked so often without an answer: a process that stood still itself has not listened."""
+LOOPBACK: Final = "127.0.0.1"
+
+
+class BadIceServer(TransportError):
+    """The URL of a STUN or TURN server that cannot be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class IceServer:
+    """A server that helps to find a path.
+
+    Attributes:
+        url: ``stun:HOST``, ``turn:HOST:PORT?transport=udp`` or ``turns:HOST`` (RFC 7064, RFC 7065).
+        username: for TURN.
+        credential: its password.
+    """
+
+    url: str
+    username: str = ""
+    credential: str = ""
+
+    @property
+    def link(self) -> str:
+        """As the ``Link`` header of an answer names it (RFC 9725 section 4.6)."""
+        parts = [f'<{quote(self.url, safe=":/?=&@[]%~+,;")}>; rel="ice-server"']
+        if self.username:
+            parts += [f'username="{_quoted(self.username)}"', f'credential="{_quoted(self.credential)}"']
+            parts.append('credential-type="password"')
+        return "; ".join(parts)
+
+
+def _quoted(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def check_ice_url(url: str) -> str:
+    """The URL of a STUN or TURN server.
+
+    Raises:
+        BadIceServer: it is none, or aiortc cannot use it.
+    """
+    try:
+        found = parse_stun_turn_uri(url)
+    except ValueError:
+        raise BadIceServer(f"{url!r} is no STUN or TURN server; for example stun:stun.example.org") from None
+    if found["scheme"] == "stuns":
+        raise BadIceServer(f"{url!r}: STUN over TLS cannot be used here; use stun:{url[6:]}")
+    return url
+
+
+def configuration(servers: tuple[IceServer, ...]) -> RTCConfiguration:
+    """What aiortc is told; without servers none is asked, where aiortc's own default asks Google's."""
+    return RTCConfiguration(
+        iceServers=[
+            RTCIceServer(each.url, each.username or None, each.credential or None) for each in servers
+        ]
+    )
+
+
+def prepare(transport: RTCIceTransport, *, loopback: bool) -> None:
+    """Let an ICE transport notice soon that the other side has gone.
+
+    Args:
+        transport: one that has not gathered candidates yet.
+        loopback: whether the other side may be on this machine, so that its loopback address is a candidate.
+    """
+    connection = transport.iceGatherer._connection  # aiortc offers no way to configure it.
+    connection.query_consent = partial(_query_consent, connection)  # type: ignore[method-assign] # as above
+    if loopback:
+        gather = connection.get_component_candidates
+        connection.get_component_candidates = partial(_with_loopback, gather)  # type: ignore[method-assign] # as above
+
+
+async def _with_loopback(
+    gather: Callable[[int, list[str], int], Coroutine[object, object, list[Candidate]]],
+    component: int,
+    addresses: list[str],
+    timeout: int = 5,  # noqa: ASYNC109 - the signature is aioice's
+) -> list[Candidate]:
+    """The candidates of this machine's loopback address too, which aioice leaves out."""
+    return await gather(component, [*addresses, LOOPBACK], timeout)
+
+
+async def _query_consent(connection: Connection) -> None:
+    """Ask the other side again and again whether it still wants to be sent anything, and close the connection
+    when it does not answer (RFC 7675)."""
+    now = asyncio.get_running_loop().time
+    asked: dict[asyncio.Task[bool], None] = {}
+    answered, unanswered = now(), 0
+    try:
+        while True:
+            await asyncio.sleep(CONSENT_SECONDS * (0.8 + 0.4 * random.random()))
+            if any(task.done() and task.result() for task in asked):
+                answered, unanswered = now(), 0
+            elif now() - answered >= CONSENT_EXPIRES_SECONDS and unanswered >= CONSENT_ASKED:
+                logger.info("a peer does not answer any more, counted as gone")
+                connection._query_consent_task = None  # It is this task, which closing would wait for.
+                await connection.close()
+                return
+            asked = {task: None for task in asked if not task.done()}
+            unanswered += 1
+            asked[asyncio.create_task(_ask(connection))] = None
+    finally:
+        for task in asked:
+            task.cancel()
+
+
+async def _ask(connection: Connection) -> bool:
+    """Whether the other side answers within some seconds."""
+    password = (connection.remote_password or "").encode()
+    for pair in tuple(connection._nominated.values()):
+        request = connection.build_request(pair, nominate=False)
+        try:
+            await pair.protocol.request(request, pair.remote_addr, password, 2)
+        except (TransactionError, OSError):
+            return False
+    return True
+
+
+def describe(transport: RTCIceTransport) -> Mapping[str, str]:
+    """The path that was found, for logs: the two candidates."""
+    pairs = transport.iceGatherer._connection._nominated
+    pair = next(iter(pairs.values()), None)
+    if pair is None:
+        return {}
+    return {
+        "local": f"{pair.local_candidate.type} {pair.local_candidate.host}:{pair.local_candidate.port}",
+        "remote": f"{pair.remote_candidate.type} {pair.remote_addr[0]}:{pair.remote_addr[1]}",
+    }

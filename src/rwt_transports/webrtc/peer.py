@@ -1,0 +1,265 @@
+"""One peer connection (W3C WebRTC, RFC 8829): its description, its data channels, and its end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import monotonic
+from typing import TYPE_CHECKING, Final
+
+from aiortc import RTCPeerConnection, RTCSessionDescription
+
+from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.errors import log_exception
+from rwt_transports.limits import KIB, AddressCount, Limits
+from rwt_transports.webrtc.association import Association
+from rwt_transports.webrtc.channels import ChannelLink
+from rwt_transports.webrtc.ice import IceServer, configuration, describe, prepare
+from rwt_transports.webrtc.sdp import BadDescription, Offer, with_largest_message
+from rwt_transports.websocket.close_codes import GOING_AWAY
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.whole_messages import whole_messages
+
+if TYPE_CHECKING:
+    from aiortc import RTCDataChannel, RTCIceCandidate, RTCIceTransport
+
+    from rwt_protocol.transport import Accept
+
+logger = logging.getLogger("rwt_transports.webrtc")
+
+READY_BYTES: Final = 16 * KIB
+"""What may wait in front of a channel's lanes, out of reach of what drops old messages."""
+FRESH_READY_BYTES: Final = 1 * KIB
+"""The same for a channel without retransmission, where an old message is worth nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class PeerTerms:
+    """What all peers of one side share.
+
+    Attributes:
+        limits: bounds of each channel's connection.
+        buffers: where is counted what has come of large messages.
+        addresses: how many connections each address has; a channel is one.
+        channels: data channels that a peer may have open.
+        candidates: of the other side, in its description and afterwards.
+        connect_seconds: how long it may take until the peers have found each other.
+    """
+
+    limits: Limits
+    buffers: ReceiveBufferPool
+    addresses: AddressCount
+    channels: int = 16
+    candidates: int = 64
+    connect_seconds: float = 10.0
+
+
+class Peer:
+    """One peer connection, from its first description to its end.
+
+    Args:
+        terms: what it may take.
+        servers: that help to find a path.
+        accept: makes the endpoint of each data channel.
+        address: of the other side, as far as its signalling tells.
+        loopback: whether the other side may be on this machine.
+        on_closed: called once when it has ended.
+
+    Attributes:
+        connection: aiortc's.
+        largest: bytes of the largest message that the other side takes; 0 for any.
+        connected: whether the peers have found each other.
+        closed: whether it has ended.
+        reason: why it has.
+    """
+
+    def __init__(
+        self,
+        terms: PeerTerms,
+        servers: tuple[IceServer, ...],
+        accept: Accept,
+        address: str = "",
+        *,
+        loopback: bool = False,
+        on_closed: Callable[[Peer], None],
+    ) -> None:
+        self._terms = terms
+        self._accept = accept
+        self._address = address
+        self._loopback = loopback
+        self._on_closed = on_closed
+        self._candidates = 0
+        self._states: list[ListenerState] = []
+        self._prepared: set[RTCIceTransport] = set()
+        self._association: Association | None = None
+        self._ending: asyncio.Task[None] | None = None
+        self._deadline: asyncio.TimerHandle | None = None
+        self.ufrag = ""
+        self.largest = 0
+        self.connected = False
+        self.closed = False
+        self.reason = ""
+        self.connection = RTCPeerConnection(configuration(servers))
+        self.connection.on("connectionstatechange", self._state_changed)
+        self.connection.on("datachannel", self._channel_opened)
+
+    # -- descriptions --------------------------------------------------------------------------------------
+
+    async def take_description(self, offer: Offer, kind: str) -> None:
+        """Take the other side's description.
+
+        Args:
+            offer: what was read of it.
+            kind: ``offer`` or ``answer``.
+
+        Raises:
+            BadDescription: it cannot be used.
+        """
+        self.ufrag, self.largest, self._candidates = offer.ufrag, offer.largest, offer.candidates
+        try:
+            await self.connection.setRemoteDescription(RTCSessionDescription(offer.text, kind))
+        except Exception as error:
+            # aiortc raises whatever its reading comes across: AssertionError, KeyError, its own errors.
+            raise BadDescription(
+                f"the session description cannot be used: {error or type(error).__name__}"
+            ) from error
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Put what this package needs into aiortc's objects that are there now; before candidates are
+        gathered."""
+        connection = self.connection
+        sctp = connection.sctp
+        transports = {each.sender.transport.transport for each in connection.getTransceivers()}
+        if sctp is not None:
+            transports.add(sctp.transport.transport)
+            if self._association is None:
+                self._association = Association.adopt(
+                    sctp, self._terms.limits, self._terms.buffers, self.fail
+                )
+        for transport in transports - self._prepared:
+            prepare(transport, loopback=self._loopback)
+            self._prepared.add(transport)
+
+    async def describe(self) -> str:
+        """Gather candidates; returns this side's description, an offer or an answer, complete."""
+        await self.connection.setLocalDescription()
+        if self._deadline is None:
+            loop = asyncio.get_running_loop()
+            self._deadline = loop.call_later(self._terms.connect_seconds, self._too_late)
+        return with_largest_message(self.connection.localDescription.sdp, self._terms.limits.message_bytes)
+
+    async def add_candidates(self, candidates: tuple[RTCIceCandidate, ...]) -> None:
+        """Take further candidates of the other side.
+
+        Raises:
+            BadDescription: there are too many.
+        """
+        self._candidates += len(candidates)
+        if self._candidates > self._terms.candidates:
+            most = self._terms.candidates
+            raise BadDescription(f"{self._candidates} candidates; the limit is {most} (webrtc.candidates)")
+        for candidate in candidates:
+            await self.connection.addIceCandidate(candidate)
+
+    def _too_late(self) -> None:
+        if not self.connected:
+            self.fail(
+                f"no path was found within {self._terms.connect_seconds:g} s (webrtc.connect_seconds): "
+                f"{self._candidates} candidates of the other side"
+            )
+
+    # -- data channels -------------------------------------------------------------------------------------
+
+    def _channel_opened(self, channel: RTCDataChannel) -> None:
+        """The other side has opened a channel: it is a connection of its own."""
+        try:
+            self._serve(channel)
+        except Exception:
+            log_exception("a data channel of %s could not be served", self._address)
+            channel.close()
+
+    def link(self, channel: RTCDataChannel) -> ChannelLink:
+        """A channel that is open, as a driver's link."""
+        assert self._association is not None  # It is there before any channel opens.
+        return ChannelLink(self._association, channel, deque())
+
+    def _serve(self, channel: RTCDataChannel) -> None:
+        self._states = [state for state in self._states if state.connections]
+        if len(self._states) >= self._terms.channels:
+            logger.warning("no room for a data channel of %s (webrtc.channels)", self._address)
+            channel.close()
+            return
+        link = self.link(channel)
+        limits = self._terms.limits
+        state = ListenerState(
+            self._accept,
+            whole_messages,
+            replace(
+                limits,
+                ready_bytes=FRESH_READY_BYTES if link.is_fresh else READY_BYTES,
+                outgoing_bytes=min(limits.outgoing_bytes, self.largest or limits.outgoing_bytes),
+            ),
+            None,
+            "webrtc",
+            max_message_size=self.largest,
+            addresses=self._terms.addresses,
+            buffers=self._terms.buffers,
+        )
+        self._states.append(state)
+        state.add(Connection(state, link, self._address, 0), link)
+
+    def tick(self) -> None:
+        """Check the time-outs of its connections."""
+        now = monotonic()
+        for state in self._states:
+            state.tick(now)
+
+    @property
+    def channels(self) -> int:
+        """Data channels that are open."""
+        return sum(bool(state.connections) for state in self._states)
+
+    # -- the end -------------------------------------------------------------------------------------------
+
+    def _state_changed(self) -> None:
+        state = self.connection.connectionState
+        if state == "connected" and not self.connected:
+            self.connected = True
+            path = [describe(transport) for transport in self._prepared]
+            logger.info("a peer of %s is connected: %s", self._address or "?", path)
+        elif state in ("failed", "closed"):
+            self.fail("the peer is gone" if self.connected else "no path was found, or the handshake failed")
+
+    def fail(self, reason: str) -> None:
+        """End it, without waiting for the other side."""
+        if not self.closed:
+            self.closed = True
+            self.reason = reason
+            logger.info("a peer of %s has ended: %s", self._address or "?", reason)
+            self._ending = asyncio.get_running_loop().create_task(self._end())
+            self._on_closed(self)
+
+    async def close(self) -> None:
+        """Close its connections, then itself."""
+        if not self.closed:
+            for state in self._states:
+                await state.end(GOING_AWAY, "the server is going away")
+            self.fail("closed by this side")
+        if self._ending is not None:
+            await self._ending
+
+    async def _end(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+        try:
+            # The association ends its channels, and they their connections.
+            await self.connection.close()
+        except Exception:
+            log_exception("a peer connection could not be closed")
+        for state in self._states:
+            for connection in tuple(state.connections):
+                connection.abort()

@@ -1,0 +1,282 @@
+"""How peers learn of each other: an offer by HTTP, and an answer (as WHIP and WHEP have it, RFC 9725).
+
+- ``POST`` of ``application/sdp`` opens a peer: ``201``, the answer, and ``Location``, where it is reached;
+- ``PATCH`` there of ``application/trickle-ice-sdpfrag`` (RFC 8840) adds candidates: ``204``;
+- ``DELETE`` there ends it: ``200``.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt_transports.background import background_tasks
+from rwt_transports.connection import TICK_SECONDS
+from rwt_transports.errors import Refused, TransportError
+from rwt_transports.http import Audience, HttpResponse, MetricFamily, Reader, Route, is_local
+from rwt_transports.webrtc.peer import Peer, PeerTerms
+from rwt_transports.webrtc.sdp import BadDescription, read_fragment, read_offer
+
+if TYPE_CHECKING:
+    from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
+    from rwt_transports.http import HttpRequest
+    from rwt_transports.webrtc.ice import IceServer
+
+SDP: Final = "application/sdp"
+FRAGMENT: Final = "application/trickle-ice-sdpfrag"
+
+FindIceServers = Callable[[], Awaitable[tuple["IceServer", ...]]]
+"""Asks for the STUN and TURN servers of a new peer, whose credentials may hold for a while only."""
+
+
+class NoIceServers(TransportError):
+    """The servers that help to find a path cannot be had."""
+
+
+@dataclass(frozen=True, slots=True)
+class PeerBounds:
+    """What all peers of a server together may take.
+
+    Attributes:
+        peers: that are open at a time.
+        handshakes: of them, those that have not found their path yet.
+    """
+
+    peers: int = 32
+    handshakes: int = 8
+
+
+class Peers:
+    """The peer connections that a server has accepted.
+
+    Args:
+        terms: what each may take.
+        bounds: what all of them may take.
+        find_servers: asks for the servers that help to find a path.
+    """
+
+    def __init__(self, terms: PeerTerms, bounds: PeerBounds, find_servers: FindIceServers) -> None:
+        self.terms = terms
+        self._bounds = bounds
+        self._find_servers = find_servers
+        self._peers: dict[str, Peer] = {}
+        self._reserved = 0
+        self._ended: dict[str, int] = {"connected": 0, "unconnected": 0}
+        self._refused = 0
+        self._closing = False
+
+    def __len__(self) -> int:
+        return len(self._peers)
+
+    def find(self, identifier: str) -> Peer | None:
+        """The peer of that identifier, while it is open."""
+        return self._peers.get(identifier)
+
+    async def open(
+        self,
+        accept: Accept,
+        address: str,
+        answer: Callable[[Peer], Awaitable[str]],
+    ) -> tuple[str, str, tuple[IceServer, ...]]:
+        """Open a peer.
+
+        Args:
+            accept: makes the endpoint of each of its data channels.
+            address: of the client.
+            answer: brings the peer so far that it has an answer, which it returns.
+
+        Returns:
+            Its identifier, the answer, and the servers that help to find a path.
+
+        Raises:
+            Refused: there are as many as there may be, or the servers cannot be had.
+            BadDescription: what the client has sent cannot be used.
+        """
+        self._check()
+        self._reserved += 1
+        try:
+            try:
+                servers = await self._find_servers()
+            except NoIceServers as error:
+                raise Refused(503, str(error)) from error
+            identifier = secrets.token_urlsafe(18)
+            peer = Peer(
+                self.terms,
+                servers,
+                accept,
+                address,
+                loopback=not address or is_local(address),
+                on_closed=lambda peer: self._closed(identifier, peer),
+            )
+            self._peers[identifier] = peer
+        finally:
+            self._reserved -= 1
+        try:
+            return identifier, await answer(peer), servers
+        except BaseException:
+            peer.fail("its description could not be used")
+            raise
+
+    def _check(self) -> None:
+        bounds = self._bounds
+        connecting = self._reserved + sum(not peer.connected for peer in self._peers.values())
+        if len(self._peers) + self._reserved >= bounds.peers or self._closing:
+            self._refused += 1
+            raise Refused(503, f"{bounds.peers} peers are open (webrtc.peers)", {"Retry-After": "5"})
+        if connecting >= bounds.handshakes:
+            self._refused += 1
+            raise Refused(
+                503, f"{bounds.handshakes} peers are connecting (webrtc.handshakes)", {"Retry-After": "2"}
+            )
+
+    def _closed(self, identifier: str, peer: Peer) -> None:
+        self._peers.pop(identifier, None)
+        self._ended["connected" if peer.connected else "unconnected"] += 1
+
+    async def watch(self) -> None:
+        """Check the time-outs of every connection, until cancelled."""
+        while True:
+            for peer in tuple(self._peers.values()):
+                peer.tick()
+            await anyio.sleep(TICK_SECONDS)
+
+    async def close(self) -> None:
+        """Close every peer."""
+        self._closing = True
+        for peer in tuple(self._peers.values()):
+            await peer.close()
+
+    def metrics(self) -> Iterable[MetricFamily]:
+        """What there is to count."""
+        peers = tuple(self._peers.values())
+        connected = sum(peer.connected for peer in peers)
+        states = [({"state": "connected"}, connected), ({"state": "connecting"}, len(peers) - connected)]
+        ended = [({"was": was}, number) for was, number in self._ended.items()]
+        channels = sum(peer.channels for peer in peers)
+        yield MetricFamily("rwt_webrtc_peers", "gauge", "Peer connections that are open.", states)
+        yield MetricFamily("rwt_webrtc_channels", "gauge", "Data channels that are open.", [({}, channels)])
+        yield MetricFamily("rwt_webrtc_ended_total", "counter", "Peer connections that have ended.", ended)
+        yield MetricFamily(
+            "rwt_webrtc_refused_total", "counter", "Offers refused for want of room.", [({}, self._refused)]
+        )
+
+
+@asynccontextmanager
+async def open_peers(
+    terms: PeerTerms, bounds: PeerBounds, find_servers: FindIceServers
+) -> AsyncIterator[Peers]:
+    """Accept peers within the block, and close them at its end."""
+    peers = Peers(terms, bounds, find_servers)
+    async with background_tasks() as tasks:
+        tasks.start_soon(peers.watch)
+        try:
+            yield peers
+        finally:
+            with anyio.CancelScope(shield=True):
+                await peers.close()
+
+
+def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
+    """The routes of ``/webrtc``, by which data channels come to `accept` that counts for one listener."""
+
+    async def offered(request: HttpRequest) -> HttpResponse:
+        offer = read_offer(request.body, peers.terms.candidates)
+        if offer.media != ("application",):
+            raise BadDescription(
+                f"sections {', '.join(offer.media) or 'none'} are offered, where /webrtc takes one of data "
+                "channels: create a channel before the offer; for video POST to /whep"
+            )
+
+        async def answer(peer: Peer) -> str:
+            await peer.take_description(offer, "offer")
+            return await peer.describe()
+
+        return opened(
+            "/webrtc", request, *await peers.open(_on_behalf(request, accept), request.address, answer)
+        )
+
+    return (
+        Route("/webrtc", lambda request, reader: answering(request, SDP, offered), Audience.ADMITTED, "POST"),
+        *resource_routes(peers, "/webrtc"),
+    )
+
+
+def _on_behalf(request: HttpRequest, accept: Accept) -> Accept:
+    """Let channels in as whoever has sent the offer: with the same token, from the same page."""
+
+    def accept_channel(sink: Sink, info: PeerInfo) -> Endpoint:
+        target = f"{request.path}?{request.query}" if request.query else request.path
+        return accept(sink, replace(info, path=target, headers=request.headers))
+
+    return accept_channel
+
+
+def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:
+    """The routes of each peer that was opened at `path`."""
+
+    def patch(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
+        return answering(request, FRAGMENT, lambda request: _add_candidates(peers, request))
+
+    def delete(request: HttpRequest, reader: Reader) -> HttpResponse:
+        peer = peers.find(_identifier(request))
+        if peer is None:
+            return _gone()
+        peer.fail("the client has ended it")
+        return HttpResponse(b"ended\n")
+
+    return (
+        Route(f"{path}/*", patch, Audience.ADMITTED, "PATCH"),
+        Route(f"{path}/*", delete, Audience.ADMITTED, "DELETE"),
+    )
+
+
+async def _add_candidates(peers: Peers, request: HttpRequest) -> HttpResponse:
+    peer = peers.find(_identifier(request))
+    if peer is None:
+        return _gone()
+    fragment = read_fragment(request.body)
+    if fragment.ufrag and fragment.ufrag != peer.ufrag:
+        # RFC 9725 section 4.3.2: what cannot be restarted answers 422.
+        text = "an ICE restart is not possible here: DELETE this, and POST an offer\n"
+        return HttpResponse(text.encode(), 422)
+    await peer.add_candidates(fragment.candidates)
+    return HttpResponse(status=204)
+
+
+def _identifier(request: HttpRequest) -> str:
+    return request.path.rpartition("/")[2]
+
+
+def _gone() -> HttpResponse:
+    return HttpResponse(b"there is no such peer, or it has ended: POST an offer\n", 404)
+
+
+def opened(
+    path: str, request: HttpRequest, identifier: str, answer: str, servers: tuple[IceServer, ...]
+) -> HttpResponse:
+    """The answer to an offer that has made a peer."""
+    headers = {"Location": f"{request.prefix}{path}/{identifier}", "Cache-Control": "no-store"}
+    if servers:
+        headers["Link"] = ", ".join(server.link for server in servers)
+    return HttpResponse(answer.encode(), 201, SDP, headers)
+
+
+async def answering(
+    request: HttpRequest, wanted: str, handler: Callable[[HttpRequest], Awaitable[HttpResponse]]
+) -> HttpResponse:
+    """What `handler` answers, or why it cannot."""
+    given = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if given != wanted:
+        text = f"the body is {given or 'of no type'}, where {wanted} is wanted\n"
+        return HttpResponse(text.encode(), 415, headers={"Accept-Post": wanted})
+    try:
+        return await handler(request)
+    except Refused as refused:
+        return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
+    except BadDescription as error:
+        return HttpResponse(f"{error}\n".encode(), 400)
