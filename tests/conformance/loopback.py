@@ -7,19 +7,26 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from rosbridge_conformance.wire.data_channels import DataChannels
 from rosbridge_conformance.wire.dialing import dialer
 from rosbridge_conformance.wire.wires import Dial, StreamWire, Wire
 from rwt_protocol.transport import Accept
 from rwt_transports.drivers.standard_streams import StandardStreamsDriver
-from rwt_transports.limits import Limits
+from rwt_transports.http import HttpRequest, HttpResponse, Route, Routes, Work
+from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
+from rwt_transports.webrtc.ice import IceServer
+from rwt_transports.webrtc.peer import PeerTerms
+from rwt_transports.webrtc.signalling import PeerBounds, data_routes, open_peers
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
-Transport = Literal["ws", "tcp", "unix", "stdio"]
+Transport = Literal["ws", "tcp", "unix", "stdio", "webrtc"]
 
 _LIMITS = Limits(message_bytes=64 * 1024 * 1024)
 
@@ -32,9 +39,50 @@ async def served(accept: Accept, transport: Transport, folder: Path) -> AsyncIte
         yield "stdio:", pipes.dial
         await pipes.close()
         return
+    if transport == "webrtc":
+        async with _peers(accept) as url:
+            channels = DataChannels(url)
+            yield url, channels.dial
+            await channels.close()
+        return
     url = f"unix://{folder}/rwt" if transport == "unix" else f"{transport}://127.0.0.1:0"
     async with listen(url, accept, limits=_LIMITS) as listener:
         yield listener.url, dialer(listener.url)
+
+
+@asynccontextmanager
+async def _peers(accept: Accept) -> AsyncIterator[str]:
+    """Serve over WebRTC until the block is left; the URL where offers are taken."""
+
+    async def no_servers() -> tuple[IceServer, ...]:
+        return ()
+
+    # One peer has a channel for each connection of a case, and those of a case before may be closing.
+    terms = PeerTerms(_LIMITS, ReceiveBufferPool(), AddressCount(), channels=1000)
+    async with open_peers(terms, PeerBounds(), no_servers) as peers:
+        routes = Routes()
+        for route in data_routes(peers, accept):
+            routes.add(route.path, partial(_as_anybody, route), route.method)
+        async with listen("ws://127.0.0.1:0", accept, routes=routes, limits=_LIMITS) as listener:
+            yield listener.url.replace("ws://", "webrtc+http://")
+
+
+def _as_anybody(route: Route, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+    return route.page(request, NOBODY)
+
+
+class _Nobody:
+    """A reader of whom nothing is asked; satisfies :class:`rwt_transports.http.Reader`."""
+
+    @property
+    def work(self) -> Work:
+        raise NotImplementedError
+
+    def may_subscribe(self, topic: str) -> bool:
+        raise NotImplementedError
+
+
+NOBODY = _Nobody()
 
 
 class Pipes:

@@ -118,12 +118,17 @@ def test_every_case_between_two_servers_of_one_graph() -> None:
 
 async def _over(transport: Transport, distro: str, folder: Path) -> Run:
     target = find_target(f"rwt-{distro}")
+    cases = select(load_cases(), target)
+    if transport == "webrtc":
+        # SCTP sends no more than is acknowledged: a thousand messages take many turns of the event loop, in
+        # each of which the simulated time goes on. `tests.conformance.transports` plays it in real time.
+        cases = tuple(case for case in cases if case.id != "throttle/queue-thousand")
     async with memory_server(distro) as server, served(server.accept, transport, folder) as (url, dial):
-        return await server.play(select(load_cases(), target), target, url, dial)
+        return await server.play(cases, target, url, dial)
 
 
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize("transport", ["ws", "tcp", "unix", "stdio"])
+@pytest.mark.parametrize("transport", ["ws", "tcp", "unix", "stdio", "webrtc"])
 @pytest.mark.parametrize("distro", ["jazzy", "noetic"])
 def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_path: Path) -> None:
     run = asyncio.run(_over(transport, distro, tmp_path))

@@ -17,6 +17,9 @@ SERVE = (sys.executable, "-m", "rwt_cli", "serve")
 PIPES = f"stdio:{sys.executable} -m rwt_cli serve stdio: unix://{SOCKET}"
 """A server of its own for each case: one client on its pipes, the others on a socket."""
 
+WEBRTC = ("--set", "webrtc.enabled=true", "--set", "webrtc.channels=200")
+"""All connections of a run are channels of one peer."""
+
 
 @contextmanager
 def server(url: str, *arguments: str) -> Iterator[str]:
@@ -39,6 +42,8 @@ def _runs(folder: Path) -> Iterator[int]:
         for url in ("ws://127.0.0.1:0", "tcp://127.0.0.1:0", f"unix://{folder}/{distro}"):
             with server(url, "--distro", distro) as address:
                 yield main([address, "--target", f"rwt-{distro}"])
+        with server("ws://127.0.0.1:0", "--distro", distro, *WEBRTC) as address:
+            yield main([address.replace("ws://", "webrtc+http://"), "--target", f"rwt-{distro}"])
         yield main([f"{PIPES} --distro {distro}", "--target", f"rwt-{distro}", "--jobs", "2"])
 
 

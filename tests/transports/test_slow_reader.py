@@ -10,8 +10,8 @@ from anyio.abc import ByteStream
 from rwt_protocol.transport import Endpoint, Flow, Frame, PeerInfo, Sink
 from rwt_transports import Limits, listen
 from rwt_transports.drivers.sockets import UNSENT_BYTES
-from rwt_transports.listener import OpenListener
 from rwt_transports.limits import READY_BYTES
+from rwt_transports.listener import OpenListener
 from rwt_transports.outbox import SLICE_BYTES
 
 pytestmark = [pytest.mark.anyio, pytest.mark.parametrize("anyio_backend", ["asyncio", "trio"])]

@@ -9,6 +9,8 @@ from urllib.parse import urlsplit
 from rosbridge_conformance.wire.pipes import Programs
 from rosbridge_conformance.wire.wires import Dial, StreamWire, WebSocketWire
 
+_WITH_HOST = ("ws", "wss", "webrtc+http", "webrtc+https")
+
 
 class BadAddress(Exception):
     """The URL of the server cannot be read."""
@@ -18,12 +20,12 @@ def dialer(url: str) -> Dial:
     """What connects to a server.
 
     Raises:
-        BadAddress: the URL has another scheme than ws, wss, tcp, unix or stdio, or lacks what
-            its scheme needs.
+        BadAddress: the URL has another scheme than ws, wss, tcp, unix, stdio, webrtc+http or webrtc+https,
+            or lacks what its scheme needs.
     """
     parts = urlsplit(url)
     try:
-        wanting = (parts.scheme in ("ws", "wss") and parts.hostname is None) or parts.port == 0
+        wanting = (parts.scheme in _WITH_HOST and parts.hostname is None) or parts.port == 0
     except ValueError:
         wanting = True
     if wanting:
@@ -43,4 +45,14 @@ def dialer(url: str) -> Dial:
             if not command.strip():
                 raise BadAddress(f"{url}: expected stdio:COMMAND")
             return Programs(shlex.split(command)).dial
-    raise BadAddress(f"{url}: expected ws://, wss://, tcp://, unix:// or stdio:COMMAND")
+        case "webrtc+http" | "webrtc+https":
+            return _data_channels(url)
+    raise BadAddress(f"{url}: expected ws://, wss://, tcp://, unix://, stdio:COMMAND or webrtc+http://")
+
+
+def _data_channels(url: str) -> Dial:
+    try:
+        from rosbridge_conformance.wire.data_channels import DataChannels  # An extra that few need.
+    except ImportError as missing:
+        raise BadAddress(f"{url}: WebRTC needs aiortc: pip install aiortc ({missing})") from missing
+    return DataChannels(url).dial

@@ -305,7 +305,9 @@ class Association(RTCSctpTransport):
         if self._bundle is None:
             await super()._send_chunk(chunk)
             return
-        size = _DATA_HEADER_BYTES + len(chunk.user_data) + 3 if isinstance(chunk, DataChunk) else _PACKET_BYTES
+        size = (
+            _DATA_HEADER_BYTES + len(chunk.user_data) + 3 if isinstance(chunk, DataChunk) else _PACKET_BYTES
+        )
         if self._bundle and self._bundle_size + size > _PACKET_BYTES:
             full, self._bundle = self._bundle, []
             await super()._send_chunk(_Bundle(full))

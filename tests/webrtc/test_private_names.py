@@ -1,0 +1,99 @@
+"""The names of aiortc and aioice that are used here though they begin with an underscore, or could change
+without a word: where a release has others, this fails before anything behaves strangely."""
+
+from __future__ import annotations
+
+import inspect
+
+import pytest
+from aioice import Connection
+from aiortc import RTCIceGatherer, RTCPeerConnection
+from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, SackChunk
+
+from rwt_transports.webrtc.association import Association
+from rwt_transports.webrtc.reassembly import Reassembly
+
+ASYNC = (
+    "_handle_data", "_receive", "_receive_data_chunk", "_receive_sack_chunk", "_data_channel_flush",
+    "_data_channel_receive", "_transmit", "_send", "_send_chunk", "_send_sack", "stop",
+)  # fmt: skip
+"""Coroutines of the association that are called or replaced."""
+
+
+@pytest.fixture
+def anyio_backend() -> str:
+    return "asyncio"
+
+
+@pytest.mark.parametrize("name", ASYNC)
+def test_coroutines_of_the_association(name: str) -> None:
+    assert inspect.iscoroutinefunction(getattr(RTCSctpTransport, name))
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("_handle_data", ["self", "data"]),
+        ("_receive", ["self", "stream_id", "pp_id", "data"]),
+        ("_receive_data_chunk", ["self", "chunk"]),
+        ("_receive_sack_chunk", ["self", "chunk"]),
+        ("_get_inbound_stream", ["self", "stream_id"]),
+        ("_update_rto", ["self", "R"]),
+        ("_send_chunk", ["self", "chunk"]),
+        (
+            "_send",
+            ["self", "stream_id", "pp_id", "user_data", "expiry", "max_retransmits", "ordered"],
+        ),
+    ],
+)
+def test_parameters_of_the_association(name: str, parameters: list[str]) -> None:
+    assert list(inspect.signature(getattr(RTCSctpTransport, name)).parameters) == parameters
+
+
+def test_what_is_asked_of_a_stream() -> None:
+    for name in ("add_chunk", "pop_messages", "prune_chunks"):
+        ours, theirs = getattr(Reassembly, name), getattr(InboundStream, name)
+        assert inspect.signature(ours).parameters.keys() == inspect.signature(theirs).parameters.keys()
+    assert InboundStream().sequence_number == 0
+    asked = {name for name in vars(InboundStream()) if f".{name}" in inspect.getsource(RTCSctpTransport)}
+    assert asked <= {"sequence_number"}
+
+
+def test_what_is_read_of_chunks() -> None:
+    chunk = DataChunk()
+    for name in ("flags", "tsn", "stream_id", "stream_seq", "protocol", "user_data"):
+        assert hasattr(chunk, name)
+    assert SackChunk().advertised_rwnd == 0
+
+
+@pytest.mark.anyio
+async def test_values_of_an_association() -> None:
+    peer = RTCPeerConnection()
+    peer.createDataChannel("x")
+    sctp = peer.sctp
+    assert sctp is not None
+    for name in (
+        "_association_state", "_advertised_rwnd", "_cwnd", "_flight_size", "_outbound_queue",
+        "_data_channel_queue", "_data_channels", "_inbound_streams", "_inbound_streams_max",
+        "_outbound_streams_count", "_last_received_tsn", "_rto", "_srtt", "_rttvar", "_sack_needed",
+        "_sack_misordered",
+    ):  # fmt: skip
+        assert hasattr(sctp, name), name
+    assert sctp.State.ESTABLISHED
+    # What this package adds to the object must not be something that is there.
+    added = {name for name in vars(Association) if not name.startswith("__")} - set(vars(RTCSctpTransport))
+    assert not added & set(vars(sctp))
+    await peer.close()
+
+
+@pytest.mark.anyio
+async def test_values_of_ice() -> None:
+    connection = RTCIceGatherer()._connection
+    assert isinstance(connection, Connection)
+    assert inspect.iscoroutinefunction(Connection.query_consent)
+    assert "self.query_consent()" in inspect.getsource(Connection.connect)
+    gather = Connection.get_component_candidates
+    assert list(inspect.signature(gather).parameters) == ["self", "component", "addresses", "timeout"]
+    assert "self.get_component_candidates(component=" in inspect.getsource(Connection.gather_candidates)
+    for name in ("_nominated", "_query_consent_task", "remote_password"):
+        assert hasattr(connection, name)
