@@ -76,7 +76,7 @@ lowest: $(STAMP)
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
 	$(BIN)/python -m uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
-		--editable '.[bson,fast,mcap,trio,video,zenoh]' --editable ./conformance --group lowest
+		--editable '.[bson,fast,mcap,trio,video,webrtc,zenoh]' --editable ./conformance --group lowest
 	$(LOWEST)/bin/python -m pytest -q tests/access tests/bridge tests/graph tests/tf2 tests/protocol tests/interfaces \
 		tests/transports
 

@@ -13,6 +13,8 @@ import bson
 
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
+from rwt_protocol.transport import Frame
+from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES
 from tests.fuzz.admission_targets import TOKEN
 from tests.fuzz.interface_targets import TYPES
 from tests.protocol.wire_examples import EXAMPLES
@@ -20,6 +22,7 @@ from tests.transports.rfc6455 import compression
 from tests.transports.rfc6455.chapters import CHAPTERS
 from tests.transports.rfc6455.frames import text
 from tests.transports.rfc6455.handshake import HANDSHAKES
+from tests.webrtc.test_sdp import CANDIDATE, CHROMIUM
 
 _LARGEST = 300
 """Small inputs change fast."""
@@ -50,11 +53,32 @@ def seeds(name: str) -> Iterator[bytes]:
         "websocket": _websockets,
         "json_stream": _streams,
         "http": _requests,
+        "description": _descriptions,
+        "whole_messages": _whole_messages,
+        "fragments": _fragments,
         "definition": _definitions,
         "names": _names,
         "admission": _admissions,
         "settings": _settings,
     }[name]()
+
+
+def _descriptions() -> Iterator[bytes]:
+    yield CHROMIUM.encode()
+    yield b"a=ice-ufrag:abcd\r\na=mid:0\r\n" + CANDIDATE.encode()
+
+
+def _whole_messages() -> Iterator[bytes]:
+    frames = (Frame(b'{"op":"x"}'), Frame(b"\x00\xff", binary=True), Frame(b""))
+    yield b"\x00" + b"".join(map(WHOLE_MESSAGES.whole, frames))
+    yield b"\x03" + HEADER.pack(False, 5000) + b"x" * 1024 + WHOLE_MESSAGES.whole(frames[0])
+
+
+def _fragments() -> Iterator[bytes]:
+    # Number, flags, sequence and size of each: a message in three of which the second comes last, an
+    # unordered one, one that is too large, and a gap that is given up.
+    yield bytes((1, 2, 0, 9, 3, 1, 0, 9, 4, 7, 0, 5, 2, 0, 0, 9))
+    yield bytes((1, 2, 0, 200, 2, 0, 0, 200, 3, 1, 0, 200, 5, 3, 2, 1, 5, 0x80, 0, 0))
 
 
 def _messages() -> Iterator[bytes]:

@@ -13,12 +13,16 @@ from rwt_transports.api import Wire, WireEvents
 from rwt_transports.connection import ListenerState
 from rwt_transports.http import HttpRequest, HttpResponse
 from rwt_transports.http_connection import HttpConnection
+from rwt_transports.webrtc.reassembly import Reassembly
+from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
 from rwt_transports.websocket.deflate import DeflateWire
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import WebSocketWire, websocket_server
 from rwt_transports.wires.json_stream import PLAIN, JsonStreamWire
+from rwt_transports.wires.whole_messages import WHOLE_MESSAGES, MessageWire
 from tests.memory_pipe import MemoryPipe
 from tests.transports.rfc6455.frames import BINARY, frame
+from tests.webrtc.chunks import Chunk
 
 LARGEST = 2_000
 """Largest message, so that small inputs reach what happens beyond it."""
@@ -190,3 +194,48 @@ def http(data: bytes) -> None:
     assert received <= 40 * len(data) + 2_000, "more answers than questions"
     pipe.cut()
     assert not state.connections
+
+
+def description(data: bytes) -> None:
+    """What a peer of WebRTC describes itself by, and its further candidates."""
+    for read in (read_description, read_fragment):
+        try:
+            read(data)
+        except BadDescription as error:
+            assert str(error).isprintable()
+
+
+def whole_messages(data: bytes) -> None:
+    """Messages between a data channel and its connection, cut anywhere."""
+    if data:
+        for skip in (False, True):
+            heard = _compare(_message_wire, skip, data[1:], data[0] or 256)
+            assert skip or not heard.heads
+
+
+def _message_wire(events: WireEvents) -> Wire:
+    return MessageWire(events, LARGEST, WHOLE_MESSAGES)
+
+
+def fragments(data: bytes) -> None:
+    """Fragments of SCTP in any order, with what their sender gives up: all that is held is given back."""
+    held = 0
+
+    def hold(change: int) -> None:
+        nonlocal held
+        held += change
+        assert 0 <= held <= 300 * len(data) + 300
+
+    stream = Reassembly(0, 100, hold)
+    seen = set()
+    for at in range(0, len(data) - 3, 4):
+        tsn, flags, sequence, size = data[at : at + 4]
+        if flags & 0x80:
+            stream.prune_chunks(tsn)
+        elif tsn not in seen:
+            seen.add(tsn)
+            stream.add_chunk(Chunk(tsn, flags & 7, sequence, bytes(size)))
+        for _, _, message in stream.pop_messages():
+            assert len(message) <= 1024
+    stream.clear()
+    assert held == 0

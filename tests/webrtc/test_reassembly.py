@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from aiortc.rtcsctptransport import InboundStream
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_transports.api import HEAD_BYTES
 from rwt_transports.webrtc.reassembly import FIRST, LAST, UNORDERED, Reassembly, Truncated, is_later
+from tests.webrtc.chunks import Chunk
 
 TSNS = 2**32
-
-
-@dataclass
-class Chunk:
-    tsn: int
-    flags: int
-    stream_seq: int
-    user_data: bytes
-    stream_id: int = 7
-    protocol: int = 51
-
-    @property
-    def body(self) -> bytes:
-        return self.user_data
 
 
 class Held:

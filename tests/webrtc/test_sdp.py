@@ -10,8 +10,8 @@ from rwt_transports.webrtc.sdp import (
     FRAGMENT_BYTES,
     OFFER_BYTES,
     BadDescription,
+    read_description,
     read_fragment,
-    read_offer,
     with_largest_message,
 )
 
@@ -42,7 +42,7 @@ CANDIDATE = "a=candidate:1 1 udp 1 192.0.2.1 9 typ host\n"
 
 
 def test_an_offer_of_a_browser() -> None:
-    offer = read_offer(CHROMIUM.replace("\n", "\r\n").encode(), 10)
+    offer = read_description(CHROMIUM.replace("\n", "\r\n").encode(), 10)
     assert offer.media == ("application",)
     assert offer.ufrag == "abcd"
     assert offer.candidates == 1
@@ -58,7 +58,7 @@ def test_an_offer_of_a_browser() -> None:
 def test_the_largest_message(said: str | None, largest: int) -> None:
     line = "a=max-message-size:262144\n"
     text = CHROMIUM.replace(line, "" if said is None else f"a=max-message-size:{said}\n")
-    assert read_offer(text.encode(), 10).largest == largest
+    assert read_description(text.encode(), 10).largest == largest
 
 
 @pytest.mark.parametrize(
@@ -81,12 +81,12 @@ def test_the_largest_message(said: str | None, largest: int) -> None:
 )
 def test_offers_that_cannot_be_used(text: str, why: str) -> None:
     with pytest.raises(BadDescription, match=why):
-        read_offer(text.encode(), 10)
+        read_description(text.encode(), 10)
 
 
 def test_an_offer_that_is_no_text() -> None:
     with pytest.raises(BadDescription, match="not UTF-8"):
-        read_offer(b"v=0\n\xff", 10)
+        read_description(b"v=0\n\xff", 10)
 
 
 def test_further_candidates() -> None:
@@ -132,7 +132,7 @@ def test_no_bytes_raise_anything_else(noise: bytes, line: int, at: int) -> None:
     lines = CHROMIUM.encode().split(b"\n")
     spoiled = b"\n".join([*lines[:line], noise, *lines[line:]])
     for body in (noise, spoiled, CHROMIUM.encode()[:at] + noise):
-        for read in (lambda: read_offer(body, 10), lambda: read_fragment(body)):  # noqa: B023 - called at once
+        for read in (lambda: read_description(body, 10), lambda: read_fragment(body)):  # noqa: B023 - called at once
             try:
                 read()
             except BadDescription as error:

@@ -15,7 +15,7 @@ from rwt_transports.errors import ConnectError, Refused
 from rwt_transports.http import is_local
 from rwt_transports.limits import AddressCount
 from rwt_transports.webrtc.peer import Peer, PeerTerms
-from rwt_transports.webrtc.sdp import OFFER_BYTES, BadDescription, read_offer
+from rwt_transports.webrtc.sdp import CANDIDATES, OFFER_BYTES, BadDescription, read_description
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 if TYPE_CHECKING:
@@ -49,7 +49,9 @@ class DataChannelConnector:
         opened: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         # Attached within the callback that reports the channel: no message can come before.
         peer = Peer(
-            PeerTerms(limits, ReceiveBufferPool(2 * limits.message_bytes), AddressCount(), candidates=256),
+            PeerTerms(
+                limits, ReceiveBufferPool(2 * limits.message_bytes), AddressCount(), candidates=CANDIDATES
+            ),
             (),
             _refuse,
             address.host,
@@ -69,7 +71,7 @@ class DataChannelConnector:
         offer = await peer.describe()
         answer = await anyio.to_thread.run_sync(_post, address, offer.encode(), abandon_on_cancel=True)
         try:
-            await peer.take_description(read_offer(answer, 256), "answer")
+            await peer.take_description(read_description(answer), "answer")
         except BadDescription as error:
             raise ConnectError(f"{address} answers what cannot be used: {error}") from error
         await opened

@@ -18,7 +18,7 @@ from rwt_transports.limits import KIB, AddressCount, Limits
 from rwt_transports.webrtc.association import Association
 from rwt_transports.webrtc.channels import ChannelLink
 from rwt_transports.webrtc.ice import IceServer, configuration, describe, prepare
-from rwt_transports.webrtc.sdp import BadDescription, Offer, with_largest_message
+from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import whole_messages
@@ -108,19 +108,20 @@ class Peer:
 
     # -- descriptions --------------------------------------------------------------------------------------
 
-    async def take_description(self, offer: Offer, kind: str) -> None:
+    async def take_description(self, description: Description, kind: str) -> None:
         """Take the other side's description.
 
         Args:
-            offer: what was read of it.
+            description: what was read of it.
             kind: ``offer`` or ``answer``.
 
         Raises:
             BadDescription: it cannot be used.
         """
-        self.ufrag, self.largest, self._candidates = offer.ufrag, offer.largest, offer.candidates
+        self.ufrag, self.largest = description.ufrag, description.largest
+        self._candidates = description.candidates
         try:
-            await self.connection.setRemoteDescription(RTCSessionDescription(offer.text, kind))
+            await self.connection.setRemoteDescription(RTCSessionDescription(description.text, kind))
         except Exception as error:
             # aiortc raises whatever its reading comes across: AssertionError, KeyError, its own errors.
             raise BadDescription(

@@ -15,6 +15,8 @@ from rwt_transports.errors import TransportError
 
 OFFER_BYTES: Final = 64 * 1024
 """Largest offer that is looked at; a browser's with every codec it has takes 10 KiB."""
+CANDIDATES: Final = 256
+"""Addresses that a peer may have, where nothing says how many."""
 LINE_BYTES: Final = 4096
 FRAGMENT_BYTES: Final = 16 * 1024
 """Largest body of a PATCH with candidates."""
@@ -30,12 +32,12 @@ class BadDescription(TransportError):
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
-    """What is taken of an offer.
+class Description:
+    """What is taken of an offer or an answer.
 
     Attributes:
-        text: the offer without what is not used here: candidates that are no UDP or that only multicast could
-            resolve, and the end of candidates, after which aiortc would give up where none of them is left.
+        text: the description without what is not used here: candidates that are no UDP or that only multicast
+            could resolve, and the end of candidates, after which aiortc would give up where none is left.
         media: the kinds of its sections, in order.
         candidates: how many are left.
         ufrag: its ICE user name fragment.
@@ -49,7 +51,7 @@ class Offer:
     largest: int
 
 
-def read_offer(body: bytes, most_candidates: int) -> Offer:
+def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Description:
     """Read an offer, or an answer.
 
     Args:
@@ -85,7 +87,7 @@ def read_offer(body: bytes, most_candidates: int) -> Offer:
         raise BadDescription(f"{candidates} candidates; the limit is {most_candidates} (webrtc.candidates)")
     if not ufrag:
         raise BadDescription("the session description has no `a=ice-ufrag`")
-    return Offer("\r\n".join(kept) + "\r\n", tuple(media), candidates, ufrag, _largest_message(largest))
+    return Description("\r\n".join(kept) + "\r\n", tuple(media), candidates, ufrag, _largest_message(largest))
 
 
 def _lines(body: bytes) -> Iterator[str]:

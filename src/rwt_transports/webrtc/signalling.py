@@ -20,7 +20,7 @@ from rwt_transports.connection import TICK_SECONDS
 from rwt_transports.errors import Refused, TransportError
 from rwt_transports.http import Audience, HttpResponse, MetricFamily, Reader, Route, is_local
 from rwt_transports.webrtc.peer import Peer, PeerTerms
-from rwt_transports.webrtc.sdp import BadDescription, read_fragment, read_offer
+from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
 
 if TYPE_CHECKING:
     from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
@@ -185,7 +185,7 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
     """The routes of ``/webrtc``, by which data channels come to `accept` that counts for one listener."""
 
     async def offered(request: HttpRequest) -> HttpResponse:
-        offer = read_offer(request.body, peers.terms.candidates)
+        offer = read_description(request.body, peers.terms.candidates)
         if offer.media != ("application",):
             raise BadDescription(
                 f"sections {', '.join(offer.media) or 'none'} are offered, where /webrtc takes one of data "

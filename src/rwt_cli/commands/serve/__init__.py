@@ -60,6 +60,12 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         help="dial in at a hub, wss://HUB/robots/NAME, and serve the clients it passes on; may be given"
         " several times; without a URL to listen on, nothing else is served",
     )
+    parser.add_argument(
+        "--webrtc",
+        action="store_true",
+        default=None,
+        help="take clients over WebRTC data channels too, by offers to /webrtc (needs the extra webrtc)",
+    )
     _add_robot_options(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help="write all topics to an MCAP file")
     parser.add_argument(
@@ -201,6 +207,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "interfaces": tuple(arguments.interfaces or ()) or None,
         "packages": tuple(arguments.packages or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
+        "webrtc.enabled": arguments.webrtc,
         "graph": arguments.graph,
         "zenoh.listen": tuple(arguments.zenoh_listen or ()) or None,
         "zenoh.connect": tuple(arguments.zenoh_connect or ()) or None,
