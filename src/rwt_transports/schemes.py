@@ -41,7 +41,7 @@ def _data_channel() -> Connector:
         from rwt_transports.webrtc.connector import DataChannelConnector  # An extra that few need.
     except ImportError as missing:
         raise ConnectError(
-            f"webrtc+http:// and webrtc+https:// need aiortc: pip install robot-web-tools[webrtc] ({missing})"
+            f"webrtc+http:// and webrtc+https:// need aiortc: pip install aiortc ({missing})"
         ) from missing
     return DataChannelConnector()
 

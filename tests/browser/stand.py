@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rwt import Server
+from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Graph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
@@ -46,10 +47,16 @@ def files(folder: Path, prefix: str) -> Route:
 
 @asynccontextmanager
 async def stand(
-    distro: str, built: Path, *, robot: bool = True, http: Iterable[HttpExtension] = ()
+    distro: str, built: Path, *, robot: bool = True, http: Iterable[HttpExtension] = (), webrtc: bool = False
 ) -> AsyncIterator[Stand]:
     """Serve a graph, with the demo robot on request, and beside it pages for the browser."""
     folders = {"/lib/": NODE / "node_modules", "/built/": built, "/test/": HERE / "pages"}
     served = [HttpExtension(tuple(files(folder, path) for path, folder in folders.items())), *http]
-    async with Server("ws://127.0.0.1:0", registry=REGISTRIES[distro], http=served, demo=robot) as server:
+    async with Server(
+        "ws://127.0.0.1:0",
+        registry=REGISTRIES[distro],
+        http=served,
+        demo=robot,
+        webrtc=WebRtcSettings(enabled=webrtc),
+    ) as server:
         yield Stand(server.urls[0].replace("ws", "http", 1) + "/", server.graph, server.node("test"))
