@@ -244,12 +244,12 @@ class Peer:
             self._ending = asyncio.get_running_loop().create_task(self._end())
             self._on_closed(self)
 
-    async def close(self) -> None:
-        """Close its connections, then itself."""
+    async def close(self, code: int = GOING_AWAY, reason: str = "the server is going away") -> None:
+        """Close its connections, then itself. A channel that is closed is no error for the other side, where
+        one whose peer has ended is."""
         if not self.closed:
-            for state in self._states:
-                await state.end(GOING_AWAY, "the server is going away")
-            self.fail("closed by this side")
+            await asyncio.gather(*(state.end(code, reason) for state in self._states))
+            self.fail(reason)
         if self._ending is not None:
             await self._ending
 

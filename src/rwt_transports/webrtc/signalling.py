@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
@@ -148,8 +149,7 @@ class Peers:
     async def close(self) -> None:
         """Close every peer."""
         self._closing = True
-        for peer in tuple(self._peers.values()):
-            await peer.close()
+        await asyncio.gather(*(peer.close() for peer in tuple(self._peers.values())))
 
     def metrics(self) -> Iterable[MetricFamily]:
         """What there is to count."""
@@ -222,11 +222,11 @@ def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:
     def patch(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
         return answering(request, FRAGMENT, lambda request: _add_candidates(peers, request))
 
-    def delete(request: HttpRequest, reader: Reader) -> HttpResponse:
+    async def delete(request: HttpRequest, reader: Reader) -> HttpResponse:
         peer = peers.find(_identifier(request))
         if peer is None:
             return _gone()
-        peer.fail("the client has ended it")
+        await peer.close(1000, "the client has ended it")
         return HttpResponse(b"ended\n")
 
     return (
