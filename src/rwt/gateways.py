@@ -1,32 +1,76 @@
-"""The protocols that a server speaks beside rosbridge, and how their gateways are started."""
+"""The protocols that a server speaks beside rosbridge, and how their gateways are made."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+from rwt_transports.http import HttpResponse
+
+# What only some servers have is imported in the functions that make it.
 if TYPE_CHECKING:
+    from collections.abc import Awaitable
+
     from rwt.settings.models import GatewayName, Settings
     from rwt_access.access import Access
     from rwt_access.gateway import Gateway
+    from rwt_access.graph_view import GraphView
+    from rwt_foxglove.assets import Pages
     from rwt_graph.api import Graph
+    from rwt_transports.http import HttpExtension, HttpRequest
+
+_PACKAGES: Final = "/packages/"
+"""Below it nodes serve the files that robots' descriptions name."""
 
 
-def _http(graph: Graph, settings: Settings, access: Access) -> Gateway:
+def _foxglove(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
+    from rwt_foxglove.gateway import FoxgloveGateway
+    from rwt_foxglove.settings import Bounds
+
+    limits = settings.limits
+    bounds = Bounds(
+        limits.outgoing_message_bytes,
+        limits.structure_bytes,
+        limits.messages_per_second,
+        limits.messages_burst,
+        settings.default_call_service_timeout or None,
+    )
+    return FoxgloveGateway(
+        graph, access, settings.foxglove, bounds, settings.unregister_timeout, package_pages(http)
+    )
+
+
+def _http(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
     from rwt_http import HttpGateway
 
     offered = {"gateways": ["rosbridge", *settings.gateways], "nodes": list(settings.nodes)}
     return HttpGateway(graph, access, settings.api, settings.unregister_timeout, offered)
 
 
-GATEWAYS: Final[Mapping[GatewayName, Callable[[Graph, Settings, Access], Gateway]]] = MappingProxyType(
-    {"http": _http}
-)
-"""Every gateway that the setting `gateways` may name. A row imports its package when it is called, since not
-every server speaks it."""
+GATEWAYS: Final[
+    Mapping[GatewayName, Callable[[Graph, Settings, Access, Sequence[HttpExtension]], Gateway]]
+] = MappingProxyType({"foxglove": _foxglove, "http": _http})
+"""Every gateway that the setting `gateways` may name; each is also given what nodes bring to HTTP. A row
+imports its package when it is called, since not every server speaks it."""
 
 
-def start_gateways(graph: Graph, settings: Settings, access: Access) -> list[Gateway]:
-    """Make those that the settings name, in front of a graph that runs."""
-    return [GATEWAYS[name](graph, settings, access) for name in settings.gateways]
+def package_pages(http: Sequence[HttpExtension]) -> Pages | None:
+    """What answers for the files of packages, of what nodes bring to HTTP; None where no node has any."""
+    found = {
+        route.path: route.page
+        for extension in http
+        for route in extension.routes
+        if route.path.startswith(_PACKAGES) and route.path.endswith("/*") and route.method == "GET"
+    }
+    if not found:
+        return None
+
+    def answer(request: HttpRequest, view: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
+        fitting = [path for path in found if request.path.startswith(path[:-1])]
+        if not fitting:
+            known = " ".join(sorted(found))
+            return HttpResponse(f"{request.path} is below none of {known}\n".encode(), 404)
+        return found[max(fitting, key=len)](request, view)
+
+    return answer

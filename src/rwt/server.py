@@ -7,7 +7,7 @@ import ipaddress
 import logging
 import socket
 import sys
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextlib import AsyncExitStack, ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -18,7 +18,7 @@ import anyio
 
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
 from rwt.doors import Doors
-from rwt.gateways import start_gateways
+from rwt.gateways import GATEWAYS
 from rwt.graphs import check_graph, make_graph
 from rwt.nodes import (
     ReadyNode,
@@ -116,7 +116,7 @@ class Server:
         extra_nodes: each is called with the graph when it runs, before anybody can connect, and makes a node
             that is closed with the server; what the node brings to HTTP is its attribute `http`.
         gateways: each is called with the graph when it runs, and with the rules of who may do what, and makes
-            a gateway for another protocol on the same port.
+            a gateway for another protocol on the same port, beside those of the setting `gateways`.
         http: further pages, sections of the index page, and metrics.
         script: a ``.toml`` or ``.py`` file that says what a robot for tests does.
         record: an MCAP file to which all topics are written.
@@ -366,12 +366,7 @@ class Server:
         stack.callback(access.close)
         bridge = Bridge(graph, settings, access)
         stack.callback(bridge.close)
-        gateways = [
-            *start_gateways(graph, settings, access),
-            *(make(graph, access) for make in self._gateways),
-        ]
-        for gateway in gateways:
-            stack.callback(gateway.close)
+        gateways = self._start_gateways(access, http, stack)
         extensions: list[HttpExtension[GraphView]] = [*http, *(gateway.http for gateway in gateways)]
         metrics = ServerMetrics(bridge, extensions)
         stack.callback(metrics.close)
@@ -394,6 +389,18 @@ class Server:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
         self._warn_of_strangers(access, listeners)
         return _Running(bridge, tuple(gateways), metrics, tuple(listeners), tls, stack.pop_all())
+
+    def _start_gateways(
+        self, access: Access, http: Sequence[HttpExtension], stack: AsyncExitStack
+    ) -> list[Gateway]:
+        """Start the gateways of the settings, and those of the program; `stack` closes them."""
+        graph, settings = self.graph, self.settings
+        made = [partial(GATEWAYS[name], graph, settings, access, http) for name in settings.gateways]
+        gateways: list[Gateway] = []
+        for make in (*made, *(partial(make, graph, access) for make in self._gateways)):
+            gateways.append(gateway := make())
+            stack.callback(gateway.close)
+        return gateways
 
     def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
         """Say that other machines reach a server which lets everybody do everything."""

@@ -39,6 +39,7 @@ class DropNotices:
         clock: the graph's.
         notify: tells the client.
         log: writes a line of the log.
+        describe: what is said of samples that were lost, by the reason and how many they are.
     """
 
     def __init__(
@@ -49,7 +50,9 @@ class DropNotices:
         clock: Clock,
         notify: Callable[[str], None],
         log: Callable[[str], None],
+        describe: Callable[[DropReason, int], str] | None = None,
     ) -> None:
+        self._describe = describe or _described
         self._topic = topic
         self._counts = counts
         self._counters = counters
@@ -103,8 +106,11 @@ class DropNotices:
         if what == "deadline":
             return f"the deadline was missed {_times(self._deadlines)}"
         reason = DropReason(what)
-        count = self._total[reason]
-        return f"{count} message{'s' if count > 1 else ''} dropped since the subscription: {_BECAUSE[reason]}"
+        return self._describe(reason, self._total[reason])
+
+
+def _described(reason: DropReason, count: int) -> str:
+    return f"{count} message{'s' if count > 1 else ''} dropped since the subscription: {_BECAUSE[reason]}"
 
 
 def _times(count: int) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt_graph.errors import TypeConflict
 from rwt_protocol.transport import Burst, Frame
@@ -14,8 +14,35 @@ if TYPE_CHECKING:
     from rwt_delivery.throttle import Gate
     from rwt_graph.api import Participant, Sample, Subscription
     from rwt_graph.clock import Clock
+    from rwt_interfaces.payload import Form
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.codecs import Encoding, Form, PublishEncoder
+    from rwt_protocol.payloads import Sample as ProtocolSample
+
+
+Encode = Callable[["ProtocolSample"], Frame]
+"""From a sample of one topic to its frame. One that takes long has a method ``steps(sample)``, too, after
+which the call is quick."""
+
+
+class SampleEncoding(Protocol):
+    """How a gateway's clients get samples.
+
+    Attributes:
+        name: of the encoding.
+        form: what of a message its frames are made of.
+    """
+
+    @property
+    def name(self) -> str:
+        """See above."""
+
+    @property
+    def form(self) -> Form:
+        """See above."""
+
+    @property
+    def publish_encoder(self) -> Callable[[str], Encode]:
+        """From how a client calls the topic to an encoder for its samples."""
 
 
 SHARE: Final = 0.0015
@@ -47,7 +74,8 @@ class _Encoded:
 class EncodedStream:
     """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
 
-    A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels.
+    A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels. In a
+    protocol where clients number their subscriptions, that number is what they call the topic.
 
     Attributes:
         counts: what went through, together with the topic's other channels of this encoding; up to date
@@ -58,7 +86,7 @@ class EncodedStream:
 
     def __init__(
         self,
-        encode: PublishEncoder,
+        encode: Encode,
         counts: EncodingCounts,
         monotonic: Callable[[], float],
         form: Form = "json",
@@ -242,7 +270,7 @@ class Fanout:
         self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
         old.close()
 
-    def join(self, gate: Gate, name: str, encoding: Encoding) -> EncodedStream:
+    def join(self, gate: Gate, name: str, encoding: SampleEncoding) -> EncodedStream:
         """Add a gate to the channel of that spelling and encoding."""
         self._catch_up()  # What it missed is replayed to it.
         key = (name, encoding.name)
@@ -258,7 +286,7 @@ class Fanout:
         channel.add(gate)
         return channel
 
-    def leave(self, gate: Gate, name: str, encoding: Encoding) -> None:
+    def leave(self, gate: Gate, name: str, encoding: SampleEncoding) -> None:
         """Take a gate out of its channel."""
         key = (name, encoding.name)
         channel = self._channels[key]

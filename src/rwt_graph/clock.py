@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from heapq import heapify, heappop, heappush
-from typing import Final
+from typing import Final, Protocol
 
 import anyio
 
@@ -103,8 +103,48 @@ def _bounded(seconds: float) -> float:
     return min(max(0.0, seconds), LONGEST_DELAY)
 
 
+class Playback(Protocol):
+    """A recording that a clock follows: what it does now. It is controlled by the services of its node."""
+
+    @property
+    def node(self) -> str:
+        """The node that plays it, absolute."""
+
+    @property
+    def start_ns(self) -> int:
+        """Where playing begins, nanoseconds since the epoch."""
+
+    @property
+    def end_ns(self) -> int:
+        """Where it ends."""
+
+    @property
+    def position_ns(self) -> int:
+        """Where it is now."""
+
+    @property
+    def paused(self) -> bool:
+        """Whether time stands still."""
+
+    @property
+    def rate(self) -> float:
+        """Recorded seconds in a second."""
+
+    @property
+    def seeks(self) -> int:
+        """How often it has jumped to another time."""
+
+
 class Clock(ABC):
-    """The time of a graph: ROS time, steady time and timers."""
+    """The time of a graph: ROS time, steady time and timers.
+
+    Attributes:
+        is_real: whether ROS time goes as the time of people does.
+        playback: the recording that ROS time is taken from; None where it is from none.
+    """
+
+    is_real: bool = True
+    playback: Playback | None = None
 
     @abstractmethod
     def time_ns(self) -> int:
@@ -201,6 +241,8 @@ class SimulatedClock(Clock):
     Attributes:
         listeners: called with the new ROS time after each move; the graph publishes `/clock` from one.
     """
+
+    is_real = False
 
     def __init__(self, start_ns: int = 0) -> None:
         self._steady_ns = 0

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_access.settings import MIB, Bytes, Count, PlainToken, Seconds, SecondsOrNone, Table, TlsSettings
 from rwt_bridge.settings import BridgeLimits, BridgeSettings
+from rwt_foxglove.settings import FoxgloveSettings
 from rwt_http.settings import HttpSettings
 
 
@@ -22,7 +23,7 @@ def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
 
 
 NodeName = Literal["rosapi", "tf2_web_republisher", "web_video_server"]
-GatewayName = Literal["http"]
+GatewayName = Literal["foxglove", "http"]
 
 
 class LimitSettings(BridgeLimits):
@@ -161,7 +162,7 @@ class Settings(BridgeSettings):
     gateways: Annotated[
         tuple[GatewayName, ...],
         Field(description="protocols that are spoken beside rosbridge, on the same port; `[]` for none"),
-    ] = ("http",)
+    ] = ("foxglove", "http")
     deflate: Annotated[
         Literal["off", "shared", "context"],
         Field(description="permessage-deflate for WebSocket clients that ask: `shared` or in `context`"),
@@ -176,6 +177,7 @@ class Settings(BridgeSettings):
     tls: TlsSettings = TlsSettings()
     dial: DialSettings = DialSettings()
     web: WebSettings = WebSettings()
+    foxglove: FoxgloveSettings = FoxgloveSettings()
     api: HttpSettings = HttpSettings()
     webrtc: WebRtcSettings = WebRtcSettings()
     graph: Annotated[

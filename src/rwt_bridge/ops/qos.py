@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from rwt_delivery.flow_rules import rules_as_published
 from rwt_interfaces.times import NANOSECONDS
 from rwt_program.qos import LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 from rwt_protocol.transport import AS_MANY_AS_FIT, FlowRules
@@ -79,7 +80,7 @@ def qos_request(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[End
     """
     each = [_rules(op) for op in subscriptions]
     said = [rules for rules in each if rules is not None]
-    rules = _together(said) if len(said) == len(each) else _as_published(publishers)
+    rules = _together(said) if len(said) == len(each) else rules_as_published(publishers)
     lifespans = [_seconds(op.qos.lifespan if op.qos else None) or 0.0 for op in subscriptions]
     deadlines = [_seconds(op.qos.deadline if op.qos else None) or 0.0 for op in subscriptions]
     return QosRequest(
@@ -119,19 +120,6 @@ def _together(rules: Sequence[FlowRules]) -> FlowRules:
     depths = [each.depth for each in rules]
     known = [depth for depth in depths if depth is not None]
     return FlowRules(max(known) if len(known) == len(depths) else None, any(each.keep_all for each in rules))
-
-
-def _as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
-    """Sensor streams, which may be lost anyway, keep their newest; everything else keeps what fits."""
-    offers = [each.qos for each in publishers]
-    lossy = [
-        qos
-        for qos in offers
-        if qos.reliability is Reliability.BEST_EFFORT and qos.history is History.KEEP_LAST
-    ]
-    if offers and len(lossy) == len(offers):
-        return FlowRules(max(1, *(qos.depth for qos in lossy)))
-    return AS_MANY_AS_FIT
 
 
 def _seconds(request: float | str | None) -> float | None:

@@ -10,6 +10,7 @@ from rwt_interfaces import Payload
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph, Participant
+    from rwt_graph.clock import Playback
     from rwt_program.timers import Timer
 
 
@@ -24,13 +25,17 @@ class PlaybackClock(SteadyClock):
         start_ns: the time before a player plays, nanoseconds since the epoch.
     """
 
+    is_real = False
+
     def __init__(self, start_ns: int = 0) -> None:
         super().__init__()
+        self.playback: Playback | None = None
         self._position: Callable[[], int] = lambda: start_ns
         self._held: int | None = None
 
-    def follow(self, position: Callable[[], int]) -> None:
-        """Take ROS time from `position` from now on."""
+    def follow(self, playback: Playback, position: Callable[[], int]) -> None:
+        """Take ROS time from `position` from now on, which is that of `playback`."""
+        self.playback = playback
         self._position = position
 
     def hold(self, time_ns: int | None) -> None:

@@ -99,9 +99,10 @@ class Player:
         self._timer: Timer | None = None
         self._paused = True
         self._rounds = 0  # how often the end was reached
+        self._seeks = 0
         self._place(self._begin)
         if isinstance(self._clock, PlaybackClock):
-            self._clock.follow(self._ros_time)
+            self._clock.follow(self, self._ros_time)
         self._closables: list[Callable[[], None]] = [PlayerServices(graph, self, NODE).close]
         if options.answer_services:
             services = RecordedServices(graph, recording, options.selection, NODE)
@@ -161,6 +162,16 @@ class Player:
     def rate(self) -> float:
         """Recorded seconds in a second."""
         return self._rate
+
+    @property
+    def seeks(self) -> int:
+        """How often it has jumped to another time, to the beginning of a further round too."""
+        return self._seeks
+
+    @property
+    def node(self) -> str:
+        """The node as which it publishes, and whose services control it."""
+        return NODE
 
     def _place(self, position_ns: int) -> None:
         """Set the position to `position_ns`."""
@@ -235,6 +246,7 @@ class Player:
         return True
 
     def _jump(self, time_ns: int) -> None:
+        self._seeks += 1
         self._next = None
         self._place(time_ns)
         self._keep_earlier(time_ns)

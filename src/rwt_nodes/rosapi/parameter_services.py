@@ -33,7 +33,7 @@ async def get_param(node: Node, request: Any) -> Answer:
         if default or not node.distro.rosapi_reports_failures:
             return {"value": _as_json(default), **_done(node)}
         return {"value": "null", "successful": False, "reason": str(error)}
-    return {"value": json.dumps(value), **_done(node)}
+    return {"value": json.dumps(value, default=list), **_done(node)}  # Octets are numbers.
 
 
 def _as_json(default: str) -> str:
