@@ -250,18 +250,19 @@ class ClientGraph(GraphView):
 
         Raises:
             NotAllowed: the role may not publish on the topic.
+            GateRefused: it would be latched, and a rule of the gate stops what moves by the topic.
             QuotaExceeded: the client advertises as much as it may.
             UnknownType: no such message is known.
             TypeConflict, IncompatiblePolicies: the topic has another type, or other policies.
         """
-        name = self._require_publish(topic)
+        name = self._require_publish(topic, qos)
         self._acquire(name, self.registry.message(type), mark, qos, lacks)
         return name
 
-    def _require_publish(self, topic: str) -> str:
+    def _require_publish(self, topic: str, qos: QoS | None) -> str:
         name = self.require("publish", topic)
         if self._gate is not None:
-            self._gate.reserve(name)
+            self._gate.check_publisher(name, qos)
         return name
 
     def unadvertise(self, topic: str, mark: Hashable = None) -> bool:
@@ -307,10 +308,10 @@ class ClientGraph(GraphView):
         Raises:
             NotAllowed: the role may not publish on the topic.
             UnknownTopicType: the topic has no type yet, and none is given.
-            GateRefused: rules of the gate know the topic with another type.
+            GateRefused: as :meth:`advertise`, or rules of the gate know the topic with another type.
             QuotaExceeded, UnknownType, TypeConflict: as :meth:`advertise`.
         """
-        name = self._require_publish(topic)
+        name = self._require_publish(topic, qos)
         marks = self._advertised.get(name)
         known = next(iter(marks)) if marks else _IMPLICIT if mark is None else mark
         shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)

@@ -75,6 +75,7 @@ class Bridge:
     def __init__(self, graph: Graph, settings: BridgeSettings, access: Access | None = None) -> None:
         self.settings = settings
         self.access = access or Access(graph, settings)
+        self._owns_access = access is None
         self.shared = SharedGraph(
             graph,
             GATEWAY_NODE,
@@ -165,6 +166,8 @@ class Bridge:
     def close(self) -> None:
         """Leave the graph."""
         self.shared.close()
+        if self._owns_access:
+            self.access.close()
 
     def _log_error(self, peer: Peer, op: ops.Op, error: Exception) -> None:
         self.access.audit.write(

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from rwt_access.gate.approvals import MOST_OF_CLIENT
+from rwt_access.gate.record import CALLER
 from tests.access.gated_robot import GatedRobot, call, drive
 from tests.bridge.recording_client import Client
 
@@ -254,3 +255,27 @@ def test_observing_asks_nobody() -> None:
     assert call(client, "/blink", data=True)["success"]
     assert drive(client, 0.3) == ""
     assert robot.gate.approvals.pending == ()
+
+
+def test_one_yes_is_for_all_parameters_of_a_call() -> None:
+    robot = AskedRobot()
+    robot.node.parameters.declare("speed_limit", 1.0)
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    value = {"type": 3, "double_value": 2.0}
+    parameters = [{"name": name, "value": value} for name in ("limit", "speed_limit")]
+    agent.say("call_service", service="/robot/set_parameters", args={"parameters": parameters})
+    (asked,) = robot.waiting()
+    assert asked.name == "/robot:limit, /robot:speed_limit"
+    assert _answer(supervisor, "1")["success"]
+    assert robot.node.parameters.get("limit") == robot.node.parameters.get("speed_limit") == 2.0
+
+
+def test_what_a_yes_sets_off_is_not_done_by_who_says_it() -> None:
+    robot = AskedRobot()
+    callers: list[object] = []
+    robot.graph.participant("/late").advertise_service(
+        "/blink", robot.graph.registry.service("std_srvs/SetBool"), lambda _: callers.append(CALLER.get())
+    )
+    _blink(robot.client("agent"))
+    assert _answer(robot.client("supervisor"), "1")["success"]
+    assert callers == [None]

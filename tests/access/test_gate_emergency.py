@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from rwt.observability.metrics import ServerMetrics
 from rwt_graph.api import GoalEvents
 from rwt_interfaces.payload import Payload
 from tests.access.gated_robot import CLIENT, GATE, GatedRobot, call, drive
@@ -175,3 +176,19 @@ def test_on_ros_1_a_goal_on_its_topic_is_a_goal(rule: Any) -> None:
     (said,) = (each for each in client.heard() if each["level"] == "error")
     assert "gate.rules.acts" in said["msg"]
     assert len(heard) <= 1
+
+
+def test_metrics_count_what_the_gate_does() -> None:
+    robot = GatedRobot(RULES)
+    client = robot.client()
+    call(client, "/gate/stop")
+    drive(client, 0.5)
+    metrics = ServerMetrics(robot.bridge)
+    lines = metrics.text().decode().splitlines()
+    metrics.close()
+    assert {
+        'rwt_gate_events_total{decision="refused"} 1',
+        'rwt_gate_events_total{decision="stop"} 1',
+        "rwt_gate_stopped 1",
+        "rwt_gate_audit_dropped_lines_total 0",
+    } <= set(lines)

@@ -239,3 +239,17 @@ def test_a_client_cannot_speak_for_the_gate() -> None:
     info = robot.graph.service("/gate/stop")
     assert info is not None
     assert info.node == GATE
+
+
+def test_a_topic_that_a_stop_is_for_is_not_latched_by_clients() -> None:
+    robot = GatedRobot({"drive": DRIVE})
+    client = robot.client()
+    for fields in ({"latch": True}, {"qos": {"durability": "transient_local"}}):
+        client.say("advertise", topic="/cmd_vel", type="geometry_msgs/Twist", **fields)
+        client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg={}, **fields)
+        refused = [each["msg"] for each in client.heard() if each["level"] == "error"]
+        assert len(refused) == 2
+        assert all("/cmd_vel may not be latched" in text for text in refused)
+    assert robot.take() == []
+    client.say("advertise", topic="/other", type="geometry_msgs/Twist", latch=True)
+    assert client.heard() == []

@@ -60,6 +60,7 @@ def seeds(name: str) -> Iterator[bytes]:
         "names": _names,
         "admission": _admissions,
         "settings": _settings,
+        "gate": _gates,
     }[name]()
 
 
@@ -217,3 +218,23 @@ def _settings() -> Iterator[bytes]:
     yield b'LIMITS__CONNECTIONS=20\nLISTEN=["ws://h:1"]\nORIGINS__ALLOW=*'
     yield b"AUTH__TOKENS__A__TOKEN=a-token-of-some-length\nAUTH__TOKENS__A__ROLE=viewer"
     yield b"LIMITS__PING_SECONDS=nan\nMAX_MESSAGE_SIZE=1\nNONSENSE=1\nLIMITS=3"
+
+
+def _gates() -> Iterator[bytes]:
+    for limits, name, *messages in (
+        (
+            {"linear.x": {"min": -1, "max": 1, "rate": 2, "beyond": "clamp"}, "angular.z": {"max": 3}},
+            "geometry_msgs/Twist",
+            {"linear": {"x": 9}}, {"linear": {"x": -9}}, {"angular": {"z": 4}}, {"linear": {"x": 0.1}},
+        ),
+        (
+            {"points[].velocities[]": {"min": -1, "rate": 1}, "header.frame_id": {"one_of": ["a", ""]}},
+            "trajectory_msgs/JointTrajectory",
+            {"points": [{"velocities": [0.05, 0.5]}]}, {"header": {"frame_id": "b"}}, {"points": []},
+        ),
+        ({"data": {"min": 1.5, "max": 2.5, "beyond": "clamp"}}, "std_msgs/Int32", {"data": 7}, {"data": -7}),
+        ({"data": {"min": 1.5, "max": 1.75, "beyond": "clamp"}}, "std_msgs/UInt8", {"data": 0}),
+        ({"data": {"min": 300, "beyond": "clamp"}}, "std_msgs/UInt8", {"data": 0}),
+        ({"linear.w": {"max": 1}}, "geometry_msgs/Twist", {}),
+    ):  # fmt: skip
+        yield "\n".join([json.dumps(limits), name, *map(json.dumps, messages)]).encode()

@@ -17,6 +17,7 @@ from rwt.observability.prometheus import PrometheusText
 
 if TYPE_CHECKING:
     from rwt.observability.prometheus import Kind
+    from rwt_access.gate.gate import Gate
     from rwt_access.graph_view import GraphView
     from rwt_access.quotas import WorkTotals
     from rwt_bridge.bridge import Bridge
@@ -59,6 +60,8 @@ class ServerMetrics:
         clients = [(peer, peer.sink.traffic) for peer in bridge.peers]
         _write_totals(page, bridge, clients)
         _write_work(page, bridge)
+        if bridge.access.gate is not None:
+            _write_gate(page, bridge.access.gate)
         _write_dials(page, self.dials)
         page.histogram(
             "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
@@ -131,6 +134,16 @@ def _write_work(page: PrometheusText, bridge: Bridge) -> None:
     page.single("rwt_work_waits_total", "counter", help_, work.waits)
     help_ = "Requests over HTTP that were refused, since their address was beyond its rate of work."
     page.single("rwt_work_refusals_total", "counter", help_, work.refused)
+
+
+def _write_gate(page: PrometheusText, gate: Gate) -> None:
+    page.family(
+        "rwt_gate_events_total", "counter", "What the gate has decided and noted, by what became of it.",
+        [({"decision": decision}, count) for decision, count in gate.recorder.counts.items()],
+    )  # fmt: skip
+    page.single("rwt_gate_stopped", "gauge", "1 while the emergency stop is on.", int(bool(gate.stopped_by)))
+    help_ = "Lines of the audit that were not written: its queue was full, or the disk."
+    page.single("rwt_gate_audit_dropped_lines_total", "counter", help_, gate.dropped_lines)
 
 
 def _write_dials(page: PrometheusText, dials: Iterable[RelayStatus]) -> None:

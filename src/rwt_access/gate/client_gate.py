@@ -15,6 +15,7 @@ from rwt_access.gate.rules import pattern
 from rwt_graph.api import ClientGoal, PendingCall
 from rwt_program.errors import CallFailed, GoalRejected, RobotError, ServiceFailed
 from rwt_program.goals import GoalStatus
+from rwt_program.qos import Durability
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import OnReply
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+    from rwt_program.qos import QoS
 
     Needed = list[tuple[GatedAct, str, Rule]]
 
@@ -238,14 +240,26 @@ class ClientGate:
 
     # Topics
 
-    def reserve(self, topic: str) -> None:
-        """Keep the gate's own topics from being published on.
+    def check_publisher(self, topic: str, qos: QoS | None) -> None:
+        """Look at a publisher before it is made.
+
+        Args:
+            topic: absolute name.
+            qos: its policies; None: those of the graph.
 
         Raises:
-            NotAllowed: it is one of them, or the stop, and the role may not stop the robot.
+            NotAllowed: the gate's own topic, or the stop, and the role may not stop the robot.
+            GateRefused: its last message would be heard again by whoever subscribes later, also when the
+                robot was told to stop meanwhile.
         """
         if not self._gate.rules.all:
             return
+        if qos is not None and qos.durability is not Durability.VOLATILE:
+            for rule in self._gate.rules.of("publish", topic):
+                if rule.settings.stop is not None:
+                    text = f"{topic} may not be latched: a stop would not end what who subscribes later hears"
+                    _refuse(self._gate, self._actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
+                    break
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
         roles = self._gate.settings.emergency.stop_roles

@@ -10,6 +10,7 @@ import msgspec
 
 from rwt_access.errors import GateRefused
 from rwt_interfaces import field_types
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -137,7 +138,11 @@ class FieldChecks:
             value = _applied(value, steps, "", change)
         if value is given:
             return payload, ""
-        return Payload.from_value(self._type, value), "; ".join(changes)
+        try:
+            return Payload.from_value(self._type, value), "; ".join(changes)
+        except InvalidMessage as error:
+            # The limit itself is beyond what the field holds.
+            raise GateRefused(str(error), f"{key}.fields") from None
 
     def _change(self, limit: FieldLimit, motion: Motion | None, now: float, changes: list[str]) -> Change:
         def text(value: object, where: str) -> object:
@@ -155,16 +160,16 @@ class FieldChecks:
             if limit.rate is not None and motion is not None:
                 slowest, fastest = motion.bounds(where, self._neutral_at(where), limit.rate, now)
                 low, high = max(low, min(slowest, high)), min(high, max(fastest, low))
-            if low <= value <= high:
-                taken: float = value
-            elif limit.beyond == "refuse" or math.isnan(value):
-                raise GateRefused(
-                    f"{where}: expected {_range(low, high)}, got {value:g}", f"{self._rule.key}.fields"
-                )
-            else:
-                taken = min(max(value, low), high)
+            taken: float = value
+            if not low <= value <= high:
+                within = min(max(value, low), high)
                 if isinstance(value, int):
-                    taken = math.ceil(taken) if taken == low else math.floor(taken)
+                    within = math.ceil(within) if value < low else math.floor(within)
+                if limit.beyond == "refuse" or not low <= within <= high:
+                    raise GateRefused(
+                        f"{where}: expected {_range(low, high)}, got {value:g}", f"{self._rule.key}.fields"
+                    )
+                taken = within
                 changes.append(f"{where}: {taken:g} in place of {value:g}")
             if limit.rate is not None and motion is not None:
                 motion.note(where, taken)

@@ -217,21 +217,28 @@ class Gate:
         Raises:
             GateRefused: a rule does not let it through; the text says which.
         """
-        needed: list[tuple[GatedAct, str, Rule]] = []
+        asked: dict[tuple[GatedAct, Rule], list[str]] = {}
         for number, (act, name) in enumerate(acts):
-            rules = [rule for rule in self.rules.of(act, name) if rule.holds_for(actor.role)]
-            for rule in rules:
+            for rule in self.rules.of(act, name):
+                if not rule.holds_for(actor.role):
+                    continue
                 self.require_moving(rule)
                 if number == 0:
                     payload = self._checked(actor, act, name, rule, type, payload)
-                if rule.settings.approval is None or self.approvals.take(actor, act, name, rule):
-                    continue
-                if self.is_observing:
-                    key = f"{rule.key}.approval"
-                    self.recorder.note("would refuse", act, name, actor, f"needs a person's yes ({key})", key)
-                else:
-                    needed.append((act, name, rule))
-        return payload, needed
+                if rule.settings.approval is not None:
+                    asked.setdefault((act, rule), []).append(name)
+        # One yes of a rule is for all parameters of a call.
+        needed = [
+            (act, ", ".join(names), rule)
+            for (act, rule), names in asked.items()
+            if not self.approvals.take(actor, act, ", ".join(names), rule)
+        ]
+        if not self.is_observing:
+            return payload, needed
+        for act, name, rule in needed:
+            key = f"{rule.key}.approval"
+            self.recorder.note("would refuse", act, name, actor, f"needs a person's yes ({key})", key)
+        return payload, []
 
     def require_moving(self, rule: Rule) -> None:
         """Refuse what the emergency stop forbids.

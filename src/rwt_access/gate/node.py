@@ -221,8 +221,11 @@ def _answering(
     """Answers calls by a handler; what the gate refuses is an answer too."""
 
     def on_call(call: ServiceCall) -> None:
+        actor = CALLER.get()
+        # What a yes sets off is not done by who says it.
+        CALLER.set(None)
         try:
-            answer = handler(CALLER.get(), _Request(call.request))
+            answer = handler(actor, _Request(call.request))
         except GateRefused as refused:
             answer = {"success": False, "message": str(refused)}
         call.reply(Payload.from_value(type.response, answer))
