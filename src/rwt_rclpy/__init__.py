@@ -1,0 +1,83 @@
+"""`rclpy` without ROS: nodes that were written for ROS 2 run on the graph of this project.
+
+>>> import rwt_rclpy
+>>> rwt_rclpy.install()
+'rwt_rclpy'
+>>> import rclpy
+>>> from std_msgs.msg import String
+
+Nothing is imported under ROS's names before :func:`install`, and nothing at all where ROS is installed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from os import PathLike
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph
+    from rwt_interfaces.registry import Registry
+
+__all__ = ["install", "installed", "uninstall", "use_graph"]
+
+Which = Literal["ros", "rwt_rclpy"]
+
+
+def install(interfaces: Iterable[str | PathLike[str]] = (), *, registry: Registry | None = None) -> Which:
+    """Let `import rclpy` and the packages of messages work in this process.
+
+    Where ROS is installed nothing is done, and its own rclpy runs.
+
+    Args:
+        interfaces: folders with packages of ``.msg``, ``.srv`` and ``.action`` files.
+        registry: the interfaces to know instead of the standard ones of jazzy.
+
+    Returns:
+        Which of both runs: ``ros`` or ``rwt_rclpy``.
+
+    Raises:
+        DefinitionError: a folder cannot be read, and where and why.
+        RuntimeError: modules of ROS were imported before by other means.
+    """
+    from rwt_rclpy import import_hook
+    from rwt_rclpy.messages import loaded
+
+    if import_hook.ros_is_installed():
+        return "ros"
+    present = sys.modules.get("rclpy")
+    if present is not None and present.__name__ != "rwt_rclpy.client_library":
+        raise RuntimeError(
+            f"another rclpy is imported already, {present!r}: install before it, or not at all"
+        )
+    loaded.load(interfaces, registry)
+    import_hook.install()
+    return "rwt_rclpy"
+
+
+def installed() -> Which | None:
+    """Which rclpy a program would import: ROS's, this one, or none."""
+    from rwt_rclpy import import_hook
+
+    if import_hook.ros_is_installed():
+        return "ros"
+    return "rwt_rclpy" if import_hook._finder in sys.meta_path else None
+
+
+def use_graph(graph: Graph | None) -> None:
+    """Let nodes that are made from now on join a graph that exists, a server's for example.
+
+    Args:
+        graph: the graph, running or not; None for one of the process itself again.
+    """
+    from rwt_rclpy.middleware.link import DOMAINS, Link
+
+    DOMAINS.use(None if graph is None else Link(graph))
+
+
+def uninstall() -> None:
+    """Undo :func:`install`; modules that were imported stay with who has them."""
+    from rwt_rclpy import import_hook
+
+    import_hook.uninstall()

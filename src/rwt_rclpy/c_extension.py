@@ -1,0 +1,27 @@
+"""`rclpy._rclpy_pybind11`: of rclpy's C extension, the exceptions and enums that programs import."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from rwt_rclpy.actions.server import GoalEvent as GoalEvent
+from rwt_rclpy.clocks.clock import ClockChange as ClockChange
+from rwt_rclpy.clocks.time import ClockType as ClockType
+from rwt_rclpy.endpoints.qos import QoSCompatibility as QoSCompatibility
+from rwt_rclpy.exceptions import InvalidHandle as InvalidHandle
+from rwt_rclpy.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
+from rwt_rclpy.exceptions import RCLError as RCLError
+from rwt_rclpy.exceptions import RCLInvalidROSArgsError as RCLInvalidROSArgsError
+from rwt_rclpy.exceptions import TimerCancelledError as TimerCancelledError
+from rwt_rclpy.exceptions import UnknownROSArgsError as UnknownROSArgsError
+from rwt_rclpy.exceptions import UnsupportedEventTypeError as UnsupportedEventTypeError
+
+#: What `rclpy.impl.implementation_singleton` calls the extension.
+rclpy_implementation = sys.modules[__name__]
+
+
+def __getattr__(name: str) -> Any:
+    raise AttributeError(
+        f"rclpy's C extension, and so its {name!r}, is not available without ROS; use rclpy's Python modules"
+    )

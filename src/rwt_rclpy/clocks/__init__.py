@@ -1,0 +1,1 @@
+"""What time it is, on which clock, and what waits for it."""

@@ -1,0 +1,319 @@
+"""`rclpy.clock`: clocks, what hears of their jumps, and sleeping by them."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
+
+from rwt_rclpy.clocks import timekeeper
+from rwt_rclpy.clocks.duration import Duration
+from rwt_rclpy.clocks.time import ClockType, Time
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.exceptions import NotInitializedException
+
+if TYPE_CHECKING:
+    from rwt_rclpy.execution.context import Context
+
+
+class ClockChange(IntEnum):
+    """What happened to the source of a clock's time."""
+
+    ROS_TIME_NO_CHANGE = 1
+    ROS_TIME_ACTIVATED = 2
+    ROS_TIME_DEACTIVATED = 3
+    SYSTEM_TIME_NO_CHANGE = 4
+
+
+class JumpThreshold:
+    """Which jumps are heard of.
+
+    Args:
+        min_forward: the least jump ahead, positive; None for none.
+        min_backward: the least jump back, negative; None for none.
+        on_clock_change: whether to hear of ROS time's being activated or deactivated.
+
+    Raises:
+        ValueError: a sign is wrong, or nothing would be heard of.
+    """
+
+    def __init__(
+        self, *, min_forward: Duration | None, min_backward: Duration | None, on_clock_change: bool = True
+    ) -> None:
+        if min_forward is not None and min_forward.nanoseconds <= 0:
+            raise ValueError("min_forward must be a positive non-zero duration")
+        if min_backward is not None and min_backward.nanoseconds >= 0:
+            raise ValueError("min_backward must be a negative non-zero duration")
+        if min_forward is None and min_backward is None and not on_clock_change:
+            raise ValueError("At least one jump threshold must be enabled")
+        self.min_forward = min_forward
+        self.min_backward = min_backward
+        self.on_clock_change = on_clock_change
+
+
+class TimeJump:
+    """One jump, as a callback is told of it."""
+
+    def __init__(self, clock_change: ClockChange, delta: Duration) -> None:
+        if not isinstance(clock_change, ClockChange):
+            raise TypeError("clock_change must be an instance of rclpy.clock.ClockChange")
+        self._clock_change = clock_change
+        self._delta = delta
+
+    @property
+    def clock_change(self) -> ClockChange:
+        """What happened to the source."""
+        return self._clock_change
+
+    @property
+    def delta(self) -> Duration:
+        """How far the time jumped."""
+        return self._delta
+
+
+PreCallback: TypeAlias = Callable[[], object]
+PostCallback: TypeAlias = Callable[[TimeJump], object]
+
+
+class JumpHandle:
+    """A registered callback, until :meth:`unregister`.
+
+    Raises:
+        ValueError: no callback, or one that cannot be called.
+    """
+
+    def __init__(
+        self,
+        *,
+        clock: Clock,
+        threshold: JumpThreshold,
+        pre_callback: PreCallback | None,
+        post_callback: PostCallback | None,
+    ) -> None:
+        if pre_callback is None and post_callback is None:
+            raise ValueError("One of pre_callback or post_callback must be callable")
+        if pre_callback is not None and not callable(pre_callback):
+            raise ValueError("pre_callback must be callable if given")
+        if post_callback is not None and not callable(post_callback):
+            raise ValueError("post_callback must be callable if given")
+        self._clock: Clock | None = clock
+        self.threshold = threshold
+        self.pre_callback = pre_callback
+        self.post_callback = post_callback
+        clock.handle.jumps.append(self)
+
+    def exceeded(self, change: ClockChange, delta_ns: int) -> bool:
+        """Whether a jump is one to be told of."""
+        if change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
+            return self.threshold.on_clock_change
+        forward, backward = self.threshold.min_forward, self.threshold.min_backward
+        if forward is not None and delta_ns >= forward.nanoseconds:
+            return True
+        return backward is not None and delta_ns <= backward.nanoseconds
+
+    def unregister(self) -> None:
+        """Hear of no more jumps."""
+        if self._clock is not None:
+            self._clock.handle.jumps.remove(self)
+            self._clock = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.unregister()
+
+
+class ClockHandle(Destroyable):
+    """The state of a clock.
+
+    Attributes:
+        override_ns: the ROS time that was set; None while the clock follows the system's.
+        jumps: who hears of jumps.
+        watchers: called after each change, so that what waits for this clock looks again.
+    """
+
+    def __init__(self, clock_type: ClockType) -> None:
+        super().__init__("clock")
+        self.clock_type = clock_type
+        self.override_ns: int | None = None
+        self.last_set_ns = 0
+        self.jumps: list[JumpHandle] = []
+        self.watchers: weakref.WeakSet[Any] = weakref.WeakSet()
+
+    def now_ns(self) -> int:
+        """The time now."""
+        if self.override_ns is not None:
+            return self.override_ns
+        keeper = timekeeper.current()
+        return keeper.steady_ns() if self.clock_type is ClockType.STEADY_TIME else keeper.system_ns()
+
+    def set_override(self, time_ns: int | None, *, change: bool) -> None:
+        """Set the time, and tell of the jump.
+
+        Args:
+            time_ns: the new ROS time; None to follow the system's again.
+            change: whether this activates or deactivates ROS time.
+        """
+        before = self.now_ns()
+        after = timekeeper.current().system_ns() if time_ns is None else time_ns
+        kind = ClockChange.ROS_TIME_NO_CHANGE
+        if change:
+            kind = ClockChange.ROS_TIME_DEACTIVATED if time_ns is None else ClockChange.ROS_TIME_ACTIVATED
+        told = [jump for jump in tuple(self.jumps) if jump.exceeded(kind, after - before)]
+        for jump in told:
+            if jump.pre_callback is not None:
+                jump.pre_callback()
+        self.override_ns = time_ns
+        for jump in told:
+            if jump.post_callback is not None:
+                jump.post_callback(TimeJump(kind, Duration(nanoseconds=after - before)))
+        for watcher in tuple(self.watchers):
+            watcher.clock_changed()
+
+
+class Clock:
+    """A clock. One of type ROS_TIME is a :class:`ROSClock`."""
+
+    _handle: ClockHandle
+    _clock_type: ClockType
+
+    def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Clock:
+        """Make the clock of that type. Raises TypeError for what is no ClockType."""
+        if not isinstance(clock_type, ClockType):
+            raise TypeError("Clock type must be a ClockType enum")
+        self = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
+        self._clock_type = clock_type
+        self._handle = ClockHandle(clock_type)
+        return self
+
+    @property
+    def clock_type(self) -> ClockType:
+        """Which kind of clock it is."""
+        return self._clock_type
+
+    @property
+    def handle(self) -> ClockHandle:
+        """Its state."""
+        return self._handle
+
+    def __repr__(self) -> str:
+        return f"Clock(clock_type={self._clock_type.name})"
+
+    def now(self) -> Time:
+        """The time now."""
+        return Time(nanoseconds=self._handle.now_ns(), clock_type=self._clock_type)
+
+    def create_jump_callback(
+        self,
+        threshold: JumpThreshold,
+        *,
+        pre_callback: PreCallback | None = None,
+        post_callback: PostCallback | None = None,
+    ) -> JumpHandle:
+        """Call back before and after jumps. Raises ValueError for callbacks that cannot be called."""
+        return JumpHandle(
+            clock=self, threshold=threshold, pre_callback=pre_callback, post_callback=post_callback
+        )
+
+    def sleep_until(self, until: Time, context: Context | None = None) -> bool:
+        """Sleep until the clock shows a time.
+
+        Returns:
+            Whether it does; False when the context was shut down or the source of ROS time changed.
+
+        Raises:
+            NotInitializedException: the context is not initialised.
+            ValueError: the time is of another kind of clock.
+        """
+        from rwt_rclpy.execution.context import get_default_context
+
+        context = context or get_default_context()
+        if not context.ok():
+            raise NotInitializedException("a clock cannot sleep")
+        if until.clock_type != self._clock_type:
+            raise ValueError("until's clock type does not match this clock's type")
+        sleeper = _Sleeper(self, until, context)
+        return sleeper.sleep()
+
+    def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
+        """Sleep for a span of this clock's time; see :meth:`sleep_until`."""
+        return self.sleep_until(self.now() + rel_time, context)
+
+
+class _Sleeper:
+    """One sleep."""
+
+    def __init__(self, clock: Clock, until: Time, context: Context) -> None:
+        self._clock = clock
+        self._until_ns = until.nanoseconds
+        self._context = context
+        self._keeper = timekeeper.current()
+        self._condition = self._keeper.condition()
+        self._source_changed = False
+        self._woken = False
+
+    def clock_changed(self) -> None:
+        """Look again."""
+        with self._condition:
+            self._woken = True
+            self._condition.notify_all()
+
+    def _jumped(self, jump: TimeJump) -> None:
+        if jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
+            self._source_changed = True
+        self.clock_changed()
+
+    def sleep(self) -> bool:
+        handle = self._clock.handle
+        self._context.on_shutdown(self.clock_changed)
+        threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None)
+        with self._clock.create_jump_callback(threshold, post_callback=self._jumped):
+            handle.watchers.add(self)
+            try:
+                while not self._source_changed and self._context.ok():
+                    left = self._until_ns - handle.now_ns()
+                    if left <= 0:
+                        break
+                    self._wait(None if handle.override_ns is not None else left)
+            finally:
+                handle.watchers.discard(self)
+        if self._source_changed or not self._context.ok():
+            return False
+        return handle.now_ns() >= self._until_ns
+
+    def _wait(self, left_ns: int | None) -> None:
+        keeper = self._keeper
+        deadline = None if left_ns is None else keeper.steady_ns() + left_ns
+        with self._condition:
+            while not self._woken and (deadline is None or keeper.steady_ns() < deadline):
+                keeper.wait(self._condition, deadline)
+            self._woken = False
+
+
+class ROSClock(Clock):
+    """A clock that follows the system's, or `/clock` when ROS time is active."""
+
+    def __new__(cls) -> ROSClock:
+        """Make one."""
+        self = super().__new__(Clock, clock_type=ClockType.ROS_TIME)
+        assert isinstance(self, ROSClock)  # Clock makes it so.
+        return self
+
+    @property
+    def ros_time_is_active(self) -> bool:
+        """Whether it follows what is set rather than the system."""
+        return self._handle.override_ns is not None
+
+    def _set_ros_time_is_active(self, enabled: bool) -> None:
+        if enabled != self.ros_time_is_active:
+            self._handle.set_override(self._handle.last_set_ns if enabled else None, change=True)
+
+    def set_ros_time_override(self, time: Time) -> None:
+        """Set the time that it shows while ROS time is active. Raises TypeError for what is no Time."""
+        if not isinstance(time, Time):
+            raise TypeError(f"Time must be specified as rclpy.time.Time. Received type: {type(time)}")
+        self._handle.last_set_ns = time.nanoseconds
+        if self.ros_time_is_active:
+            self._handle.set_override(time.nanoseconds, change=False)

@@ -1,0 +1,84 @@
+"""`rclpy.duration`: spans of time."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from rwt_rclpy.messages.loaded import message_class
+
+S_TO_NS: Final = 1_000_000_000
+INT64_MAX: Final = 2**63 - 1
+INT64_MIN: Final = -(2**63)
+
+
+class Duration:
+    """A span of time, positive or negative, in nanoseconds of 64 bits.
+
+    Raises:
+        OverflowError: it does not fit.
+    """
+
+    __slots__ = ("_ns",)
+
+    def __init__(self, *, seconds: float = 0, nanoseconds: float = 0) -> None:
+        total = int(seconds * S_TO_NS) + int(nanoseconds)
+        if not INT64_MIN <= total <= INT64_MAX:
+            raise OverflowError("Total nanoseconds value is too large to store in C duration.")
+        self._ns = total
+
+    @property
+    def nanoseconds(self) -> int:
+        """Its length."""
+        return self._ns
+
+    def __repr__(self) -> str:
+        return f"Duration(nanoseconds={self._ns})"
+
+    def __str__(self) -> str:
+        return "Infinite" if self == Infinite else f"{self._ns} nanoseconds"
+
+    def __hash__(self) -> int:
+        return hash(self._ns)
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, Duration):
+            return self._ns == other._ns
+        message: Any = other
+        if isinstance(message, message_class("builtin_interfaces/Duration")):
+            return self._ns == int(message.sec * S_TO_NS + message.nanosec)
+        return NotImplemented
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __lt__(self, other: object) -> bool:
+        return self._ns < other._ns if isinstance(other, Duration) else NotImplemented
+
+    def __le__(self, other: object) -> bool:
+        return self._ns <= other._ns if isinstance(other, Duration) else NotImplemented
+
+    def __gt__(self, other: object) -> bool:
+        return self._ns > other._ns if isinstance(other, Duration) else NotImplemented
+
+    def __ge__(self, other: object) -> bool:
+        return self._ns >= other._ns if isinstance(other, Duration) else NotImplemented
+
+    def to_msg(self) -> Any:
+        """The same as `builtin_interfaces.msg.Duration`."""
+        sec, nanosec = divmod(self._ns, S_TO_NS)
+        return message_class("builtin_interfaces/Duration")(sec=sec, nanosec=nanosec)
+
+    @classmethod
+    def from_msg(cls, msg: Any) -> Duration:
+        """The span that a `builtin_interfaces.msg.Duration` says. Raises TypeError for anything else."""
+        if not isinstance(msg, message_class("builtin_interfaces/Duration")):
+            raise TypeError("Must pass a builtin_interfaces.msg.Duration object")
+        return cls(seconds=msg.sec, nanoseconds=msg.nanosec)
+
+    def get_c_duration(self) -> int:
+        """Its length, for code that passes it on to rcl."""
+        return self._ns
+
+
+#: rmw's infinite duration.
+Infinite = Duration(nanoseconds=9223372036854775807)

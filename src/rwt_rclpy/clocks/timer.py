@@ -1,0 +1,288 @@
+"""`rclpy.timer`: timers that executors call, and rates that sleep."""
+
+from __future__ import annotations
+
+import inspect
+import threading
+from collections.abc import Callable, Coroutine
+from typing import TYPE_CHECKING, Any
+
+from rwt_rclpy.clocks import timekeeper
+from rwt_rclpy.clocks.clock import Clock, ClockChange, JumpThreshold, TimeJump
+from rwt_rclpy.clocks.duration import Duration
+from rwt_rclpy.clocks.time import ClockType, Time
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.exceptions import InvalidHandle, ROSInterruptException
+from rwt_rclpy.execution.entity import Entity
+
+if TYPE_CHECKING:
+    from rwt_rclpy.execution.callback_groups import CallbackGroup
+    from rwt_rclpy.execution.context import Context
+
+
+class TimerInfo:
+    """When a call of a timer was due and when it came.
+
+    Attributes:
+        expected_call_time: when it was due.
+        actual_call_time: when it was taken.
+    """
+
+    def __init__(self, *, expected_call_time: int, actual_call_time: int, clock_type: ClockType) -> None:
+        self.expected_call_time = Time(nanoseconds=expected_call_time, clock_type=clock_type)
+        self.actual_call_time = Time(nanoseconds=actual_call_time, clock_type=clock_type)
+
+
+class TimerHandle(Destroyable):
+    """The state of a timer, in nanoseconds of its clock."""
+
+    def __init__(self, clock: Clock, period_ns: int, autostart: bool) -> None:
+        super().__init__("timer")
+        self._clock = clock.handle
+        self.period_ns = period_ns
+        self.canceled = not autostart
+        now = self._clock.now_ns()
+        self.last_ns = now
+        self.next_ns = now + period_ns
+
+    def is_timer_ready(self) -> bool:
+        """Whether it is due."""
+        return not self.canceled and bool(self) and self._clock.now_ns() >= self.next_ns
+
+    def until_next(self) -> int | None:
+        """Nanoseconds of its clock until it is due; None when it was cancelled."""
+        return None if self.canceled else self.next_ns - self._clock.now_ns()
+
+    def call(self) -> TimerInfo:
+        """Take one call: it is due again a whole number of periods after it was due."""
+        now, expected = self._clock.now_ns(), self.next_ns
+        self.last_ns = now
+        self.next_ns += self.period_ns
+        if self.next_ns <= now:
+            if self.period_ns == 0:
+                self.next_ns = now
+            else:
+                self.next_ns += ((now - self.next_ns) // self.period_ns + 1) * self.period_ns
+        return TimerInfo(
+            expected_call_time=max(0, expected), actual_call_time=now, clock_type=self._clock.clock_type
+        )
+
+    def is_beyond_a_period(self) -> bool:
+        """Whether it is due later than a period from now."""
+        return self.next_ns - self.period_ns > self._clock.now_ns()
+
+    def reset(self) -> None:
+        """Begin a period now."""
+        now = self._clock.now_ns()
+        self.last_ns, self.next_ns = now, now + self.period_ns
+        self.canceled = False
+
+
+class Timer(Entity):
+    """Calls a function again and again.
+
+    Args:
+        callback: takes nothing, or a :class:`TimerInfo`.
+        callback_group: which callbacks may run beside it.
+        timer_period_ns: nanoseconds between two calls.
+        clock: which clock they are of.
+        context: ends the timer with it.
+        autostart: whether it runs from the start, or from the first :meth:`reset`.
+    """
+
+    def __init__(
+        self,
+        callback: Callable[..., object] | None,
+        callback_group: CallbackGroup | None,
+        timer_period_ns: int,
+        clock: Clock,
+        *,
+        context: Context | None = None,
+        autostart: bool = True,
+    ) -> None:
+        super().__init__(callback_group)
+        if timer_period_ns < 0:
+            raise ValueError(f"a timer's period cannot be negative, and {timer_period_ns} ns is")
+        self._clock = clock
+        self._context = context
+        self._handle = TimerHandle(clock, int(timer_period_ns), autostart)
+        self.callback = callback
+        clock.handle.watchers.add(self)
+        self._jump = (
+            clock.create_jump_callback(
+                JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
+                post_callback=self._jumped,
+            )
+            if clock.clock_type is ClockType.ROS_TIME
+            else None
+        )
+
+    def _jumped(self, jump: TimeJump) -> None:
+        # Time is of another source, or went back by more than a period: begin one now.
+        other_source = jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
+        if not self._handle.canceled and (other_source or self._handle.is_beyond_a_period()):
+            self._handle.reset()
+
+    def clock_changed(self) -> None:
+        """The clock was set: whoever waits for this timer looks again."""
+        self.wake()
+
+    @property
+    def handle(self) -> TimerHandle:
+        """Its state."""
+        return self._handle
+
+    @property
+    def clock(self) -> Clock:
+        """Which clock it goes by."""
+        return self._clock
+
+    @property
+    def timer_period_ns(self) -> int:
+        """Nanoseconds between two calls; may be set."""
+        self._handle.check()
+        return self._handle.period_ns
+
+    @timer_period_ns.setter
+    def timer_period_ns(self, value: float) -> None:
+        self._handle.check()
+        self._handle.period_ns = int(value)
+        self.wake()
+
+    @property
+    def callback(self) -> Callable[..., object] | None:
+        """What is called; may be set."""
+        return self._callback
+
+    @callback.setter
+    def callback(self, callback: Callable[..., object] | None) -> None:
+        self._callback = callback
+        self._with_info = callback is not None and _takes_info(callback)
+
+    def destroy(self) -> None:
+        """End it."""
+        self._handle.destroy_when_not_in_use()
+        if self._jump is not None:
+            self._jump.unregister()
+            self._jump = None
+        self._clock.handle.watchers.discard(self)
+
+    def is_ready(self) -> bool:
+        """Whether it is due."""
+        with self._handle:
+            return self._handle.is_timer_ready()
+
+    def is_canceled(self) -> bool:
+        """Whether it was cancelled."""
+        with self._handle:
+            return self._handle.canceled
+
+    def cancel(self) -> None:
+        """Call no more until :meth:`reset`."""
+        with self._handle:
+            self._handle.canceled = True
+
+    def reset(self) -> None:
+        """Begin a period now."""
+        with self._handle:
+            self._handle.reset()
+        self.wake()
+
+    def time_since_last_call(self) -> int:
+        """Nanoseconds since the last call, or since it was made."""
+        with self._handle:
+            return self._clock.handle.now_ns() - self._handle.last_ns
+
+    def time_until_next_call(self) -> int | None:
+        """Nanoseconds until the next call, negative when it is overdue; None when it was cancelled."""
+        with self._handle:
+            return self._handle.until_next()
+
+    # What an executor asks
+
+    def has_work(self) -> bool:
+        """Whether it is due."""
+        return self._handle.is_timer_ready()
+
+    def due_in_ns(self) -> int | None:
+        """Nanoseconds until it is due; None when that depends on something else than time going by."""
+        if self._clock.handle.override_ns is not None:
+            return None
+        return self._handle.until_next()
+
+    def take(self) -> Callable[[], Coroutine[Any, Any, object] | object] | None:
+        """The call that is due."""
+        if not self._handle or self._handle.canceled:
+            return None
+        info = self._handle.call()
+        callback = self._callback
+        if callback is None:
+            return None
+        return (lambda: callback(info)) if self._with_info else callback
+
+
+def _takes_info(callback: Callable[..., object]) -> bool:
+    """Whether a callback has a parameter for a :class:`TimerInfo`: one that is annotated so, or without a
+    default."""
+    try:
+        parameters = inspect.signature(callback).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    wanted = [
+        each
+        for each in parameters
+        if each.kind in (each.POSITIONAL_ONLY, each.POSITIONAL_OR_KEYWORD)
+        and (each.default is each.empty or each.annotation in (TimerInfo, "TimerInfo"))
+    ]
+    return len(wanted) == 1
+
+
+class Rate:
+    """Sleeps to the end of each period. An executor must run in another thread meanwhile."""
+
+    def __init__(self, timer: Timer, *, context: Context) -> None:
+        self._timer = timer
+        self._keeper = timekeeper.current()
+        self._condition = self._keeper.condition()
+        self._lock = threading.Lock()
+        self._is_shutdown = False
+        self._is_destroyed = False
+        self._ticks = 0
+        timer.callback = self._tick
+        context.on_shutdown(self._on_shutdown)
+
+    def _tick(self) -> None:
+        with self._condition:
+            self._ticks += 1
+            self._condition.notify_all()
+
+    def _on_shutdown(self) -> None:
+        self._is_shutdown = True
+        self.destroy()
+
+    def destroy(self) -> None:
+        """Wake who sleeps, and sleep no more."""
+        self._is_destroyed = True
+        self._tick()
+
+    def sleep(self) -> None:
+        """Sleep to the end of the period.
+
+        Raises:
+            ROSInterruptException: the context was shut down.
+            RuntimeError: the rate was destroyed.
+            InvalidHandle: its timer was destroyed.
+        """
+        if self._is_shutdown:
+            raise ROSInterruptException
+        if self._is_destroyed:
+            raise RuntimeError("Rate cannot sleep because it has been destroyed")
+        if not self._timer.handle:
+            self.destroy()
+            raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
+        with self._condition:
+            seen = self._ticks
+            while self._ticks == seen:
+                self._keeper.wait(self._condition, None)
+        if self._is_shutdown:
+            raise ROSInterruptException

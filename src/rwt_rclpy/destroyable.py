@@ -1,0 +1,65 @@
+"""Handles: what stands where rclpy keeps pointers into C."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Self
+
+from rwt_rclpy.exceptions import InvalidHandle
+
+
+class Destroyable:
+    """An entity that is destroyed once nobody uses it; ``with handle:`` uses it.
+
+    Args:
+        what: what it is, for errors.
+        on_destroy: called once, when it is destroyed.
+    """
+
+    def __init__(self, what: str, on_destroy: Callable[[], None] | None = None) -> None:
+        self._what = what
+        self._on_destroy = on_destroy
+        self._users = 0
+        self._wanted_gone = False
+        self._gone = False
+        self._lock = threading.Lock()
+
+    @property
+    def pointer(self) -> int:
+        """A number that no other living handle has."""
+        return id(self)
+
+    def __bool__(self) -> bool:
+        return not self._wanted_gone
+
+    def __enter__(self) -> Self:
+        with self._lock:
+            if self._wanted_gone:
+                raise InvalidHandle(f"cannot use this {self._what}: it was destroyed")
+            self._users += 1
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        with self._lock:
+            self._users -= 1
+        self._settle()
+
+    def check(self) -> None:
+        """Raise :exc:`InvalidHandle` if it was destroyed."""
+        if self._wanted_gone:
+            raise InvalidHandle(f"cannot use this {self._what}: it was destroyed")
+
+    def destroy_when_not_in_use(self) -> None:
+        """Destroy it now, or when the last user leaves."""
+        self._wanted_gone = True
+        self._settle()
+
+    def _settle(self) -> None:
+        with self._lock:
+            if not self._wanted_gone or self._users or self._gone:
+                return
+            self._gone = True
+            call, self._on_destroy = self._on_destroy, None
+        if call is not None:
+            call()

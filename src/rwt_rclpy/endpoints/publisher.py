@@ -1,0 +1,105 @@
+"""`rclpy.publisher`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+from rwt_interfaces.payload import Payload
+from rwt_rclpy.clocks.duration import Duration
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.messages.classes import Message
+
+if TYPE_CHECKING:
+    from rwt_graph import api
+    from rwt_rclpy.endpoints.events import EventHandler
+    from rwt_rclpy.endpoints.qos import QoSProfile
+    from rwt_rclpy.middleware.link import Link
+
+
+class Publisher:
+    """Publishes messages of one type; made by :meth:`Node.create_publisher`.
+
+    Attributes:
+        msg_type: the class of the messages.
+        topic: the name that was asked for.
+        qos_profile: its quality of service.
+        event_handlers: what hears of events.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        publisher: api.Publisher,
+        msg_type: type[Message],
+        topic: str,
+        qos_profile: QoSProfile,
+        event_handlers: list[EventHandler],
+    ) -> None:
+        self._link = link
+        self._publisher = publisher
+        self._type = publisher.type
+        self._to_graph = msg_type._rwt_to_graph
+        self._handle = Destroyable("publisher", self._close)
+        self.msg_type = msg_type
+        self.topic = topic
+        self.qos_profile = qos_profile
+        self.event_handlers = event_handlers
+
+    def _close(self) -> None:
+        self._link.post(self._publisher.close)
+
+    def publish(self, msg: Any) -> None:
+        """Publish a message, or one in CDR that is passed on.
+
+        Raises:
+            TypeError: it is of another class.
+            InvalidHandle: the publisher was destroyed.
+            InvalidMessage: the CDR does not fit the type.
+        """
+        if not self._handle:
+            self._handle.check()
+        if isinstance(msg, self.msg_type):
+            payload = Payload(self._type, None, self._to_graph(msg))
+        elif isinstance(msg, bytes):
+            payload = Payload.from_cdr(self._type, msg)
+        else:
+            raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
+        self._link.publish(self._publisher, payload)
+
+    def get_subscription_count(self) -> int:
+        """How many subscriptions there are."""
+        with self._handle:
+            return self._link.run(lambda: self._publisher.subscriber_count)
+
+    @property
+    def topic_name(self) -> str:
+        """The topic's absolute name."""
+        with self._handle:
+            return self._publisher.topic
+
+    @property
+    def handle(self) -> Destroyable:
+        """What it is destroyed by."""
+        return self._handle
+
+    def destroy(self) -> None:
+        """Leave the topic; :meth:`Node.destroy_publisher` does it."""
+        for handler in self.event_handlers:
+            handler.destroy()
+        self._handle.destroy_when_not_in_use()
+
+    def assert_liveliness(self) -> None:
+        """Say that it is alive, which nobody doubts within a process."""
+        self._handle.check()
+
+    def wait_for_all_acked(self, timeout: Duration | None = None) -> bool:
+        """Wait until all subscriptions have what was published: they do when `publish` returns."""
+        with self._handle:
+            self._link.run(lambda: None)
+            return True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.destroy()

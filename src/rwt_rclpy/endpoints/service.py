@@ -1,0 +1,177 @@
+"""`rclpy.service`."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, Self
+
+from rwt_interfaces.errors import InvalidMessage
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
+from rwt_rclpy.endpoints.qos import QoSProfile
+from rwt_rclpy.endpoints.serialization import message_of, payload_of
+from rwt_rclpy.execution.entity import Entity
+
+if TYPE_CHECKING:
+    from rwt_graph.api import ServiceCall
+    from rwt_rclpy.clocks.clock import Clock
+    from rwt_rclpy.middleware.link import Link
+    from rwt_rclpy.nodes.node import Node
+
+#: `service_msgs/ServiceEventInfo`.
+REQUEST_RECEIVED, RESPONSE_SENT = 1, 2
+
+
+class RequestHeader:
+    """One request, for :meth:`Service.send_response`.
+
+    Attributes:
+        call: the request in the graph.
+        sequence_number: counts the requests of the service.
+    """
+
+    __slots__ = ("call", "sequence_number")
+
+    def __init__(self, call: ServiceCall, sequence_number: int) -> None:
+        self.call = call
+        self.sequence_number = sequence_number
+
+
+class Service(Entity):
+    """Answers requests; made by :meth:`Node.create_service`.
+
+    Attributes:
+        srv_type: the class of the service.
+        srv_name: the name that was asked for.
+        callback: takes a request and a response to fill, and returns the response.
+        qos_profile: its quality of service.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        node: Node,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[..., Any],
+        callback_group: Any,
+        qos_profile: QoSProfile,
+    ) -> None:
+        super().__init__(callback_group)
+        self._link = link
+        self._node = node
+        self._registration: Any = None
+        self._handle = Destroyable("service", self._close)
+        self._calls: deque[RequestHeader] = deque()
+        self._numbers = itertools.count(1)
+        self._steps: StepPublisher | None = None
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.callback = callback
+        self.qos_profile = qos_profile
+
+    def opened(self, registration: Any) -> None:
+        """Take what the graph gives for it."""
+        self._registration = registration
+
+    def _close(self) -> None:
+        if self._registration is not None:
+            self._link.post(self._registration.close)
+
+    @property
+    def handle(self) -> Destroyable:
+        """What it is destroyed by."""
+        return self._handle
+
+    @property
+    def service_name(self) -> str:
+        """The service's absolute name."""
+        with self._handle:
+            name: str = self._registration.name
+            return name
+
+    def on_call(self, call: ServiceCall) -> None:
+        """Keep a request for the executor, on the graph's thread."""
+        self._calls.append(RequestHeader(call, next(self._numbers)))
+        self.wake()
+
+    def send_response(self, response: Any, header: RequestHeader) -> None:
+        """Answer a request. Raises TypeError for another class, InvalidHandle after :meth:`destroy`."""
+        self._handle.check()
+        if not isinstance(response, self.srv_type.Response):
+            raise TypeError(f"Expected {self.srv_type.Response}, got {type(response)}")
+        payload = payload_of(response)
+        self._link.post(lambda: header.call.reply(payload))
+        if self._steps is not None:
+            self._steps.publish(RESPONSE_SENT, header.sequence_number, response=response)
+
+    def configure_introspection(
+        self,
+        clock: Clock,
+        service_event_qos_profile: QoSProfile,
+        introspection_state: ServiceIntrospectionState,
+    ) -> None:
+        """Publish the steps of its calls, or no longer."""
+        self._steps = self._node.step_publisher(
+            self, self.service_name, clock, service_event_qos_profile, introspection_state, self._steps
+        )
+
+    def destroy(self) -> None:
+        """Withdraw it; :meth:`Node.destroy_service` does it."""
+        self._handle.destroy_when_not_in_use()
+
+    # What an executor asks
+
+    def has_work(self) -> bool:
+        """Whether a request waits."""
+        return bool(self._calls) and bool(self._handle)
+
+    def take(self) -> Callable[[], object] | None:
+        """The callback with the oldest request that is still waited for."""
+        while self._calls:
+            header = self._calls.popleft()
+            if header.call.done:
+                continue
+            try:
+                request = message_of(header.call.request, self.srv_type.Request)
+            except InvalidMessage as error:
+                reason = str(error)
+                self._link.post(partial(header.call.fail, reason))
+                continue
+            if self._steps is not None:
+                self._steps.publish(REQUEST_RECEIVED, header.sequence_number, request=request)
+            return lambda: self._answer(request, header)
+        return None
+
+    def _answer(self, request: Any, header: RequestHeader) -> Any:
+        try:
+            response = self.callback(request, self.srv_type.Response())
+            if inspect.isawaitable(response):
+                return self._answer_later(response, header)
+            self.send_response(response, header)
+        except Exception as error:
+            self._fail(error, header)
+            raise
+        return None
+
+    async def _answer_later(self, response: Any, header: RequestHeader) -> None:
+        try:
+            self.send_response(await response, header)
+        except Exception as error:
+            self._fail(error, header)
+            raise
+
+    def _fail(self, error: Exception, header: RequestHeader) -> None:
+        # The caller hears of it, while the exception ends the spin, as on ROS.
+        reason = f"{type(error).__name__} in the service's callback"
+        self._link.post(lambda: header.call.fail(reason))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.destroy()

@@ -1,0 +1,198 @@
+"""`rclpy.subscription`."""
+
+from __future__ import annotations
+
+import inspect
+from collections import deque
+from collections.abc import Callable
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Self
+
+from rwt_interfaces.errors import InvalidMessage
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.endpoints.events import EventHandler, QoSMessageLostInfo, QoSSubscriptionEventType
+from rwt_rclpy.endpoints.qos import HistoryPolicy, QoSProfile
+from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.logs.logger import get_logger
+from rwt_rclpy.messages.classes import Message
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Sample
+    from rwt_rclpy.middleware.link import Link
+
+#: What `KEEP_ALL` keeps for an executor that does not take it.
+KEEP_ALL_LIMIT = 100_000
+
+
+class CallbackType(Enum):
+    """Whether a callback takes the message alone, or what is known about it too."""
+
+    MessageOnly = 0
+    WithMessageInfo = 1
+
+
+class Subscription(Entity):
+    """Receives messages of one type; made by :meth:`Node.create_subscription`.
+
+    Attributes:
+        msg_type: the class of the messages.
+        topic: the name that was asked for.
+        raw: whether the callback gets CDR.
+        qos_profile: its quality of service; its depth is what waits for the executor.
+    """
+
+    CallbackType = CallbackType
+
+    def __init__(
+        self,
+        link: Link,
+        msg_type: type[Message],
+        topic: str,
+        callback: Callable[..., object],
+        callback_group: Any,
+        qos_profile: QoSProfile,
+        raw: bool,
+        event_handlers: list[EventHandler],
+    ) -> None:
+        super().__init__(callback_group)
+        self._link = link
+        self._from_graph = msg_type._rwt_from_graph
+        self._handle = Destroyable("subscription", self._close)
+        self._subscription: Any = None
+        keep_all = qos_profile.history is HistoryPolicy.KEEP_ALL
+        self._samples: deque[tuple[Sample, int]] = deque(
+            maxlen=KEEP_ALL_LIMIT if keep_all else max(1, qos_profile.depth)
+        )
+        self._received = 0
+        self._lost = 0
+        self._callback = callback
+        self._callback_type = _callback_type(callback)
+        self.msg_type = msg_type
+        self.topic = topic
+        self.raw = raw
+        self.qos_profile = qos_profile
+        self.event_handlers = event_handlers
+
+    def opened(self, subscription: Any) -> None:
+        """Take what the graph gives for it."""
+        self._subscription = subscription
+
+    def _close(self) -> None:
+        if self._subscription is not None:
+            self._link.post(self._subscription.close)
+        self._samples.clear()
+
+    @property
+    def callback(self) -> Callable[..., object]:
+        """What is called; may be set."""
+        return self._callback
+
+    @callback.setter
+    def callback(self, callback: Callable[..., object]) -> None:
+        self._callback_type = _callback_type(callback)
+        self._callback = callback
+
+    @property
+    def handle(self) -> Destroyable:
+        """What it is destroyed by."""
+        return self._handle
+
+    @property
+    def topic_name(self) -> str:
+        """The topic's absolute name."""
+        with self._handle:
+            name: str = self._subscription.topic
+            return name
+
+    def get_publisher_count(self) -> int:
+        """How many publishers the topic has."""
+        with self._handle:
+            info = self._link.run(lambda: self._link.graph.topic(self._subscription.topic))
+            return 0 if info is None else len(info.publishers)
+
+    def destroy(self) -> None:
+        """Leave the topic; :meth:`Node.destroy_subscription` does it."""
+        for handler in self.event_handlers:
+            handler.destroy()
+        self._handle.destroy_when_not_in_use()
+
+    def on_sample(self, sample: Sample) -> None:
+        """Keep a sample for the executor, on the graph's thread."""
+        samples = self._samples
+        if len(samples) == samples.maxlen:
+            self._lost += 1
+            self._tell_of_loss()
+        self._received += 1
+        samples.append((sample.detach(), self._received))
+        self.wake()
+
+    def _tell_of_loss(self) -> None:
+        for handler in self.event_handlers:
+            if handler.event_type is QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
+                handler.happened(QoSMessageLostInfo(self._lost, 1))
+
+    # What an executor asks
+
+    def has_work(self) -> bool:
+        """Whether a message waits."""
+        return bool(self._samples)
+
+    def take(self) -> Callable[[], object] | None:
+        """The callback with the oldest message that has not expired."""
+        taken = self._take()
+        if taken is None:
+            return None
+        callback = self._callback
+        if self._callback_type is CallbackType.MessageOnly:
+            message = taken[0]
+            return lambda: callback(message)
+        return lambda: callback(*taken)
+
+    def _take(self) -> tuple[Any, dict[str, int]] | None:
+        keeper = self._link.timekeeper
+        while True:
+            try:
+                sample, number = self._samples.popleft()
+            except IndexError:
+                return None
+            if sample.expires_ns and sample.expires_ns < keeper.system_ns():
+                continue
+            try:
+                payload = sample.payload
+                message = payload.cdr() if self.raw else self._from_graph(payload.value())
+            except InvalidMessage as error:
+                get_logger("rclpy").error(f"a message on {sample.topic} does not fit its type: {error}")
+                continue
+            return message, {
+                "source_timestamp": sample.stamp_ns,
+                "received_timestamp": keeper.system_ns(),
+                "publication_sequence_number": number,
+                "reception_sequence_number": number,
+            }
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.destroy()
+
+
+def _callback_type(callback: Callable[..., object]) -> CallbackType:
+    """Whether a callback takes one argument or two. Raises RuntimeError for other numbers."""
+    try:
+        signature = inspect.signature(callback)
+    except (TypeError, ValueError):
+        return CallbackType.MessageOnly
+    for arguments, kind in (
+        ((None,), CallbackType.MessageOnly),
+        ((None, None), CallbackType.WithMessageInfo),
+    ):
+        try:
+            signature.bind(*arguments)
+        except TypeError:
+            continue
+        return kind
+    raise RuntimeError(
+        "Subscription.__init__(): callback should be either be callable with one argument (to get only the"
+        " message) or two (to get message and message info)"
+    )

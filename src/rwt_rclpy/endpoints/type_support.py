@@ -1,0 +1,66 @@
+"""`rclpy.type_support`: whether a class is a message, service or action, and of which type."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_rclpy.exceptions import NoTypeSupportImportedException
+
+
+def check_for_type_support(msg_or_srv_type: Any) -> None:
+    """Check that a class was made from a definition.
+
+    Raises:
+        AttributeError: it was not, as a class of ROS 1.
+        NoTypeSupportImportedException: there is no type behind it.
+    """
+    try:
+        support = msg_or_srv_type.__class__._TYPE_SUPPORT
+    except AttributeError as error:
+        raise AttributeError(
+            f"{msg_or_srv_type!r} is no message, service or action of ROS 2: expected a class such as"
+            " std_msgs.msg.String",
+            *error.args,
+        ) from None
+    if support is None:
+        msg_or_srv_type.__class__.__import_type_support__()
+    if msg_or_srv_type.__class__._TYPE_SUPPORT is None:
+        raise NoTypeSupportImportedException
+
+
+def check_is_valid_msg_type(msg_type: Any) -> None:
+    """Check that a class is a message. Raises RuntimeError, or as :func:`check_for_type_support`."""
+    check_for_type_support(msg_type)
+    if not isinstance(msg_type.__class__._TYPE_SUPPORT, MessageType):
+        raise RuntimeError(f"The message type {msg_type!r} provided is not valid")
+
+
+def check_is_valid_srv_type(srv_type: Any) -> None:
+    """Check that a class is a service. Raises RuntimeError, or as :func:`check_for_type_support`."""
+    check_for_type_support(srv_type)
+    if not isinstance(srv_type.__class__._TYPE_SUPPORT, ServiceType):
+        raise RuntimeError(f"The service type {srv_type!r} provided is not valid")
+
+
+def message_type(msg_type: Any) -> MessageType:
+    """The type behind a class of a message."""
+    check_is_valid_msg_type(msg_type)
+    found: MessageType = msg_type.__class__._TYPE_SUPPORT
+    return found
+
+
+def service_type(srv_type: Any) -> ServiceType:
+    """The type behind a class of a service."""
+    check_is_valid_srv_type(srv_type)
+    found: ServiceType = srv_type.__class__._TYPE_SUPPORT
+    return found
+
+
+def action_type(cls: Any) -> ActionType:
+    """The type behind a class of an action. Raises RuntimeError for other classes."""
+    check_for_type_support(cls)
+    found = cls.__class__._TYPE_SUPPORT
+    if not isinstance(found, ActionType):
+        raise RuntimeError(f"{cls!r} is not an action")
+    return found

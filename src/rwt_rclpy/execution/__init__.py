@@ -1,0 +1,1 @@
+"""What runs callbacks, and when: contexts, executors, callback groups, futures, signals."""

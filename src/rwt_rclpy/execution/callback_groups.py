@@ -1,0 +1,85 @@
+"""`rclpy.callback_groups`: which callbacks may run at the same time."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rwt_rclpy.execution.entity import Entity
+
+
+class CallbackGroup(ABC):
+    """Entities whose callbacks an executor runs beside each other, or not."""
+
+    def __init__(self) -> None:
+        self.entities: set[weakref.ref[Entity]] = set()
+
+    def add_entity(self, entity: Entity) -> None:
+        """Add an entity; it is not kept alive."""
+        self.entities.add(weakref.ref(entity))
+
+    def has_entity(self, entity: Entity) -> bool:
+        """Whether an entity belongs to it."""
+        return weakref.ref(entity) in self.entities
+
+    @abstractmethod
+    def can_execute(self, entity: Entity) -> bool:
+        """Whether an entity's callback may run now."""
+
+    @abstractmethod
+    def beginning_execution(self, entity: Entity) -> bool:
+        """Begin a callback; False when it may not run now."""
+
+    @abstractmethod
+    def ending_execution(self, entity: Entity) -> None:
+        """End a callback that was begun."""
+
+
+class ReentrantCallbackGroup(CallbackGroup):
+    """Callbacks may run at the same time, each beside itself too."""
+
+    def can_execute(self, entity: Entity) -> bool:
+        """Always."""
+        return True
+
+    def beginning_execution(self, entity: Entity) -> bool:
+        """Always."""
+        return True
+
+    def ending_execution(self, entity: Entity) -> None:
+        """Nothing to note."""
+
+
+class MutuallyExclusiveCallbackGroup(CallbackGroup):
+    """One callback at a time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._active: weakref.ref[Entity] | None = None
+        self._lock = threading.Lock()
+
+    def can_execute(self, entity: Entity) -> bool:
+        """Whether none runs."""
+        if weakref.ref(entity) not in self.entities:
+            raise AssertionError("the entity is not of this callback group")
+        return self._active is None
+
+    def beginning_execution(self, entity: Entity) -> bool:
+        """Take the turn, if none runs."""
+        with self._lock:
+            if weakref.ref(entity) not in self.entities:
+                raise AssertionError("the entity is not of this callback group")
+            if self._active is None:
+                self._active = weakref.ref(entity)
+                return True
+            return False
+
+    def ending_execution(self, entity: Entity) -> None:
+        """Give the turn back."""
+        with self._lock:
+            if self._active != weakref.ref(entity):
+                raise AssertionError("another callback is the one that runs")
+            self._active = None

@@ -1,0 +1,219 @@
+"""`rclpy.context`: from init to shutdown."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import threading
+import weakref
+from collections.abc import Callable, Sequence
+from typing import Self
+
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.exceptions import RCLError
+from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
+from rwt_rclpy.names.arguments import RosArguments, parse_arguments
+
+OnShutdown = Callable[[], object]
+
+
+class ContextHandle(Destroyable):
+    """The state of an initialised context.
+
+    Attributes:
+        arguments: what the command line says to every node.
+        domain: the ROS domain.
+        link: the graph of that domain.
+    """
+
+    def __init__(self, arguments: RosArguments, domain: int) -> None:
+        super().__init__("context")
+        self.arguments = arguments
+        self.domain = domain
+        self.link: Link = DOMAINS.link(domain)
+        self.valid = True
+
+    def ok(self) -> bool:
+        """Whether it was not shut down."""
+        return self.valid
+
+    def get_domain_id(self) -> int:
+        """The ROS domain."""
+        return self.domain
+
+    def shutdown(self) -> None:
+        """End it."""
+        self.valid = False
+
+
+#: Every initialised context, for signals.
+_initialised: weakref.WeakSet[Context] = weakref.WeakSet()
+
+
+class Context:
+    """Everything that one `init` begins and one `shutdown` ends."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._callbacks: list[Callable[[], OnShutdown | None]] = []
+        self._wakers: weakref.WeakSet[Wakeable] = weakref.WeakSet()
+        self._handle: ContextHandle | None = None
+
+    @property
+    def handle(self) -> ContextHandle | None:
+        """Its state; None before :meth:`init`."""
+        return self._handle
+
+    @property
+    def link(self) -> Link:
+        """The graph of its domain. Raises RuntimeError before :meth:`init`."""
+        if self._handle is None:
+            raise RuntimeError("the context is not initialized: call rclpy.init() first")
+        return self._handle.link
+
+    def init(
+        self,
+        args: Sequence[str] | None = None,
+        *,
+        initialize_logging: bool = True,
+        domain_id: int | None = None,
+    ) -> None:
+        """Begin.
+
+        Args:
+            args: the command line, `sys.argv` by default.
+            initialize_logging: whether ``--log-level`` of the command line is taken.
+            domain_id: the ROS domain; what ROS_DOMAIN_ID says by default.
+
+        Raises:
+            RuntimeError: it was initialised before, or the domain is negative.
+            UnknownROSArgsError: an argument after ``--ros-args`` is not ROS's.
+        """
+        with self._lock:
+            domain = domain_of(domain_id)
+            if self._handle is not None:
+                raise RuntimeError("Context.init() must only be called once")
+            arguments = parse_arguments(sys.argv if args is None else args)
+            arguments.refuse_unknown()
+            self._handle = ContextHandle(arguments, domain)
+            _initialised.add(self)
+        if initialize_logging:
+            from rwt_rclpy.logs import output
+
+            output.configure(arguments)
+
+    def ok(self) -> bool:
+        """Whether it is initialised and was not shut down."""
+        handle = self._handle
+        return handle is not None and handle.valid
+
+    def _call_callbacks(self) -> None:
+        callbacks, self._callbacks = self._callbacks, []
+        for weak in callbacks:
+            callback = weak()
+            if callback is not None:
+                callback()
+        for waker in tuple(self._wakers):
+            waker.wake()
+
+    def shutdown(self) -> None:
+        """End it.
+
+        Raises:
+            RuntimeError: it is not initialised, or was shut down before.
+        """
+        with self._lock:
+            if self._handle is None:
+                raise RuntimeError("Context must be initialized before it can be shutdown")
+            if not self._handle.valid:
+                raise RCLError("the context was shut down before; try_shutdown() does so only if needed")
+            self._handle.shutdown()
+        self._call_callbacks()
+
+    def try_shutdown(self) -> None:
+        """End it, unless it has ended."""
+        with self._lock:
+            if self._handle is None or not self._handle.valid:
+                return
+            self._handle.shutdown()
+        self._call_callbacks()
+
+    def shutdown_by_signal(self) -> None:
+        """End it from outside: what spins raises ExternalShutdownException."""
+        if self._handle is not None:
+            self._handle.shutdown()
+        for waker in tuple(self._wakers):
+            waker.wake()
+
+    def on_shutdown(self, callback: OnShutdown) -> None:
+        """Call a function when the context is shut down; at once when it was. Methods are held weakly.
+
+        Raises:
+            TypeError: it cannot be called.
+        """
+        if not callable(callback):
+            raise TypeError(f"callback should be a callable, got {type(callback)}")
+        if self._handle is not None and not self._handle.valid:
+            callback()
+            return
+        with self._lock:
+            if inspect.ismethod(callback):
+                method: weakref.WeakMethod[OnShutdown] = weakref.WeakMethod(callback, self._forget)
+                self._callbacks.append(method)
+            else:
+                self._callbacks.append(lambda: callback)
+
+    def _forget(self, weak: Callable[[], OnShutdown | None]) -> None:
+        if weak in self._callbacks:
+            self._callbacks.remove(weak)
+
+    def wake_on_end(self, waker: Wakeable) -> None:
+        """Wake an executor when the context ends in whatever way."""
+        self._wakers.add(waker)
+
+    def get_domain_id(self) -> int:
+        """The ROS domain. Raises RuntimeError before :meth:`init`."""
+        if self._handle is None:
+            raise RuntimeError("Context must be initialized before it can have a domain id")
+        return self._handle.domain
+
+    def destroy(self) -> None:
+        """Let go of its state."""
+        if self._handle is not None:
+            self._handle.destroy_when_not_in_use()
+
+    def __enter__(self) -> Self:
+        self.init()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.try_shutdown()
+
+
+class Wakeable:
+    """What waits, and can be told to look again."""
+
+    def wake(self) -> None:
+        """Look again."""
+        raise NotImplementedError
+
+
+def initialised_contexts() -> list[Context]:
+    """Every context that has begun and not ended."""
+    return [context for context in tuple(_initialised) if context.ok()]
+
+
+_default: Context | None = None
+_default_lock = threading.Lock()
+
+
+def get_default_context(*, shutting_down: bool = False) -> Context:
+    """The context of `rclpy.init()`; a new one after the present one is shut down."""
+    global _default
+    with _default_lock:
+        if _default is None:
+            _default = Context()
+        if shutting_down:
+            old, _default = _default, None
+            return old
+        return _default

@@ -1,0 +1,41 @@
+"""What an executor asks of everything that has callbacks."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rwt_rclpy.execution.callback_groups import CallbackGroup
+
+
+def _nothing() -> None:
+    pass
+
+
+class Entity(ABC):
+    """Something that has work for an executor now and then.
+
+    Attributes:
+        callback_group: which callbacks may run beside its own.
+        wake: makes the executor look again; set by the node that it belongs to.
+    """
+
+    def __init__(self, callback_group: CallbackGroup | None) -> None:
+        self.callback_group: Any = callback_group
+        self.wake: Callable[[], None] = _nothing
+        # rclpy's name: whether an executor has it in hand.
+        self._executor_event = False
+
+    @abstractmethod
+    def has_work(self) -> bool:
+        """Whether there is a callback to run now."""
+
+    @abstractmethod
+    def take(self) -> Callable[[], object] | None:
+        """The callback to run now, which may return a coroutine; None when there is none after all."""
+
+    def due_in_ns(self) -> int | None:
+        """Nanoseconds until it has work by itself; None when it waits for something else than time."""
+        return None

@@ -1,0 +1,52 @@
+"""`rclpy.guard_condition`: a callback that any thread may have run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.execution.entity import Entity
+
+if TYPE_CHECKING:
+    from rwt_rclpy.execution.callback_groups import CallbackGroup
+    from rwt_rclpy.execution.context import Context
+
+
+class GuardCondition(Entity):
+    """Runs its callback in the executor after :meth:`trigger`."""
+
+    def __init__(
+        self,
+        callback: Callable[[], object] | None,
+        callback_group: CallbackGroup | None,
+        context: Context | None = None,
+    ) -> None:
+        super().__init__(callback_group)
+        self.callback = callback
+        self._handle = Destroyable("guard condition")
+        self._triggered = False
+
+    @property
+    def handle(self) -> Destroyable:
+        """What it is destroyed by."""
+        return self._handle
+
+    def trigger(self) -> None:
+        """Have the callback run. Raises :exc:`InvalidHandle` after :meth:`destroy`."""
+        self._handle.check()
+        self._triggered = True
+        self.wake()
+
+    def destroy(self) -> None:
+        """Run no more."""
+        self._handle.destroy_when_not_in_use()
+
+    def has_work(self) -> bool:
+        """Whether it was triggered."""
+        return self._triggered and bool(self._handle)
+
+    def take(self) -> Callable[[], object] | None:
+        """The callback."""
+        self._triggered = False
+        return self.callback

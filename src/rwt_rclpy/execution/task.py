@@ -1,0 +1,255 @@
+"""`rclpy.task`: futures, and tasks that an executor runs.
+
+A coroutine that waits for a future is resumed when the future is done, not before: waiting costs nothing.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import threading
+import warnings
+import weakref
+from collections.abc import Callable, Coroutine, Generator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rwt_rclpy.execution.executors import Executor
+
+Callback = Callable[["Future"], object]
+
+
+class Future:
+    """What will be known later.
+
+    Args:
+        executor: runs the callbacks; without one they run where the future is set.
+    """
+
+    def __init__(self, *, executor: Executor | None = None) -> None:
+        self._done = False
+        self._cancelled = False
+        self._result: Any = None
+        self._exception: BaseException | None = None
+        self._exception_fetched = False
+        self._callbacks: list[Callback] = []
+        self._resume: list[Callable[[], None]] = []
+        self._lock = threading.Lock()
+        self._executor: weakref.ref[Executor] | None = None
+        self._set_executor(executor)
+
+    def __del__(self) -> None:
+        if self._exception is not None and not self._exception_fetched:
+            print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)  # noqa: T201 - as rclpy tells of it
+
+    def __await__(self) -> Generator[Future, None, Any]:
+        while not self._done:
+            yield self
+        return self.result()
+
+    def cancel(self) -> None:
+        """Give up waiting, unless it is done already."""
+        with self._lock:
+            if not self._done:
+                self._cancelled = True
+        self._tell()
+
+    def cancelled(self) -> bool:
+        """Whether it was cancelled."""
+        return self._cancelled
+
+    def done(self) -> bool:
+        """Whether it has a result or an exception."""
+        return self._done
+
+    def result(self) -> Any:
+        """The result, None while there is none; raises the exception that was set."""
+        if self._exception is not None:
+            self._exception_fetched = True
+            raise self._exception
+        return self._result
+
+    def exception(self) -> BaseException | None:
+        """The exception that was set, or None."""
+        self._exception_fetched = True
+        return self._exception
+
+    def set_result(self, result: Any) -> None:
+        """Set the result, and call who waits."""
+        with self._lock:
+            self._result = result
+            self._done = True
+            self._cancelled = False
+        self._tell()
+
+    def set_exception(self, exception: BaseException) -> None:
+        """Set an exception, and call who waits."""
+        with self._lock:
+            self._exception = exception
+            self._exception_fetched = False
+            self._done = True
+            self._cancelled = False
+        self._tell()
+
+    def _tell(self) -> None:
+        with self._lock:
+            executor = self._executor() if self._executor is not None else None
+            callbacks, self._callbacks = self._callbacks, []
+            resume, self._resume = self._resume, []
+        for each in resume:
+            each()
+        for callback in callbacks:
+            if executor is not None:
+                executor.create_task(callback, self)
+                continue
+            try:
+                callback(self)
+            except Exception as error:
+                warnings.warn(f"Unhandled exception in done callback: {error}", stacklevel=2)
+
+    def _set_executor(self, executor: Executor | None) -> None:
+        with self._lock:
+            self._executor = None if executor is None else weakref.ref(executor)
+
+    def add_done_callback(self, callback: Callback) -> None:
+        """Call back with the future once it is done; at once, or by the executor, when it is already."""
+        with self._lock:
+            if not self._done:
+                self._callbacks.append(callback)
+                return
+            executor = self._executor() if self._executor is not None else None
+        if executor is not None:
+            executor.create_task(callback, self)
+        else:
+            callback(self)
+
+    def remove_done_callback(self, callback: Callback) -> bool:
+        """Forget a callback; says whether there was such a one."""
+        with self._lock:
+            count = len(self._callbacks)
+            self._callbacks = [each for each in self._callbacks if each != callback]
+            return len(self._callbacks) != count
+
+    def resume_with(self, resume: Callable[[], None]) -> None:
+        """Call once it is done or cancelled, on the thread that sets it; at once when it is already."""
+        with self._lock:
+            if not self._done and not self._cancelled:
+                if resume not in self._resume:
+                    self._resume.append(resume)
+                return
+        resume()
+
+
+class Task(Future):
+    """A function or a coroutine that an executor runs; the future is done when it has ended.
+
+    Args:
+        handler: a function, a coroutine function, or a coroutine.
+        args: of the function.
+        kwargs: of the function.
+        executor: runs the callbacks, and is woken when the task can go on.
+    """
+
+    def __init__(
+        self,
+        handler: Any,
+        args: Sequence[Any] | None = None,
+        kwargs: Mapping[str, Any] | None = None,
+        executor: Executor | None = None,
+    ) -> None:
+        super().__init__(executor=executor)
+        self._handler = handler
+        self._args: Sequence[Any] = args or ()
+        self._kwargs: Mapping[str, Any] = kwargs or {}
+        if inspect.iscoroutinefunction(handler):
+            self._handler = handler(*self._args, **self._kwargs)
+        self._executing = False
+        self._waits = False
+        self._task_lock = threading.Lock()
+
+    def __call__(self) -> None:
+        """Run, or go on, until it ends or waits."""
+        if self._done or self._executing or not self._task_lock.acquire(blocking=False):
+            return
+        try:
+            self._executing = True
+            if inspect.iscoroutine(self._handler):
+                self._step(self._handler)
+            else:
+                self._run()
+        finally:
+            self._executing = False
+            self._task_lock.release()
+
+    def _run(self) -> None:
+        try:
+            result = self._handler(*self._args, **self._kwargs)
+        except Exception as error:
+            self._end()
+            self.set_exception(error)
+        else:
+            self._end()
+            self.set_result(result)
+
+    def _step(self, coroutine: Coroutine[Any, None, Any]) -> None:
+        try:
+            awaited = coroutine.send(None)
+        except StopIteration as end:
+            self._end()
+            self.set_result(end.value)
+        except Exception as error:
+            self._end()
+            self.set_exception(error)
+        else:
+            if isinstance(awaited, Future):
+                self._waits = True
+                awaited.resume_with(self._go_on)
+
+    def _go_on(self) -> None:
+        self._waits = False
+        executor = self._executor() if self._executor is not None else None
+        if executor is not None:
+            executor.wake()
+
+    def _end(self) -> None:
+        self._handler = None
+        self._args, self._kwargs = (), {}
+
+    def executing(self) -> bool:
+        """Whether it runs at this moment."""
+        return self._executing
+
+    def can_run(self) -> bool:
+        """Whether calling it would get it further."""
+        return not self._waits and not self._done and not self._executing
+
+
+class Work(Task):
+    """A callback of an entity, with what is to be done after it."""
+
+    def __init__(self, call: Callable[[], object], executor: Executor, after: Callable[[], None]) -> None:
+        super().__init__(call, executor=executor)
+        self._after: Callable[[], None] | None = after
+
+    def _run(self) -> None:
+        try:
+            result = self._handler()
+        except Exception as error:
+            self._end()
+            self.set_exception(error)
+            return
+        if inspect.iscoroutine(result):
+            self._handler = result
+            self._step(result)
+        else:
+            self._end()
+            self._result = result
+            self._done = True
+            if self._callbacks or self._resume:
+                self._tell()
+
+    def _end(self) -> None:
+        super()._end()
+        after, self._after = self._after, None
+        if after is not None:
+            after()

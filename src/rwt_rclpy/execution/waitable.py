@@ -1,0 +1,134 @@
+"""`rclpy.waitable`: entities that a program makes of others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from rwt_rclpy.execution.entity import Entity
+
+
+@dataclass
+class NumberOfEntities:
+    """How many entities of each kind a waitable waits for."""
+
+    num_subscriptions: int = 0
+    num_guard_conditions: int = 0
+    num_timers: int = 0
+    num_clients: int = 0
+    num_services: int = 0
+    num_events: int = 0
+
+    def __add__(self, other: NumberOfEntities) -> NumberOfEntities:
+        return NumberOfEntities(*(mine + its for mine, its in zip(self._all(), other._all(), strict=True)))
+
+    def __iadd__(self, other: NumberOfEntities) -> NumberOfEntities:
+        for name in self.__dataclass_fields__:
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        return self
+
+    def _all(self) -> tuple[int, ...]:
+        return tuple(getattr(self, name) for name in self.__dataclass_fields__)
+
+    def __repr__(self) -> str:
+        return f"<NumberOfEntities{self._all()}>"
+
+
+class Waitable:
+    """Something that an executor asks whether it is ready, and then has run."""
+
+    def __init__(self, callback_group: Any) -> None:
+        self.callback_group = callback_group
+        self._futures: list[Any] = []
+        self._executor_event = False
+
+    def __enter__(self) -> None:
+        """Use it; may raise InvalidHandle."""
+
+    def __exit__(self, *exc: object) -> None:
+        """Use it no more."""
+
+    def add_future(self, future: Any) -> None:
+        """Have the executor run the future's callbacks."""
+        self._futures.append(future)
+
+    def remove_future(self, future: Any) -> None:
+        """Undo :meth:`add_future`."""
+        self._futures.remove(future)
+
+    def is_ready(self, wait_set: WaitSet) -> bool:
+        """Whether one of its entities is."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+    def take_data(self) -> Any:
+        """What to run with."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+    async def execute(self, taken_data: Any) -> None:
+        """Run."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+    def get_num_entities(self) -> NumberOfEntities:
+        """How many entities it adds to a wait set."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+    def add_to_wait_set(self, wait_set: WaitSet) -> None:
+        """Add its entities to a wait set."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+
+@dataclass
+class WaitSet:
+    """The entities that waitables wait for, each under the number that adding it gave."""
+
+    entities: dict[str, list[Entity]] = field(default_factory=dict)
+
+    def _add(self, kind: str, entity: Entity) -> int:
+        known = self.entities.setdefault(kind, [])
+        known.append(entity)
+        return len(known) - 1
+
+    def add_subscription(self, entity: Entity) -> int:
+        """Add a subscription."""
+        return self._add("subscription", entity)
+
+    def add_guard_condition(self, entity: Entity) -> int:
+        """Add a guard condition."""
+        return self._add("guard_condition", entity)
+
+    def add_timer(self, entity: Entity) -> int:
+        """Add a timer."""
+        return self._add("timer", entity)
+
+    def add_client(self, entity: Entity) -> int:
+        """Add a client."""
+        return self._add("client", entity)
+
+    def add_service(self, entity: Entity) -> int:
+        """Add a service."""
+        return self._add("service", entity)
+
+    def is_ready(self, kind: str, index: int) -> bool:
+        """Whether an entity has work."""
+        return self.entities[kind][index].has_work()
+
+
+class WaitableEntity(Entity):
+    """A program's waitable, as the executor asks."""
+
+    def __init__(self, waitable: Waitable) -> None:
+        super().__init__(waitable.callback_group)
+        self.waitable = waitable
+
+    def has_work(self) -> bool:
+        """Whether the waitable says so of a wait set of its entities."""
+        wait_set = WaitSet()
+        with self.waitable:
+            self.waitable.add_to_wait_set(wait_set)
+            return self.waitable.is_ready(wait_set)
+
+    def take(self) -> Callable[[], object] | None:
+        """What the waitable has taken, to be executed."""
+        data = self.waitable.take_data()
+        return lambda: self.waitable.execute(data)

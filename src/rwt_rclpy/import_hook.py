@@ -1,0 +1,207 @@
+"""Makes `import rclpy` and `from std_msgs.msg import String` work, once :func:`install` was called.
+
+Nothing is put in the way of a ROS that is installed: with one, nothing is installed here.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Iterator, Sequence
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from types import ModuleType
+from typing import Any
+
+from rwt_interfaces.errors import UnknownType
+from rwt_interfaces.names import KINDS
+from rwt_rclpy.messages.classes import module_of
+from rwt_rclpy.messages.loaded import classes
+from rwt_rclpy.modules import ABSENT, MODULES
+
+
+class MixedInstallation(ImportError):
+    """Half of a ROS is installed, which would be mixed with what is here."""
+
+
+class NotAvailable(ImportError):
+    """What a program imports cannot be had without ROS; the text says what to use instead."""
+
+
+class InterfaceModule(ModuleType):
+    """`std_msgs.msg`: the classes of a package, each made when it is first asked for."""
+
+    def __init__(self, name: str, package: str, kind: str) -> None:
+        super().__init__(name, f"The {kind} interfaces of {package}.")
+        self.__path__: list[str] = []
+        self._package = package
+        self._kind = kind
+
+    @property
+    def __all__(self) -> list[str]:
+        return _names(self._package, self._kind)
+
+    def __dir__(self) -> list[str]:
+        return _names(self._package, self._kind)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        try:
+            found = _interface(self._package, self._kind, name)
+        except UnknownType as error:
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}: {error}") from None
+        setattr(self, name, found)
+        return found
+
+
+def _interface(package: str, kind: str, name: str) -> type:
+    known = classes()
+    full = f"{package}/{name}"
+    match kind:
+        case "msg":
+            return known.message(full)
+        case "srv":
+            return (
+                known.message(full)
+                if name.endswith(("_Request", "_Response", "_Event"))
+                else known.service(full)
+            )
+        case _:
+            return known.by_type_name(f"{package}/action/{name}")
+
+
+def _names(package: str, kind: str) -> list[str]:
+    start = f"{package}/"
+    names: Any = classes().registry.names(kind)  # type: ignore[arg-type]  # one of KINDS
+    return [each.removeprefix(start) for each in names if each.startswith(start)]
+
+
+def packages() -> set[str]:
+    """The packages of interfaces that can be imported."""
+    names = classes().registry.names
+    return {full.partition("/")[0] for kind in KINDS for full in names(kind)}
+
+
+class _Alias(Loader):
+    """Gives a module another name."""
+
+    def __init__(self, target: str) -> None:
+        self._target = target
+        self._spec: ModuleSpec | None = None
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        module = importlib.import_module(self._target)
+        self._spec = module.__spec__
+        if not hasattr(module, "__path__"):
+            # A name may be that of a package where the module is none.
+            module.__path__ = []
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__spec__ = self._spec
+
+
+class _Interfaces(Loader):
+    """Makes `pkg`, `pkg.msg` and `pkg.msg._name`."""
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        package, *rest = spec.name.split(".")
+        if not rest:
+            module = ModuleType(package, f"The interfaces of {package}.")
+            module.__path__ = []
+            return module
+        if len(rest) == 1:
+            return InterfaceModule(spec.name, package, rest[0])
+        module = ModuleType(spec.name)
+        for name in _names(package, rest[0]):
+            if module_of(name) == rest[1]:
+                setattr(module, name, _interface(package, rest[0], name))
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Nothing: the classes are made when they are asked for."""
+
+
+class RosFinder(MetaPathFinder):
+    """Finds what is here under the names of ROS.
+
+    Attributes:
+        packages: the packages of interfaces; kept, since finding them imports modules itself.
+    """
+
+    def __init__(self) -> None:
+        self.packages: frozenset[str] = frozenset()
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """The module of a name of ROS; None for every other name."""
+        top, _, rest = fullname.partition(".")
+        if fullname in MODULES:
+            if not rest and top != "rclpy" and _installed(top) is not None:
+                return None  # A companion that was installed on its own is its user's choice.
+            return self._spec(fullname, _Alias(MODULES[fullname]))
+        if fullname in ABSENT and (rest or _installed(top) is None):
+            raise NotAvailable(f"{fullname} is not available without ROS: {ABSENT[fullname]}", name=fullname)
+        if top not in self.packages:
+            return None
+        installed = _installed(top)
+        if installed is not None:
+            raise MixedInstallation(
+                f"the package {top} is installed at {installed.origin}, and rclpy is not: install or source"
+                " all of ROS, or take this folder off PYTHONPATH",
+                name=fullname,
+            )
+        parts = rest.split(".") if rest else []
+        if len(parts) > 2 or (parts and not _names(top, parts[0])):
+            return None
+        if len(parts) == 2 and not any(module_of(name) == parts[1] for name in _names(top, parts[0])):
+            return None
+        return self._spec(fullname, _Interfaces())
+
+    @staticmethod
+    def _spec(name: str, loader: Loader) -> ModuleSpec:
+        return ModuleSpec(name, loader, origin="rwt_rclpy", is_package=True)
+
+
+def _installed(name: str) -> ModuleSpec | None:
+    """The regular package of that name on the path; a folder without ``__init__.py`` is none."""
+    try:
+        spec = PathFinder.find_spec(name)
+    except (ImportError, ValueError):
+        return None
+    return None if spec is None or spec.origin is None else spec
+
+
+_finder = RosFinder()
+
+
+def ros_is_installed() -> str:
+    """Where a real rclpy is installed; empty when there is none."""
+    spec = _installed("rclpy")
+    return "" if spec is None or spec.origin is None else spec.origin
+
+
+def install() -> None:
+    """Let programs import what is here under the names of ROS."""
+    _finder.packages = frozenset(packages())
+    if _finder not in sys.meta_path:
+        sys.meta_path.insert(0, _finder)
+
+
+def uninstall() -> None:
+    """Undo :func:`install`, and forget the modules that were imported by ROS's names."""
+    if _finder in sys.meta_path:
+        sys.meta_path.remove(_finder)
+    for name in tuple(_ours()):
+        del sys.modules[name]
+
+
+def _ours() -> Iterator[str]:
+    known = packages()
+    for name, module in sys.modules.items():
+        top = name.partition(".")[0]
+        if name in MODULES or (top in known and isinstance(getattr(module, "__loader__", None), _Interfaces)):
+            yield name

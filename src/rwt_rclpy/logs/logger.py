@@ -1,0 +1,211 @@
+"""`rclpy.logging` and the logger of a node, with its filters `once`, `throttle_duration_sec` and
+`skip_first`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any, Final
+
+from rwt_rclpy.clocks.clock import Clock
+from rwt_rclpy.logs import output
+from rwt_rclpy.logs.output import LoggingSeverity
+
+_OPTIONS: Final = ("once", "skip_first", "throttle_duration_sec", "throttle_time_source_type")
+
+
+@dataclass(slots=True)
+class _Call:
+    """What is known of one place that logs."""
+
+    severity: LoggingSeverity
+    name: str
+    options: dict[str, Any]
+    clock: Clock | None = None
+    seen: int = 0
+    #: As in rcutils: a clock that begins at zero has logged at zero.
+    last_ns: int = 0
+
+    def passes(self) -> bool:
+        """Whether the filters let the line through this time."""
+        self.seen += 1
+        if "throttle_duration_sec" in self.options and not self._is_due():
+            return False
+        if self.options.get("skip_first") and self.seen == 1:
+            return False
+        if self.options.get("once"):
+            return self.seen == (2 if self.options.get("skip_first") else 1)
+        return True
+
+    def _is_due(self) -> bool:
+        assert self.clock is not None  # A throttled call has one.
+        now = self.clock.now().nanoseconds
+        span = self.options["throttle_duration_sec"] * 1e9
+        if self.last_ns <= now < self.last_ns + span:
+            return False
+        self.last_ns = now
+        return True
+
+
+class RcutilsLogger:
+    """Logs under one name.
+
+    Attributes:
+        name: parts separated by dots; empty for the root.
+    """
+
+    def __init__(self, name: str = "") -> None:
+        self.name = name
+        self.contexts: dict[tuple[str, int, int], _Call] = {}
+
+    def get_child(self, name: str) -> RcutilsLogger:
+        """The logger of a name below this one. Raises ValueError for an empty one."""
+        if not name:
+            raise ValueError("Child logger name must not be empty.")
+        return RcutilsLogger(f"{self.name}{output.SEPARATOR}{name}" if self.name else name)
+
+    def set_level(self, level: int) -> bool:
+        """Log what is at least as severe."""
+        return output.set_level(self.name, LoggingSeverity(level))
+
+    def get_effective_level(self) -> LoggingSeverity:
+        """What is logged: its level, or that of one above."""
+        return output.effective_level(self.name)
+
+    def is_enabled_for(self, severity: int) -> bool:
+        """Whether lines of a severity are logged."""
+        return LoggingSeverity(severity) >= self.get_effective_level()
+
+    def log(self, message: str, severity: int, **kwargs: Any) -> bool:
+        """Log a line.
+
+        Args:
+            message: the text.
+            severity: how severe it is.
+            **kwargs: filters: `once`, `skip_first`, `throttle_duration_sec` with
+                `throttle_time_source_type`, and `name` of another logger.
+
+        Returns:
+            Whether it was logged.
+
+        Raises:
+            TypeError: there is no such filter, or one lacks a parameter.
+            ValueError: this place has logged with other filters before.
+        """
+        if not self.is_enabled_for(severity):
+            return False
+        severity = LoggingSeverity(severity)
+        name = kwargs.pop("name", self.name)
+        _check(kwargs)
+        frame = _caller()
+        key = (frame.f_code.co_filename, frame.f_lineno, frame.f_lasti)
+        call = self.contexts.get(key)
+        if call is None:
+            call = self.contexts[key] = _Call(severity, name, dict(kwargs), _clock_of(kwargs))
+        else:
+            _check_unchanged(call, severity, name, kwargs)
+        if kwargs and not call.passes():
+            return False
+        output.write(
+            severity, name, str(message), frame.f_code.co_name, frame.f_code.co_filename, frame.f_lineno
+        )
+        return True
+
+    def debug(self, message: str, **kwargs: Any) -> bool:
+        """Log for who looks for a fault."""
+        return self.log(message, LoggingSeverity.DEBUG, **kwargs)
+
+    def info(self, message: str, **kwargs: Any) -> bool:
+        """Log what goes on."""
+        return self.log(message, LoggingSeverity.INFO, **kwargs)
+
+    def warning(self, message: str, **kwargs: Any) -> bool:
+        """Log what may be wrong."""
+        return self.log(message, LoggingSeverity.WARN, **kwargs)
+
+    def warn(self, message: str, **kwargs: Any) -> bool:
+        """Log what may be wrong, under the older name."""
+        return self.log(message, LoggingSeverity.WARN, **kwargs)
+
+    def error(self, message: str, **kwargs: Any) -> bool:
+        """Log what is wrong."""
+        return self.log(message, LoggingSeverity.ERROR, **kwargs)
+
+    def fatal(self, message: str, **kwargs: Any) -> bool:
+        """Log what ends the program."""
+        return self.log(message, LoggingSeverity.FATAL, **kwargs)
+
+
+def _check(options: dict[str, Any]) -> None:
+    for name in options:
+        if name not in _OPTIONS:
+            raise TypeError(f'parameter "{name}" is not one of the recognized logging options "{_OPTIONS}"')
+    if "throttle_time_source_type" in options and "throttle_duration_sec" not in options:
+        raise TypeError(
+            'required parameter "throttle_duration_sec" not specified beside "throttle_time_source_type"'
+        )
+
+
+def _clock_of(options: dict[str, Any]) -> Clock | None:
+    if "throttle_duration_sec" not in options:
+        return None
+    if options["throttle_duration_sec"] is None:
+        raise TypeError("throttle_duration_sec is not given")
+    clock = options.get("throttle_time_source_type")
+    if clock is None:
+        return Clock()
+    if not isinstance(clock, Clock):
+        raise ValueError(f"throttle_time_source_type: {clock!r} is not a clock instance")
+    return clock
+
+
+def _check_unchanged(call: _Call, severity: LoggingSeverity, name: str, options: dict[str, Any]) -> None:
+    if severity != call.severity:
+        raise ValueError("Logger severity cannot be changed between calls.")
+    if name != call.name:
+        raise ValueError("Logger name cannot be changed between calls.")
+    if set(options) != set(call.options):
+        raise ValueError("Requested logging filters cannot be changed between calls.")
+    if options != call.options:
+        raise ValueError("Logging filter parameters cannot be changed between calls.")
+
+
+def _caller() -> FrameType:
+    """The first frame outside of this module."""
+    frame: FrameType | None = sys._getframe(2)
+    while frame is not None and frame.f_code.co_filename == __file__ and frame.f_back is not None:
+        frame = frame.f_back
+    assert frame is not None  # The outermost frame has been reached at last.
+    return frame
+
+
+_root_logger = RcutilsLogger()
+
+
+def get_logger(name: str) -> RcutilsLogger:
+    """The logger of a name. Raises ValueError for an empty one."""
+    if not name:
+        raise ValueError("Logger name must not be empty.")
+    return _root_logger.get_child(name)
+
+
+def initialize() -> None:
+    """Begin to log; nothing is needed for it."""
+
+
+def shutdown() -> None:
+    """Log no more; nothing is held for it."""
+
+
+def clear_config() -> None:
+    """Forget every level that was set."""
+    output.clear_levels()
+
+
+set_logger_level: Callable[..., bool] = output.set_level
+get_logger_effective_level = output.effective_level
+get_logger_level = output.get_level
+get_logging_severity_from_string = output.level_from_string
+get_logging_directory = output.logging_directory

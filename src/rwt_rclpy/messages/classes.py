@@ -1,0 +1,320 @@
+"""Classes of messages, services and actions with the semantics of rosidl's generated ones.
+
+A class is made once for each type of a registry, with the classes that it holds. The link back is where
+rosidl keeps a type's C handle: `_TYPE_SUPPORT` of the metaclass is the type in the registry.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rwt_interfaces.errors import UnknownType
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType, python_name
+from rwt_rclpy.messages.fields import NUMBER_CODES, Convert, MessageField, Nested, message_field
+from rwt_rclpy.messages.slot_types import AbstractSequence, BasicType, SlotType
+
+_WORD_ENDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+
+
+def module_of(name: str) -> str:
+    """The module in which rosidl puts an interface: `AddTwoInts` is in `_add_two_ints`."""
+    return "_" + _WORD_ENDS.sub("_", name).lower()
+
+
+#: Whether setters check: unless the environment has ``ROS_PYTHON_CHECK_FIELDS=0``.
+FIELDS_ARE_CHECKED = os.environ.get("ROS_PYTHON_CHECK_FIELDS", "1") != "0"
+
+
+class InterfaceMeta(type):
+    """The metaclass of every interface.
+
+    Attributes:
+        _TYPE_SUPPORT: the type in the registry.
+    """
+
+    _TYPE_SUPPORT: ClassVar[MessageType | ServiceType | ActionType | None] = None
+
+    @classmethod
+    def __import_type_support__(mcs) -> None:
+        """Nothing to load: the class is made from its definition."""
+
+
+class Message(metaclass=InterfaceMeta):
+    """Base of every message class."""
+
+    __slots__ = ("_check_fields",)
+
+    _check_fields: bool
+    _fields_and_field_types: ClassVar[dict[str, str]] = {}
+    SLOT_TYPES: ClassVar[tuple[SlotType, ...]] = ()
+    _rwt_fields: ClassVar[tuple[MessageField, ...]] = ()
+    _rwt_defaults: ClassVar[tuple[tuple[str, Callable[[], Any]], ...]] = ()
+    _rwt_name: ClassVar[str] = ""
+    _rwt_to_graph: ClassVar[Convert]
+    _rwt_from_graph: ClassVar[Convert]
+    __hash__ = None  # type: ignore[assignment]  # A message is mutable and equal by its fields.
+
+    def __init__(self, **kwargs: Any) -> None:
+        self._check_fields = bool(kwargs.pop("check_fields", FIELDS_ARE_CHECKED))
+        if not kwargs:
+            for slot, default in self._rwt_defaults:
+                setattr(self, slot, default())
+            return
+        for field in self._rwt_fields:
+            if field.name in kwargs:
+                setattr(self, field.name, kwargs.pop(field.name))
+            else:
+                setattr(self, f"_{field.name}", field.default())
+        if kwargs:
+            known = ", ".join(self._fields_and_field_types) or "none"
+            raise AssertionError(
+                f"{type(self).__name__} has no field {', '.join(sorted(kwargs))}; its fields are {known}"
+            )
+
+    @classmethod
+    def get_fields_and_field_types(cls) -> dict[str, str]:
+        """The fields by name, each with its type as IDL writes it."""
+        return dict(cls._fields_and_field_types)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, type(self)):
+            return False
+        for field in self._rwt_fields:
+            mine, its = getattr(self, field.name), getattr(other, field.name)
+            if isinstance(mine, np.ndarray) or isinstance(its, np.ndarray):
+                if not np.array_equal(mine, its):
+                    return False
+            elif mine != its:
+                return False
+        return True
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{field.name}={self._shown(field)}" for field in self._rwt_fields)
+        return f"{self._rwt_name}({shown})"
+
+    def _shown(self, field: MessageField) -> str:
+        value = getattr(self, field.name)
+        kind = field.type
+        if isinstance(kind, AbstractSequence):
+            element = kind.value_type
+            if isinstance(element, BasicType) and element.typename in NUMBER_CODES:
+                return repr(list(value))
+        return repr(value)
+
+
+class MessageClasses:
+    """The classes of one registry, each made when it is first asked for. Safe from several threads."""
+
+    def __init__(self, registry: Registry) -> None:
+        self.registry = registry
+        self._lock = threading.RLock()
+        self._messages: dict[str, type[Message]] = {}
+        self._interfaces: dict[tuple[str, str], type] = {}
+
+    @property
+    def in_use(self) -> bool:
+        """Whether any class was made."""
+        return bool(self._messages)
+
+    def of(self, message: MessageType) -> type[Message]:
+        """The class of a message type of the registry."""
+        found = self._messages.get(message.name)
+        if found is not None:
+            return found
+        with self._lock:
+            found = self._messages.get(message.name)
+            if found is None:
+                found = self._messages[message.name] = self._make(message)
+            return found
+
+    def message(self, name: str) -> type[Message]:
+        """The class of a message, or of a part of a service or action. Raises :exc:`UnknownType`."""
+        return self.of(self.registry.message(name))
+
+    def service(self, name: str) -> type:
+        """The class of a service, with `Request`, `Response` and `Event`. Raises :exc:`UnknownType`."""
+        return self._interface("srv", name, lambda: self._make_service(self.registry.service(name)))
+
+    def action(self, name: str) -> type:
+        """The class of an action, with `Goal`, `Result`, `Feedback` and `Impl`. Raises :exc:`UnknownType`."""
+        return self._interface("action", name, lambda: self._make_action(self.registry.action(name)))
+
+    def by_type_name(self, name: str) -> type:
+        """The class of ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``.
+
+        Raises:
+            UnknownType: the registry has no such interface.
+        """
+        kind = name.split("/")[1] if name.count("/") == 2 else "msg"
+        short = f"{name.split('/')[0]}/{name.rpartition('/')[2]}"
+        if kind == "srv" or (kind == "action" and short.endswith(("_SendGoal", "_GetResult"))):
+            with_parts = short.endswith(("_Request", "_Response", "_Event"))
+            return self.message(short) if with_parts else self.service(short)
+        if kind == "action" and not short.endswith(("_Goal", "_Result", "_Feedback", "_FeedbackMessage")):
+            return self.action(short)
+        return self.message(short)
+
+    def _interface(self, kind: str, name: str, make: Callable[[], type]) -> type:
+        key = (kind, name)
+        found = self._interfaces.get(key)
+        if found is None:
+            with self._lock:
+                found = self._interfaces.get(key)
+                if found is None:
+                    found = self._interfaces[key] = make()
+        return found
+
+    # Messages
+
+    def _nested(self, name: str) -> Nested:
+        cls = self.message(name)
+        package, kind, short = self.registry.full_name(name).split("/")
+        return Nested(cls, short, (package, kind), cls._rwt_to_graph, cls._rwt_from_graph)
+
+    def _make(self, message: MessageType) -> type[Message]:
+        package, kind, short = self.registry.full_name(message.name).split("/")
+        definition = message.definition
+        fields = tuple(message_field(field, self._nested) for field in definition.fields)
+        constants = {python_name(each.name): each.value for each in definition.constants}
+        defaults = {f"{field.name.upper()}__DEFAULT": field.default for field in fields if field.has_default}
+        meta = type(
+            f"Metaclass_{short}",
+            (InterfaceMeta,),
+            {
+                "_TYPE_SUPPORT": message,
+                **{name: property(_constant(value)) for name, value in constants.items()},
+                **{name: property(_made(default)) for name, default in defaults.items()},
+            },
+        )
+        base = short.rsplit("_", 1)[0] if "_" in short else short
+        namespace = {
+            "__doc__": f"Message {package}/{kind}/{short}.",
+            "__slots__": tuple(f"_{field.name}" for field in fields),
+            "__module__": f"{package}.{kind}.{module_of(base)}",
+            "__hash__": None,
+            "SLOT_TYPES": tuple(field.type for field in fields),
+            "_rwt_fields": fields,
+            "_rwt_defaults": tuple((f"_{field.name}", field.default) for field in fields),
+            "_fields_and_field_types": {field.name: field.type_text for field in fields},
+            "_rwt_name": f"{package}.{kind}.{short}",
+            **constants,
+            **{field.name: _property(field) for field in fields},
+        }
+        cls: type[Message] = meta(short, (Message,), namespace)
+        cls._rwt_to_graph = staticmethod(_writer(message, fields))
+        cls._rwt_from_graph = staticmethod(_reader(message, fields, cls))
+        return cls
+
+    # Services and actions
+
+    def _make_service(self, service: ServiceType) -> type:
+        package, kind, short = self.registry.type_name(service).split("/")
+        parts = {
+            "Request": self.of(service.request),
+            "Response": self.of(service.response),
+        }
+        with suppress(UnknownType):  # Without service_msgs there is no introspection.
+            parts["Event"] = self.message(f"{service.name}_Event")
+        return _holder(package, kind, short, service, parts)
+
+    def _make_action(self, action: ActionType) -> type:
+        package, _, short = self.registry.type_name(action).split("/")
+        impl = type(
+            "Impl",
+            (),
+            {
+                "__doc__": f"The services and messages that carry {package}/action/{short}.",
+                "SendGoalService": self.service(f"{action.name}_SendGoal"),
+                "GetResultService": self.service(f"{action.name}_GetResult"),
+                "FeedbackMessage": self.message(f"{action.name}_FeedbackMessage"),
+                "CancelGoalService": self.service("action_msgs/CancelGoal"),
+                "GoalStatusMessage": self.message("action_msgs/GoalStatusArray"),
+            },
+        )
+        parts = {
+            "Goal": self.of(action.goal),
+            "Result": self.of(action.result),
+            "Feedback": self.of(action.feedback),
+            "Impl": impl,
+        }
+        return _holder(package, "action", short, action, parts)
+
+
+def _holder(
+    package: str, kind: str, short: str, interface: ServiceType | ActionType, parts: dict[str, Any]
+) -> type:
+    def refuse(self: object) -> None:
+        raise NotImplementedError(
+            f"{package}/{kind}/{short} is made of {', '.join(parts)}: make one of these instead"
+        )
+
+    meta = type(f"Metaclass_{short}", (InterfaceMeta,), {"_TYPE_SUPPORT": interface})
+    module = f"{package}.{kind}.{module_of(short)}"
+    namespace = {"__doc__": f"{package}/{kind}/{short}.", "__module__": module, "__init__": refuse, **parts}
+    made: type = meta(short, (), namespace)
+    return made
+
+
+def _constant(value: Any) -> Callable[[type], Any]:
+    return lambda cls: value
+
+
+def _made(default: Callable[[], Any]) -> Callable[[type], Any]:
+    return lambda cls: default()
+
+
+def _property(field: MessageField) -> property:
+    slot, check, store = f"_{field.name}", field.check, field.store
+
+    def get(self: Message) -> Any:
+        return getattr(self, slot)
+
+    def put(self: Message, value: Any) -> None:
+        setattr(self, slot, check(value) if self._check_fields else store(value))
+
+    return property(get, put, doc=f"Field '{field.name}', {field.type_text}.")
+
+
+def _writer(message: MessageType, fields: tuple[MessageField, ...]) -> Convert:
+    """A function from a message to its Struct in the graph, written out as one call for speed."""
+    converts: dict[str, Any] = {f"c{i}": field.to_graph for i, field in enumerate(fields)}
+    values = ", ".join(
+        f"m._{field.name}" if field.to_graph is None else f"c{i}(m._{field.name})"
+        for i, field in enumerate(fields)
+    )
+    source = f"def convert(m):\n    if not m._check_fields:\n        verify(m)\n    return struct({values})"
+    return _compiled(source, {**converts, "struct": message.struct, "verify": partial(_verify, fields)})
+
+
+def _verify(fields: tuple[MessageField, ...], message: Message) -> None:
+    """Check what setters did not; raises AssertionError as they do."""
+    for field in fields:
+        field.check(getattr(message, field.name))
+
+
+def _reader(message: MessageType, fields: tuple[MessageField, ...], cls: type[Message]) -> Convert:
+    """A function from a Struct of the graph to a message; what the graph has is checked already."""
+    lines = ["def convert(s):", "    m = new(cls)", f"    m._check_fields = {FIELDS_ARE_CHECKED}"]
+    names: dict[str, Any] = {"new": object.__new__, "cls": cls}
+    for i, field in enumerate(fields):
+        names[f"c{i}"] = field.from_graph
+        value = f"s.{python_name(field.name)}"
+        lines.append(f"    m._{field.name} = " + (value if field.from_graph is None else f"c{i}({value})"))
+    lines.append("    return m")
+    return _compiled("\n".join(lines), names)
+
+
+def _compiled(source: str, names: dict[str, Any]) -> Convert:
+    # The names in the text are fields of a definition, which the parser has found to be words.
+    exec(source, names)
+    convert: Convert = names["convert"]
+    return convert

@@ -1,0 +1,454 @@
+"""How one field of a message class behaves: its default, what may be assigned, and its value in the graph.
+
+The form in the graph is that of `rwt_interfaces`: octets as `bytes`, numbers as Python's, long arrays of
+numbers as numpy's. The form in a message is rosidl's: `array.array` for sequences of numbers, numpy for
+arrays of a fixed length, `bytes` of one octet for `byte`.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import UserList, UserString
+from collections.abc import Callable, Sequence, Set
+from ctypes import c_float
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from rwt_interfaces.definitions.model import Field, WrittenType
+from rwt_interfaces.field_types import FLOAT32_LIMIT
+from rwt_rclpy.messages import slot_types
+from rwt_rclpy.messages.slot_types import (
+    AbstractNestableType,
+    Array,
+    BasicType,
+    BoundedSequence,
+    BoundedString,
+    BoundedWString,
+    NamespacedType,
+    SlotType,
+    UnboundedSequence,
+    UnboundedString,
+    UnboundedWString,
+)
+
+Check: TypeAlias = Callable[[Any], Any]
+"""Takes what is assigned; returns what is stored, or raises AssertionError as rosidl's setters do."""
+Convert: TypeAlias = Callable[[Any], Any]
+
+#: IDL's names of the primitives of `.msg` files; a `char` of ROS 2 is a uint8.
+_IDL = {"bool": "boolean", "byte": "octet", "char": "uint8", "float32": "float", "float64": "double"}
+#: Numbers that sequences hold in an `array.array`, and arrays in numpy's: typecode and dtype.
+NUMBER_CODES = {
+    "float": "f",
+    "double": "d",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+}
+#: Shorter sequences of numbers are lists in the graph: making a numpy array costs more than it saves.
+_SHORT = 32
+
+
+@dataclass(frozen=True, slots=True)
+class MessageField:
+    """One field of a message class.
+
+    Attributes:
+        name: as the definition spells it.
+        type: its entry in `SLOT_TYPES`.
+        type_text: its entry in `get_fields_and_field_types()`.
+        default: makes the value of a field that is not given.
+        check: takes an assigned value.
+        store: takes an assigned value when checks are off.
+        to_graph: from the message's form to the graph's; None where both are the same.
+        from_graph: from the graph's form to the message's; None where both are the same.
+        has_default: whether the definition gives the default.
+    """
+
+    name: str
+    type: SlotType
+    type_text: str
+    default: Callable[[], Any]
+    check: Check
+    store: Check
+    to_graph: Convert | None
+    from_graph: Convert | None
+    has_default: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Nested:
+    """The class of a nested message, with its conversions."""
+
+    cls: type
+    name: str
+    namespaces: tuple[str, str]
+    to_graph: Convert
+    from_graph: Convert
+
+
+def message_field(field: Field, nested: Callable[[str], Nested]) -> MessageField:
+    """Compile a field; `nested` finds the class of a message by its two-part name."""
+    written = field.type
+    inner = None if written.is_primitive else nested(written.name)
+    element = _element_type(written, inner)
+    if not written.is_array:
+        return _scalar(field, element, inner)
+    if isinstance(element, BasicType) and element.typename in NUMBER_CODES:
+        return _numbers(field, element)
+    return _items(field, element, inner)
+
+
+def _element_type(written: WrittenType, inner: Nested | None) -> AbstractNestableType:
+    if inner is not None:
+        return NamespacedType(inner.namespaces, inner.name)
+    if written.name == "string":
+        return UnboundedString() if written.string_bound is None else BoundedString(written.string_bound)
+    if written.name == "wstring":
+        return UnboundedWString() if written.string_bound is None else BoundedWString(written.string_bound)
+    return BasicType(_IDL.get(written.name, written.name))
+
+
+def _element_text(written: WrittenType, element: AbstractNestableType) -> str:
+    if isinstance(element, BasicType):
+        return element.typename
+    if isinstance(element, NamespacedType):
+        return f"{element.namespaces[0]}/{element.name}"
+    text = "wstring" if isinstance(element, slot_types.AbstractWString) else "string"
+    return text if written.string_bound is None else f"{text}<{written.string_bound}>"
+
+
+def _sequence_type(written: WrittenType, element: AbstractNestableType) -> tuple[SlotType, str]:
+    text = _element_text(written, element)
+    if written.length is not None:
+        return Array(element, written.length), f"{text}[{written.length}]"
+    if written.bound is not None:
+        return BoundedSequence(element, written.bound), f"sequence<{text}, {written.bound}>"
+    return UnboundedSequence(element), f"sequence<{text}>"
+
+
+# Scalars
+
+
+def _scalar(field: Field, element: AbstractNestableType, inner: Nested | None) -> MessageField:
+    check = _element_check(field.name, element, inner)
+    to_graph, from_graph = _element_conversions(element, inner)
+    default = (
+        _element_default(element, inner) if field.default is None else partial(_same, _held(field, element))
+    )
+    return MessageField(
+        field.name,
+        element,  # type: ignore[arg-type]  # Every nestable type is one of those that SlotType names.
+        _element_text(field.type, element),
+        default,
+        check,
+        _same,
+        to_graph,
+        from_graph,
+        field.default is not None,
+    )
+
+
+def _held(field: Field, element: AbstractNestableType) -> Any:
+    value: Any = field.default
+    if isinstance(element, BasicType):
+        if element.typename == "octet":
+            return bytes([value])
+        if element.typename in slot_types.FLOATING_POINT_TYPES:
+            return float(value)
+    return value
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _element_default(element: AbstractNestableType, inner: Nested | None) -> Callable[[], Any]:
+    if inner is not None:
+        return inner.cls
+    if isinstance(element, BasicType):
+        if element.typename == "octet":
+            return partial(_same, b"\0")
+        if element.typename == "boolean":
+            return bool
+        return float if element.typename in slot_types.FLOATING_POINT_TYPES else int
+    return str
+
+
+def _element_conversions(
+    element: AbstractNestableType, inner: Nested | None
+) -> tuple[Convert | None, Convert | None]:
+    if inner is not None:
+        return inner.to_graph, inner.from_graph
+    if isinstance(element, BasicType):
+        if element.typename == "octet":
+            return _octet_to_graph, _octet_from_graph
+        # What is published is rounded as it is on a wire.
+        return (_float32, None) if element.typename == "float" else (None, None)
+    return _text, None
+
+
+def _octet_to_graph(value: Any) -> int:
+    return int(value[0])
+
+
+def _octet_from_graph(value: int) -> bytes:
+    return bytes((value,))
+
+
+def _float32(value: float) -> float:
+    return c_float(value).value
+
+
+def _text(value: Any) -> str:
+    """A string that can be sent. Raises UnicodeEncodeError, or TypeError for what is no text."""
+    if not isinstance(value, (str, UserString)):
+        raise TypeError(f"expected str, got {type(value).__name__}")
+    text = str(value)
+    if not text.isascii():
+        text.encode()
+    return text
+
+
+def _element_check(name: str, element: AbstractNestableType, inner: Nested | None) -> Check:
+    if inner is not None:
+        return partial(_check_message, name, inner.cls)
+    if isinstance(element, BasicType):
+        kind = element.typename
+        if kind == "boolean":
+            return partial(_check_bool, name)
+        if kind == "octet":
+            return partial(_check_octet, name)
+        if kind in slot_types.FLOATING_POINT_TYPES:
+            return partial(_check_float, name, FLOAT32_LIMIT if kind == "float" else math.inf)
+        bits = int(kind.lstrip("uint"))
+        signed = not kind.startswith("u")
+        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+        return partial(_check_int, name, kind, low, high)
+    bound = element.maximum_size if isinstance(element, (BoundedString, BoundedWString)) else None
+    return partial(_check_string, name, bound)
+
+
+def _wrong(name: str, expected: str, value: object) -> AssertionError:
+    shown = repr(value)
+    shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
+    return AssertionError(f"field '{name}': expected {expected}, got {type(value).__name__} {shown}")
+
+
+def _check_message(name: str, cls: type, value: Any) -> Any:
+    if not isinstance(value, cls):
+        raise _wrong(name, f"a message {cls.__name__}", value)
+    return value
+
+
+def _check_bool(name: str, value: Any) -> Any:
+    if isinstance(value, np.bool_):
+        return bool(value)
+    if not isinstance(value, bool):
+        raise _wrong(name, "bool", value)
+    return value
+
+
+def _check_octet(name: str, value: Any) -> Any:
+    if not isinstance(value, (bytes, bytearray)) or len(value) != 1:
+        raise _wrong(name, "bytes of length 1", value)
+    return value
+
+
+def _check_float(name: str, bound: float, value: Any) -> Any:
+    if not isinstance(value, float):
+        if not isinstance(value, np.floating):
+            hint = f"float (write {value}.0)" if type(value) is int else "float"
+            raise _wrong(name, hint, value)
+        value = float(value)
+    if abs(value) > bound and not math.isinf(value):
+        raise _wrong(name, f"a float within ±{bound:g}", value)
+    return value
+
+
+def _check_int(name: str, kind: str, low: int, high: int, value: Any) -> Any:
+    if not isinstance(value, int):
+        if not isinstance(value, np.integer):
+            raise _wrong(name, f"int ({kind})", value)
+        value = int(value)
+    if not low <= value <= high:
+        raise _wrong(name, f"{kind}, an integer in [{low}, {high}]", value)
+    return value
+
+
+def _check_string(name: str, bound: int | None, value: Any) -> Any:
+    if not isinstance(value, (str, UserString) if bound is not None else str):
+        raise _wrong(name, "str", value)
+    if bound is not None and len(value) > bound:
+        raise _wrong(name, f"a string of at most {bound} characters", value)
+    return value
+
+
+# Sequences and arrays of numbers
+
+
+def _numbers(field: Field, element: BasicType) -> MessageField:
+    written, kind = field.type, element.typename
+    code = NUMBER_CODES[kind]
+    slot_type, text = _sequence_type(written, element)
+    check_one = _element_check(field.name, element, None)
+    octets = written.name in ("uint8", "char") and written.bound is None
+    given = () if field.default is None else _as_tuple(field.default)
+    if written.length is not None:
+        dtype = np.dtype(code)
+        start = np.zeros(written.length, dtype) if field.default is None else np.array(given, dtype)
+        return MessageField(
+            field.name,
+            slot_type,
+            text,
+            start.copy,
+            partial(_check_fixed, field.name, dtype, written.length, check_one),
+            partial(_store_fixed, dtype),
+            _bytes_of if octets else _list_or_numpy,
+            partial(_fixed_from_graph, dtype),
+            field.default is not None,
+        )
+    return MessageField(
+        field.name,
+        slot_type,
+        text,
+        partial(array, code, given),
+        partial(_check_numbers, field.name, code, written.bound, check_one),
+        partial(_store_numbers, code),
+        _bytes_of if octets else _list_or_numpy,
+        partial(_numbers_from_graph, code),
+        field.default is not None,
+    )
+
+
+def _as_tuple(default: object) -> tuple[Any, ...]:
+    return tuple(default) if isinstance(default, (tuple, list)) else (default,)
+
+
+def _store_numbers(code: str, value: Any) -> array[Any]:
+    if isinstance(value, array) and value.typecode == code:
+        return value
+    if isinstance(value, np.ndarray):
+        return array(code, np.ascontiguousarray(value.ravel(), np.dtype(code)).tobytes())
+    return array(code, value)
+
+
+def _check_numbers(name: str, code: str, bound: int | None, check_one: Check, value: Any) -> array[Any]:
+    if bound is not None and len(value) > bound:
+        raise _wrong(name, f"at most {bound} elements", value)
+    if isinstance(value, array):
+        if value.typecode != code:
+            raise _wrong(name, f"an array.array of typecode {code!r}", value)
+        return value
+    if isinstance(value, (bytes, bytearray, memoryview)) and code == "B":
+        return array(code, bytes(value))
+    if isinstance(value, np.ndarray):
+        if value.dtype != np.dtype(code):
+            raise _wrong(name, f"a numpy array of dtype {np.dtype(code)}", value)
+        return _store_numbers(code, value)
+    _check_sequence(name, value)
+    return array(code, [check_one(item) for item in value])
+
+
+def _check_sequence(name: str, value: Any) -> None:
+    if not isinstance(value, (Sequence, Set, UserList)) or isinstance(value, (str, UserString)):
+        raise _wrong(name, "a sequence or set", value)
+
+
+def _store_fixed(dtype: np.dtype[Any], value: Any) -> np.ndarray:
+    return value if isinstance(value, np.ndarray) and value.dtype == dtype else np.array(value, dtype)
+
+
+def _check_fixed(name: str, dtype: np.dtype[Any], length: int, check_one: Check, value: Any) -> np.ndarray:
+    if isinstance(value, np.ndarray):
+        if value.dtype != dtype:
+            raise _wrong(name, f"a numpy array of dtype {dtype}", value)
+        if value.size != length:
+            raise _wrong(name, f"a numpy array of {length} elements", value)
+        return value
+    if isinstance(value, (bytes, bytearray, memoryview, array)):
+        value = list(value)
+    _check_sequence(name, value)
+    if len(value) != length:
+        raise _wrong(name, f"{length} elements", value)
+    return np.array([check_one(item) for item in value], dtype)
+
+
+def _bytes_of(value: Any) -> bytes:
+    """The octets as they are now: the program may go on writing into its array."""
+    return bytes(value.tobytes())
+
+
+def _list_or_numpy(value: Any) -> Any:
+    if len(value) < _SHORT:
+        return value.tolist()
+    if isinstance(value, array):
+        return np.frombuffer(value.tobytes(), np.dtype(value.typecode))
+    return value.ravel().copy()
+
+
+def _numbers_from_graph(code: str, value: Any) -> array[Any]:
+    if isinstance(value, np.ndarray):
+        return array(code, np.ascontiguousarray(value, np.dtype(code)).tobytes())
+    return array(code, value)
+
+
+def _fixed_from_graph(dtype: np.dtype[Any], value: Any) -> np.ndarray:
+    if isinstance(value, bytes):
+        return np.frombuffer(value, dtype).copy()
+    return np.array(value, dtype)
+
+
+# Sequences and arrays of anything else
+
+
+def _items(field: Field, element: AbstractNestableType, inner: Nested | None) -> MessageField:
+    written = field.type
+    slot_type, text = _sequence_type(written, element)
+    to_graph, from_graph = _element_conversions(element, inner)
+    given = None if field.default is None else [_item(each, element) for each in _as_tuple(field.default)]
+    make_one, length = _element_default(element, inner), written.length or 0
+
+    def default() -> list[Any]:
+        return [make_one() for _ in range(length)] if given is None else list(given)
+
+    check_one = _element_check(field.name, element, inner)
+    return MessageField(
+        field.name,
+        slot_type,
+        text,
+        default,
+        partial(_check_items, field.name, written.length, written.bound, check_one),
+        _same,
+        list if to_graph is None else partial(_each, to_graph),
+        list if from_graph is None else partial(_each, from_graph),
+        field.default is not None,
+    )
+
+
+def _item(value: Any, element: AbstractNestableType) -> Any:
+    return bytes([value]) if isinstance(element, BasicType) and element.typename == "octet" else value
+
+
+def _each(convert: Convert, values: Any) -> list[Any]:
+    return [convert(value) for value in values]
+
+
+def _check_items(name: str, length: int | None, bound: int | None, check_one: Check, value: Any) -> Any:
+    _check_sequence(name, value)
+    if length is not None and len(value) != length:
+        raise _wrong(name, f"{length} elements", value)
+    if bound is not None and len(value) > bound:
+        raise _wrong(name, f"at most {bound} elements", value)
+    for item in value:
+        check_one(item)
+    return value

@@ -1,0 +1,167 @@
+"""`rosidl_parser.definition`: the types of fields as `SLOT_TYPES` of a message class lists them.
+
+Only the vocabulary of types is here; IDL files are not parsed, since definitions come from the registry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+SIGNED_INTEGER_TYPES = ("int8", "int16", "int32", "int64")
+UNSIGNED_INTEGER_TYPES = ("uint8", "uint16", "uint32", "uint64")
+INTEGER_TYPES = (*SIGNED_INTEGER_TYPES, *UNSIGNED_INTEGER_TYPES)
+FLOATING_POINT_TYPES = ("float", "double", "long double")
+CHARACTER_TYPES = ("char", "wchar")
+BOOLEAN_TYPE = "boolean"
+OCTET_TYPE = "octet"
+BASIC_TYPES = (*INTEGER_TYPES, *FLOATING_POINT_TYPES, *CHARACTER_TYPES, BOOLEAN_TYPE, OCTET_TYPE)
+
+
+class AbstractType:
+    """Any type."""
+
+    __slots__ = ()
+
+
+class AbstractNestableType(AbstractType):
+    """A type that arrays and sequences may hold."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BasicType(AbstractNestableType):
+    """A number, a boolean or an octet; one of :data:`BASIC_TYPES`."""
+
+    typename: str
+
+    def __post_init__(self) -> None:
+        if self.typename not in BASIC_TYPES:
+            raise AssertionError(f"{self.typename!r} is not a basic type of IDL")
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class NamespacedType(AbstractNestableType):
+    """A message: `namespaces` is its package and folder."""
+
+    namespaces: tuple[str, ...]
+    name: str
+
+    def __init__(self, namespaces: Sequence[str], name: str) -> None:
+        object.__setattr__(self, "namespaces", tuple(namespaces))
+        object.__setattr__(self, "name", name)
+
+    def namespaced_name(self) -> tuple[str, ...]:
+        """Package, folder and name."""
+        return (*self.namespaces, self.name)
+
+
+class AbstractGenericString(AbstractNestableType):
+    """A string of either width."""
+
+    __slots__ = ()
+
+    def has_maximum_size(self) -> bool:
+        """Whether it is bounded."""
+        return False
+
+
+class AbstractString(AbstractGenericString):
+    """A string of octets."""
+
+    __slots__ = ()
+
+
+class AbstractWString(AbstractGenericString):
+    """A string of 16-bit units."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class UnboundedString(AbstractString):
+    """``string``."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnboundedWString(AbstractWString):
+    """``wstring``."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoundedString(AbstractString):
+    """``string<=N``."""
+
+    maximum_size: int
+
+    def has_maximum_size(self) -> bool:
+        """Whether it is bounded: yes."""
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class BoundedWString(AbstractWString):
+    """``wstring<=N``."""
+
+    maximum_size: int
+
+    def has_maximum_size(self) -> bool:
+        """Whether it is bounded: yes."""
+        return True
+
+
+class AbstractNestedType(AbstractType):
+    """An array or a sequence.
+
+    Attributes:
+        value_type: what it holds.
+    """
+
+    __slots__ = ()
+
+    value_type: AbstractNestableType
+
+
+class AbstractSequence(AbstractNestedType):
+    """A sequence, of which each message has its own length."""
+
+    __slots__ = ()
+
+    def has_maximum_size(self) -> bool:
+        """Whether it is bounded."""
+        return False
+
+
+@dataclass(frozen=True)
+class Array(AbstractNestedType):
+    """``T[N]``."""
+
+    value_type: AbstractNestableType
+    size: int
+
+    def has_maximum_size(self) -> bool:
+        """Whether it is bounded: yes, since its length is given."""
+        return True
+
+
+@dataclass(frozen=True)
+class UnboundedSequence(AbstractSequence):
+    """``T[]``."""
+
+    value_type: AbstractNestableType
+
+
+@dataclass(frozen=True)
+class BoundedSequence(AbstractSequence):
+    """``T[<=N]``."""
+
+    value_type: AbstractNestableType
+    maximum_size: int
+
+    def has_maximum_size(self) -> bool:
+        """Whether it is bounded: yes."""
+        return True
+
+
+SlotType = BasicType | NamespacedType | AbstractGenericString | AbstractNestedType

@@ -1,0 +1,184 @@
+"""How nodes of any thread reach a graph."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from rwt_graph.clock import SimulatedClock, WallClock
+from rwt_graph.errors import NotRunning
+from rwt_graph.memory.graph import MemoryGraph
+from rwt_rclpy.clocks.timekeeper import Timekeeper, VirtualTime, current, keep_time_by
+from rwt_rclpy.messages.loaded import classes
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph
+    from rwt_interfaces.payload import Payload
+
+T = TypeVar("T")
+
+#: The domain of programs that name none, unless ROS_DOMAIN_ID does.
+DEFAULT_DOMAIN = 2**32 - 1
+
+
+class Publishes(Protocol):
+    """A publisher of the graph's contract."""
+
+    def publish(self, payload: Payload) -> None:
+        """Hand one message to every subscriber."""
+        ...
+
+
+class Link:
+    """A graph, from any thread.
+
+    A graph that runs on an event loop is touched on that loop's thread; one that does not run is touched
+    where the caller is, one thread at a time.
+
+    Attributes:
+        graph: the graph.
+        timekeeper: what its nodes measure time by.
+    """
+
+    def __init__(self, graph: Graph, timekeeper: Timekeeper | None = None) -> None:
+        self.graph = graph
+        self.timekeeper = timekeeper or current()
+        self._lock = self.timekeeper.lock
+
+    def run(self, function: Callable[[], T]) -> T:
+        """What a function returns that touches the graph; what it raises is raised here."""
+        graph = self.graph
+        if not graph.running:
+            with self._lock:
+                return function()
+        if graph.on_graph_thread():
+            return function()
+        outcome: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                outcome.set_result(function())
+            except Exception as error:
+                outcome.set_exception(error)
+
+        graph.run_on_graph(run)
+        return outcome.result()
+
+    def post(self, function: Callable[[], object]) -> None:
+        """Run a function that touches the graph, in order with others of this thread, without waiting."""
+        graph = self.graph
+        if not graph.running:
+            with self._lock:
+                function()
+        elif graph.on_graph_thread():
+            function()
+        else:
+            graph.run_on_graph(partial(_discard, function))
+
+    def publish(self, publisher: Publishes, payload: Payload) -> None:
+        """Publish, from whichever thread this is."""
+        graph = self.graph
+        if not graph.running:
+            with self._lock:
+                publisher.publish(payload)
+        elif graph.on_graph_thread():
+            publisher.publish(payload)
+        else:
+            graph.run_on_graph(partial(publisher.publish, payload))
+
+
+def _discard(function: Callable[[], object]) -> None:
+    function()
+
+
+class Domains:
+    """The graphs of the process: one for each ROS domain, unless one was given for all of them."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._links: dict[int, Link] = {}
+        self._given: Link | None = None
+
+    def link(self, domain: int) -> Link:
+        """The graph of a domain, made when it is first asked for."""
+        if self._given is not None:
+            return self._given
+        with self._lock:
+            found = self._links.get(domain)
+            if found is None:
+                found = self._links[domain] = Link(MemoryGraph(classes().registry, WallClock()))
+            return found
+
+    def use(self, link: Link | None) -> None:
+        """Give one graph for all domains; None goes back to a graph of this process for each."""
+        self._given = link
+
+    def reset(self) -> None:
+        """Forget the graphs of this process; nodes that exist keep theirs."""
+        with self._lock:
+            self._links.clear()
+
+
+#: The graphs of this process.
+DOMAINS = Domains()
+
+
+def domain_of(domain: int | None) -> int:
+    """The number of a domain; None is what the environment's ROS_DOMAIN_ID says, or 0.
+
+    Raises:
+        RuntimeError: it is negative, or no number.
+    """
+    if domain is None or domain == DEFAULT_DOMAIN:
+        text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+        if not text.isdecimal():
+            raise RuntimeError(f"ROS_DOMAIN_ID is {text!r}: expected a number from 0")
+        return int(text)
+    if domain < 0:
+        raise RuntimeError(f"Domain id ({domain}) should not be lower than zero.")
+    return domain
+
+
+class VirtualDomain:
+    """A graph of its own in virtual time, while ``with`` lasts.
+
+    Args:
+        start_ns: the ROS time at which it begins, nanoseconds since the epoch.
+
+    Attributes:
+        graph: the graph.
+        time: what moves the time.
+    """
+
+    def __init__(self, start_ns: int = 1_700_000_000_000_000_000) -> None:
+        self.time = VirtualTime(SimulatedClock(start_ns))
+        self.graph = MemoryGraph(classes().registry, self.time.clock)
+        self._before: tuple[Timekeeper, Link | None] | None = None
+
+    def __enter__(self) -> VirtualDomain:
+        given = DOMAINS._given
+        self._before = keep_time_by(self.time), given
+        DOMAINS.use(Link(self.graph, self.time))
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        assert self._before is not None  # It was entered.
+        timekeeper, given = self._before
+        keep_time_by(timekeeper)
+        DOMAINS.use(given)
+
+    @property
+    def now(self) -> float:
+        """Seconds gone by since it began."""
+        return self.time.clock.monotonic()
+
+    def advance(self, seconds: float) -> None:
+        """Move time on by hand. Raises ValueError for a negative span."""
+        self.time.advance(seconds)
+
+
+__all__ = ["DEFAULT_DOMAIN", "DOMAINS", "Domains", "Link", "NotRunning", "VirtualDomain", "domain_of"]

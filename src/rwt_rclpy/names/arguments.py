@@ -1,0 +1,294 @@
+"""The command line of a ROS 2 node: everything between ``--ros-args`` and ``--``.
+
+The options are those of ROS 2's design article "ROS Command Line Arguments".
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from rwt_rclpy.exceptions import RCLInvalidROSArgsError, UnknownROSArgsError
+from rwt_rclpy.names.validation import expand_topic_name, wrong_in_topic_name
+
+LEVELS: Final = {"unset": 0, "debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
+_SWITCHES: Final = {
+    "--enable-rosout-logs": ("rosout", True),
+    "--disable-rosout-logs": ("rosout", False),
+    "--enable-stdout-logs": ("stdout", True),
+    "--disable-stdout-logs": ("stdout", False),
+    "--enable-external-lib-logs": ("external", True),
+    "--disable-external-lib-logs": ("external", False),
+}
+_WITH_VALUE: Final = frozenset(
+    {"-r", "--remap", "-p", "--param", "--params-file", "--log-level", "--log-config-file", "-e", "--enclave",
+     "--log-file-name"}
+)  # fmt: skip
+#: In YAML 1.2, as in ROS 2's parser, `1e3` is a number.
+_FLOAT = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class Remap:
+    """One rule ``[node:]from:=to``.
+
+    Attributes:
+        node: the node that it is for; empty for every one.
+        kind: what it remaps: ``topic``, ``service``, both (``name``), ``node`` or ``ns``.
+        old: the name; empty for rules of ``node`` and ``ns``.
+        new: what takes its place.
+    """
+
+    node: str
+    kind: str
+    old: str
+    new: str
+
+
+@dataclass(slots=True)
+class RosArguments:
+    """What a command line says.
+
+    Attributes:
+        remaps: rules, the first that fits counts.
+        parameters: values by node pattern and name, later ones win.
+        log_levels: level by logger; the empty name is the default.
+        rosout: whether logs go to ``/rosout``.
+        stdout: whether logs are printed.
+        unknown: arguments that ROS does not have.
+        others: arguments outside of ``--ros-args``.
+    """
+
+    remaps: list[Remap] = field(default_factory=list)
+    parameters: list[tuple[str, str, Any]] = field(default_factory=list)
+    log_levels: dict[str, int] = field(default_factory=dict)
+    rosout: bool = True
+    stdout: bool = True
+    unknown: list[str] = field(default_factory=list)
+    others: list[str] = field(default_factory=list)
+
+    def refuse_unknown(self) -> None:
+        """Raise :exc:`UnknownROSArgsError` if there is any argument that ROS does not have."""
+        if self.unknown:
+            raise UnknownROSArgsError(self.unknown)
+
+    def node_name(self, name: str) -> str:
+        """What a node is called after ``__node:=``."""
+        return next(
+            (rule.new for rule in self.remaps if rule.kind == "node" and rule.node in ("", name)), name
+        )
+
+    def namespace(self, name: str, namespace: str) -> str:
+        """Where a node is after ``__ns:=``."""
+        return next(
+            (rule.new for rule in self.remaps if rule.kind == "ns" and rule.node in ("", name)), namespace
+        )
+
+    def remap(self, full_name: str, kind: str, node: str, namespace: str) -> str | None:
+        """What a name becomes for a node; None when no rule fits."""
+        for rule in self.remaps:
+            if rule.kind not in ("name", kind) or rule.node not in ("", node):
+                continue
+            if expand_topic_name(rule.old, node, namespace) == full_name:
+                return expand_topic_name(rule.new, node, namespace)
+        return None
+
+    def parameters_of(self, full_node_name: str) -> dict[str, Any]:
+        """The values that a node's parameters get."""
+        name = full_node_name.rpartition("/")[2]
+        return {
+            parameter: value
+            for pattern, parameter, value in self.parameters
+            if _names_node(pattern, full_node_name, name)
+        }
+
+
+def _names_node(pattern: str, full: str, short: str) -> bool:
+    if pattern in ("", "/**", "**", full, short):
+        return True
+    if "*" not in pattern:
+        return pattern.strip("/") == full.strip("/")
+    # `**` is any number of tokens, `*` is one.
+    parts = [
+        "(?:/[^/]+)*" if token == "**" else "/" + fnmatch.translate(token)[4:-3].replace(".*", "[^/]*")
+        for token in pattern.strip("/").split("/")
+    ]
+    return re.fullmatch("".join(parts), full) is not None
+
+
+def parse_arguments(arguments: Sequence[str], *, ros_first: bool = False) -> RosArguments:
+    """Read a command line.
+
+    Args:
+        arguments: with or without the program's name.
+        ros_first: whether they begin within ``--ros-args``, as a node's `cli_args` do.
+
+    Raises:
+        RCLInvalidROSArgsError: the value of an argument cannot be read.
+    """
+    found = RosArguments()
+    within = ros_first
+    rest = list(arguments)
+    while rest:
+        argument = rest.pop(0)
+        if not within:
+            if argument == "--ros-args":
+                within = True
+            else:
+                found.others.append(argument)
+        elif argument == "--":
+            within = False
+        elif argument != "--ros-args":
+            _take(found, argument, rest)
+    return found
+
+
+def remove_ros_args(arguments: Sequence[str]) -> list[str]:
+    """What of a command line is not ROS's."""
+    return parse_arguments(arguments).others
+
+
+def _take(found: RosArguments, argument: str, rest: list[str]) -> None:
+    if argument in _SWITCHES:
+        name, value = _SWITCHES[argument]
+        if name != "external":
+            setattr(found, name, value)
+        return
+    name, given, text = argument.partition("=")
+    if given and name.startswith("--log-level"):
+        rest.insert(0, text)
+        argument = name
+    if argument not in _WITH_VALUE:
+        found.unknown.append(argument)
+        return
+    if not rest:
+        raise RCLInvalidROSArgsError(f"{argument}: no value follows")
+    value_text = rest.pop(0)
+    if argument in ("-r", "--remap"):
+        found.remaps.append(parse_remap(value_text))
+    elif argument in ("-p", "--param"):
+        found.parameters.append(_parse_parameter(value_text))
+    elif argument == "--params-file":
+        found.parameters.extend(read_parameter_file(Path(value_text)))
+    elif argument == "--log-level":
+        logger, separator, level = value_text.rpartition(":=")
+        if level.lower() not in LEVELS:
+            raise RCLInvalidROSArgsError(
+                f"--log-level {value_text}: expected one of {', '.join(LEVELS)}, perhaps after LOGGER:="
+            )
+        found.log_levels[logger if separator else ""] = LEVELS[level.lower()]
+
+
+def parse_remap(text: str) -> Remap:
+    """Read a rule ``[node:]from:=to``. Raises RCLInvalidROSArgsError."""
+    left, separator, new = text.partition(":=")
+    if not separator or not left or not new:
+        raise RCLInvalidROSArgsError(f"Couldn't parse remap rule '{text}': expected [NODE:]FROM:=TO")
+    node, kind = "", "name"
+    for scheme, named in (("rostopic://", "topic"), ("rosservice://", "service")):
+        if left.startswith(scheme):
+            kind, left = named, left.removeprefix(scheme)
+    if ":" in left:
+        node, _, left = left.partition(":")
+    if left in ("__node", "__name"):
+        return Remap(node, "node", "", new)
+    if left == "__ns":
+        return Remap(node, "ns", "", new)
+    for each in (left, new):
+        wrong = wrong_in_topic_name(each)
+        if wrong is not None:
+            raise RCLInvalidROSArgsError(f"Couldn't parse remap rule '{text}': {each}: {wrong[0]}")
+    return Remap(node, kind, left, new)
+
+
+def _parse_parameter(text: str) -> tuple[str, str, Any]:
+    left, separator, value = text.partition(":=")
+    if not separator or not left:
+        raise RCLInvalidROSArgsError(f"Couldn't parse parameter override rule '{text}': expected NAME:=VALUE")
+    node, colon, name = left.partition(":")
+    if not colon:
+        node, name = "", left
+    return node, name, parse_value(value)
+
+
+def parse_value(text: str) -> Any:
+    """A parameter's value as YAML writes it. Raises RCLInvalidROSArgsError for what is none."""
+    if _FLOAT.match(text) and not re.match(r"[-+]?\d+\Z", text):
+        return float(text)
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise RCLInvalidROSArgsError(f"the value {text!r} cannot be read: {error}") from None
+    return "" if value is None and text.strip() == "" else value
+
+
+def read_parameter_file(path: Path) -> list[tuple[str, str, Any]]:
+    """The parameters that a YAML file gives: node pattern, name and value of each.
+
+    Raises:
+        RCLInvalidROSArgsError: the file is not there, or is not of the form ``NODE: {ros__parameters: …}``.
+    """
+    try:
+        loader = yaml.SafeLoader(path.read_text("utf-8"))
+        node = loader.get_single_node()
+        tree = None if node is None else _merged(loader, node)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise RCLInvalidROSArgsError(f"--params-file {path}: {error}") from None
+    if tree is None:
+        return []
+    if not isinstance(tree, dict):
+        raise RCLInvalidROSArgsError(f"--params-file {path}: expected NODE: with ros__parameters: below it")
+    found: list[tuple[str, str, Any]] = []
+    _collect_nodes(tree, "", found, path)
+    return found
+
+
+def _merged(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
+    """What a node of YAML says; names that are written twice have what both say, as in ROS's own parser."""
+    if not isinstance(node, yaml.MappingNode):
+        return loader.construct_object(node, deep=True)
+    found: dict[Any, Any] = {}
+    for key_node, value_node in node.value:
+        key, value = loader.construct_object(key_node, deep=True), _merged(loader, value_node)
+        _put(found, key, value)
+    return found
+
+
+def _put(tree: dict[Any, Any], key: Any, value: Any) -> None:
+    present = tree.get(key)
+    if isinstance(present, dict) and isinstance(value, dict):
+        for name, inner in value.items():
+            _put(present, name, inner)
+    else:
+        tree[key] = value
+
+
+def _collect_nodes(tree: dict[Any, Any], prefix: str, found: list[tuple[str, str, Any]], path: Path) -> None:
+    for key, value in tree.items():
+        if key == "ros__parameters":
+            if not isinstance(value, dict):
+                raise RCLInvalidROSArgsError(f"--params-file {path}: {prefix}: ros__parameters has no names")
+            _collect_parameters(value, "", prefix, found)
+        elif isinstance(value, dict):
+            _collect_nodes(value, f"{prefix}/{str(key).strip('/')}", found, path)
+        else:
+            raise RCLInvalidROSArgsError(
+                f"--params-file {path}: {prefix}/{key}: expected ros__parameters: below the node's name"
+            )
+
+
+def _collect_parameters(
+    tree: dict[Any, Any], prefix: str, node: str, found: list[tuple[str, str, Any]]
+) -> None:
+    for key, value in tree.items():
+        name = f"{prefix}.{key}" if prefix else str(key)
+        if isinstance(value, dict):
+            _collect_parameters(value, name, node, found)
+        else:
+            found.append((node, name, value))

@@ -1,0 +1,191 @@
+"""Which names ROS 2 allows, and how a relative one becomes absolute.
+
+The rules are those of ROS 2's design article "Topic and Service name mapping to DDS".
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from rwt_rclpy.exceptions import (
+    InvalidNamespaceException,
+    InvalidNodeNameException,
+    InvalidParameterException,
+    InvalidServiceNameException,
+    InvalidTopicNameException,
+)
+
+TOPIC_SEPARATOR_STRING: Final = "/"
+HIDDEN_TOPIC_PREFIX: Final = "_"
+_LONGEST: Final = 255
+_BAD_TOKEN: Final = re.compile(r"(?:^|/)([0-9])")
+_NODE_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_]")
+_FULL_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_/]")
+_TOPIC_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9_/~{}]")
+_SUBSTITUTION: Final = re.compile(r"\{([^{}]*)\}")
+_SUBSTITUTIONS: Final = ("node", "ns", "namespace")
+
+_Wrong = tuple[str, int] | None
+
+
+def _characters(pattern: re.Pattern[str], name: str, kind: str, allowed: str) -> _Wrong:
+    found = pattern.search(name)
+    if found is None:
+        return None
+    return f"{kind} must not contain characters other than {allowed}", found.start()
+
+
+def _numbers(name: str, kind: str) -> _Wrong:
+    found = _BAD_TOKEN.search(name)
+    return None if found is None else (f"{kind} must not start with a number", found.start(1))
+
+
+def _slashes(name: str, kind: str) -> _Wrong:
+    if len(name) > 1 and name.endswith("/"):
+        return f"{kind} must not end with a forward slash", len(name) - 1
+    if "//" in name:
+        return f"{kind} must not contain repeated '/'", name.index("//") + 1
+    return None
+
+
+def wrong_in_node_name(name: str) -> _Wrong:
+    """What is wrong with a node's name, and where; None when nothing is."""
+    if not name:
+        return "node name must not be empty", 0
+    wrong = _characters(_NODE_CHARACTERS, name, "node name", "alphanumerics or '_'") or _numbers(
+        name, "node name"
+    )
+    if wrong is None and len(name) > _LONGEST:
+        return f"node name is longer than {_LONGEST} characters", _LONGEST
+    return wrong
+
+
+def wrong_in_namespace(name: str) -> _Wrong:
+    """What is wrong with a namespace, and where; None when nothing is."""
+    if not name:
+        return "namespace must not be empty", 0
+    if not name.startswith("/"):
+        return "namespace must be absolute, it must lead with a '/'", 0
+    return (
+        _slashes(name, "namespace")
+        or _characters(_FULL_CHARACTERS, name, "namespace", "alphanumerics, '_', or '/'")
+        or _numbers(name, "namespace tokens")
+    )
+
+
+def wrong_in_full_name(name: str) -> _Wrong:
+    """What is wrong with an absolute name of a topic, and where; None when nothing is."""
+    if not name:
+        return "topic name must not be empty", 0
+    if not name.startswith("/"):
+        return "topic name must be absolute, it must lead with a '/'", 0
+    return (
+        (("topic name must not end with a forward slash", 0) if name == "/" else None)
+        or _slashes(name, "topic name")
+        or _characters(_FULL_CHARACTERS, name, "topic name", "alphanumerics, '_', or '/'")
+        or _numbers(name, "topic name tokens")
+    )
+
+
+def wrong_in_topic_name(name: str) -> _Wrong:
+    """What is wrong with a name before it is expanded, and where; None when nothing is."""
+    if not name:
+        return "topic name must not be empty", 0
+    wrong = (
+        (("topic name must not end with a forward slash", 0) if name == "/" else None)
+        or _slashes(name, "topic name")
+        or _characters(_TOPIC_CHARACTERS, name, "topic name", "alphanumerics, '_', '~', '{', or '}'")
+        or _numbers(name, "topic name tokens")
+    )
+    if wrong is not None:
+        return wrong
+    if "~" in name[1:]:
+        return "tilde (~) may only be the first character", name.index("~", 1)
+    if name.startswith("~") and len(name) > 1 and name[1] != "/":
+        return "a tilde (~) must be followed by a forward slash", 1
+    rest = _SUBSTITUTION.sub(lambda found: "_" * len(found.group()), name)
+    for brace in "{}":
+        if brace in rest:
+            return "substitutions must have balanced braces", rest.index(brace)
+    return None
+
+
+def validate_node_name(node_name: str) -> bool:
+    """True for a name that a node may have; raises InvalidNodeNameException for others."""
+    wrong = wrong_in_node_name(node_name)
+    if wrong is not None:
+        raise InvalidNodeNameException(node_name, *wrong)
+    return True
+
+
+def validate_namespace(namespace: str) -> bool:
+    """True for a namespace; raises InvalidNamespaceException for others."""
+    wrong = wrong_in_namespace(namespace)
+    if wrong is not None:
+        raise InvalidNamespaceException(namespace, *wrong)
+    return True
+
+
+def validate_topic_name(name: str, *, is_service: bool = False) -> bool:
+    """True for a name of a topic or service, which may be relative; raises for others.
+
+    Raises:
+        InvalidTopicNameException: it may not be a topic's.
+        InvalidServiceNameException: it may not be a service's.
+    """
+    wrong = wrong_in_topic_name(name)
+    if wrong is not None:
+        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *wrong)
+    return True
+
+
+def validate_full_topic_name(name: str, *, is_service: bool = False) -> bool:
+    """True for an absolute name of a topic or service; raises as :func:`validate_topic_name`."""
+    wrong = wrong_in_full_name(name)
+    if wrong is not None:
+        raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *wrong)
+    return True
+
+
+def validate_parameter_name(name: str) -> bool:
+    """True for a name of a parameter; raises InvalidParameterException for an empty one."""
+    if not name:
+        raise InvalidParameterException(name)
+    return True
+
+
+def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> str:
+    """A name with its tilde, substitutions and namespace filled in; it is not remapped.
+
+    Raises:
+        ValueError: the node's name, its namespace or the topic's name is not allowed.
+    """
+    for what, wrong in (
+        ("topic name", wrong_in_topic_name(topic_name)),
+        ("node name", wrong_in_node_name(node_name)),
+        ("namespace", wrong_in_namespace(node_namespace)),
+    ):
+        if wrong is not None:
+            raise ValueError(f"{what} is invalid: {wrong[0]}")
+    full_node = f"{node_namespace.rstrip('/')}/{node_name}"
+    if topic_name.startswith("~"):
+        topic_name = full_node + topic_name[1:]
+    values = {"node": node_name, "ns": node_namespace, "namespace": node_namespace}
+
+    def value(found: re.Match[str]) -> str:
+        if found[1] not in values:
+            raise ValueError(
+                f"topic name is invalid: unknown substitution {found[1]!r}, there are {_SUBSTITUTIONS}"
+            )
+        return values[found[1]]
+
+    expanded = _SUBSTITUTION.sub(value, topic_name)
+    if not expanded.startswith("/"):
+        expanded = f"{node_namespace.rstrip('/')}/{expanded}"
+    return expanded.replace("//", "/")
+
+
+def topic_or_service_is_hidden(name: str) -> bool:
+    """Whether listings leave it out: a part of the name begins with an underscore."""
+    return any(part.startswith(HIDDEN_TOPIC_PREFIX) for part in name.split("/") if part)

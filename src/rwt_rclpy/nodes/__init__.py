@@ -1,0 +1,1 @@
+"""Nodes: what a program joins the graph as."""

@@ -1,0 +1,115 @@
+"""What a node may ask about the graph that it is in."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rwt_rclpy.endpoints.qos import profile_of
+from rwt_rclpy.exceptions import NodeNameNonExistentError
+from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum, TypeHash
+
+if TYPE_CHECKING:
+    from rwt_graph.api import EndpointInfo, NodeInfo, TopicInfo
+    from rwt_rclpy.middleware.link import Link
+
+NamesAndTypes = list[tuple[str, list[str]]]
+
+
+class GraphQueries:
+    """Answers questions about a graph, from any thread."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._graph = link.graph
+
+    def topics(self) -> NamesAndTypes:
+        """Every topic with its types."""
+        return [(topic.name, self._types(topic)) for topic in self._link.run(self._graph.topics)]
+
+    def _types(self, topic: TopicInfo) -> list[str]:
+        ends = (*topic.publishers, *topic.subscribers)
+        named = dict.fromkeys(end.type for end in ends if end.type)
+        if not named and topic.type is not None:
+            named = {self._graph.registry.type_name(topic.type): None}
+        return list(named)
+
+    def services(self) -> NamesAndTypes:
+        """Every service with its type."""
+        name = self._graph.registry.type_name
+        return [(each.name, [name(each.type)]) for each in self._link.run(self._graph.services)]
+
+    def actions(self) -> list[tuple[str, str, str]]:
+        """Every action with its type and its node."""
+        name = self._graph.registry.type_name
+        return [(each.name, name(each.type), each.node) for each in self._link.run(self._graph.actions)]
+
+    def nodes(self) -> list[str]:
+        """The absolute names of all nodes."""
+        return [node.name for node in self._link.run(self._graph.nodes)]
+
+    def _node(self, name: str, namespace: str) -> NodeInfo:
+        full = f"{namespace.rstrip('/')}/{name}"
+        for node in self._link.run(self._graph.nodes):
+            if node.name == full:
+                return node
+        raise NodeNameNonExistentError(f"Cannot get names and types: no node {full} is known")
+
+    def published_by(self, name: str, namespace: str) -> NamesAndTypes:
+        """What a node publishes. Raises NodeNameNonExistentError."""
+        return self._of_topics(self._node(name, namespace).publishing)
+
+    def subscribed_by(self, name: str, namespace: str) -> NamesAndTypes:
+        """What a node subscribes to. Raises NodeNameNonExistentError."""
+        return self._of_topics(self._node(name, namespace).subscribing)
+
+    def _of_topics(self, names: Iterable[str]) -> NamesAndTypes:
+        known = dict(self.topics())
+        return [(name, known.get(name, [])) for name in names]
+
+    def services_of(self, name: str, namespace: str) -> NamesAndTypes:
+        """What a node offers. Raises NodeNameNonExistentError."""
+        known = dict(self.services())
+        return [(each, known.get(each, [])) for each in self._node(name, namespace).services]
+
+    def actions_of(self, name: str, namespace: str) -> NamesAndTypes:
+        """The actions that a node offers. Raises NodeNameNonExistentError."""
+        wanted = self._node(name, namespace).actions
+        return [(action, [kind]) for action, kind, _ in self.actions() if action in wanted]
+
+    def count(self, topic: str, *, publishers: bool) -> int:
+        """How many publishers or subscriptions a topic has."""
+        info = self._link.run(lambda: self._graph.topic(topic))
+        if info is None:
+            return 0
+        return len(info.publishers if publishers else info.subscribers)
+
+    def count_services(self, service: str) -> int:
+        """Whether anybody offers a service: 1 or 0."""
+        return int(self._link.run(lambda: self._graph.service(service)) is not None)
+
+    def endpoints(self, topic: str, *, publishers: bool) -> list[TopicEndpointInfo]:
+        """The publishers or subscriptions of a topic."""
+        info = self._link.run(lambda: self._graph.topic(topic))
+        if info is None:
+            return []
+        kind = TopicEndpointTypeEnum.PUBLISHER if publishers else TopicEndpointTypeEnum.SUBSCRIPTION
+        ends = info.publishers if publishers else info.subscribers
+        return [self._endpoint(info, end, kind, number) for number, end in enumerate(ends)]
+
+    def _endpoint(
+        self, info: TopicInfo, end: EndpointInfo, kind: TopicEndpointTypeEnum, number: int
+    ) -> TopicEndpointInfo:
+        namespace, _, name = end.node.rpartition("/")
+        digest = TypeHash() if info.type is None else TypeHash.from_text(info.type.rihs01)
+        gid = hashlib.sha256(f"{end.node} {info.name} {kind} {number}".encode()).digest()[:16]
+        return TopicEndpointInfo(
+            node_name=name,
+            node_namespace=namespace or "/",
+            topic_type=end.type,
+            topic_type_hash=digest,
+            endpoint_type=kind,
+            endpoint_gid=list(gid),
+            qos_profile=profile_of(end.qos),
+        )

@@ -1,0 +1,824 @@
+"""`rclpy.node.Node`."""
+
+from __future__ import annotations
+
+import copy
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Self
+
+from rwt_rclpy.clocks.clock import Clock, ROSClock
+from rwt_rclpy.clocks.duration import S_TO_NS
+from rwt_rclpy.clocks.time_source import TimeSource
+from rwt_rclpy.clocks.timer import Rate, Timer
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.endpoints.client import Client, wait_until
+from rwt_rclpy.endpoints.events import EventHandler, PublisherEventCallbacks, SubscriptionEventCallbacks
+from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
+from rwt_rclpy.endpoints.overriding import QoSOverridingOptions, _declare_qos_parameters
+from rwt_rclpy.endpoints.publisher import Publisher
+from rwt_rclpy.endpoints.qos import (
+    QoSProfile,
+    graph_qos,
+    qos_profile_parameter_events,
+    qos_profile_rosout_default,
+    qos_profile_services_default,
+)
+from rwt_rclpy.endpoints.service import Service
+from rwt_rclpy.endpoints.subscription import Subscription
+from rwt_rclpy.endpoints.type_support import check_is_valid_srv_type, message_type, service_type
+from rwt_rclpy.exceptions import NotInitializedException
+from rwt_rclpy.execution.callback_groups import (
+    CallbackGroup,
+    MutuallyExclusiveCallbackGroup,
+    ReentrantCallbackGroup,
+)
+from rwt_rclpy.execution.context import Context, get_default_context
+from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.execution.guard_condition import GuardCondition
+from rwt_rclpy.execution.waitable import Waitable, WaitableEntity
+from rwt_rclpy.logs import output
+from rwt_rclpy.logs.logger import RcutilsLogger, get_logger
+from rwt_rclpy.messages.loaded import classes, message_class
+from rwt_rclpy.names.arguments import RosArguments, parse_arguments
+from rwt_rclpy.names.validation import (
+    expand_topic_name,
+    validate_full_topic_name,
+    validate_namespace,
+    validate_node_name,
+    validate_topic_name,
+)
+from rwt_rclpy.nodes.graph_queries import GraphQueries, NamesAndTypes
+from rwt_rclpy.nodes.type_description_service import TypeDescriptionService
+from rwt_rclpy.parameters.node_parameters import NodeParameters
+from rwt_rclpy.parameters.parameter import Parameter, ParameterKind
+from rwt_rclpy.parameters.services import LoggingService, ParameterService
+
+if TYPE_CHECKING:
+    from rwt_rclpy.execution.executors import Executor
+    from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo
+
+
+class NodeHandle(Destroyable):
+    """What stands where rclpy keeps its pointer to a node."""
+
+    def __init__(self, name: str, namespace: str, on_destroy: Callable[[], None]) -> None:
+        super().__init__("node", on_destroy)
+        self._name = name
+        self._namespace = namespace
+
+    def get_node_name(self) -> str:
+        """The node's name."""
+        self.check()
+        return self._name
+
+    def get_namespace(self) -> str:
+        """Its namespace."""
+        self.check()
+        return self._namespace
+
+    def get_fully_qualified_name(self) -> str:
+        """Both."""
+        self.check()
+        return f"{self._namespace.rstrip('/')}/{self._name}"
+
+    def logger_name(self) -> str:
+        """What its logger is called."""
+        return f"{self._namespace}/{self._name}".strip("/").replace("//", "/").replace("/", ".")
+
+
+class Node(NodeParameters):
+    """Joins the graph under a name, and makes publishers, subscriptions, services, clients and timers.
+
+    Args:
+        node_name: its name; ``__node:=`` of the command line wins.
+        context: begins and ends it; that of `rclpy.init()` by default.
+        cli_args: arguments for this node alone, as after ``--ros-args``.
+        namespace: where it is; ``__ns:=`` of the command line wins.
+        use_global_arguments: whether the command line of the program counts.
+        enable_rosout: whether its log goes to `/rosout`.
+        start_parameter_services: whether others may read and set its parameters.
+        parameter_overrides: values for parameters that it will declare.
+        allow_undeclared_parameters: whether parameters may be set that were not declared.
+        automatically_declare_parameters_from_overrides: whether to declare what has an override.
+        enable_logger_service: whether others may set the levels of its loggers.
+
+    Raises:
+        NotInitializedException: the context is not initialised.
+        InvalidNodeNameException: ROS does not allow the name.
+        InvalidNamespaceException: ROS does not allow the namespace.
+    """
+
+    def __init__(
+        self,
+        node_name: str,
+        *,
+        context: Context | None = None,
+        cli_args: Sequence[str] | None = None,
+        namespace: str | None = None,
+        use_global_arguments: bool = True,
+        enable_rosout: bool = True,
+        rosout_qos_profile: QoSProfile | int = qos_profile_rosout_default,
+        start_parameter_services: bool = True,
+        parameter_overrides: Sequence[Parameter] | None = None,
+        allow_undeclared_parameters: bool = False,
+        automatically_declare_parameters_from_overrides: bool = False,
+        enable_logger_service: bool = False,
+    ) -> None:
+        self._context = get_default_context() if context is None else context
+        if not self._context.ok():
+            raise NotInitializedException("cannot create node")
+        self._rwt_link = self._context.link
+        self._rwt_arguments = self._all_arguments(cli_args, use_global_arguments)
+        name, namespace = self._rwt_names(node_name, namespace or "")
+        self._handle = NodeHandle(name, namespace, self._rwt_leave)
+        full = self._rwt_full_name = f"{namespace.rstrip('/')}/{name}"
+        self._rwt_participant = self._rwt_link.run(lambda: self._rwt_link.graph.participant(full))
+        self._rwt_queries = GraphQueries(self._rwt_link)
+        self._publishers: list[Publisher] = []
+        self._subscriptions: list[Subscription] = []
+        self._clients: list[Client] = []
+        self._services: list[Service] = []
+        self._timers: list[Timer] = []
+        self._guards: list[GuardCondition] = []
+        self._waitables: dict[Any, Entity] = {}
+        self._rwt_events: list[EventHandler] = []
+        self._rwt_entities: tuple[Entity, ...] = ()
+        self._default_callback_group: CallbackGroup = MutuallyExclusiveCallbackGroup()
+        self._rate_group = ReentrantCallbackGroup()
+        self._rwt_executor: weakref.ref[Executor] | None = None
+        self._logger = get_logger(self._handle.logger_name())
+        self._rwt_rosout: Publisher | None = None
+        if enable_rosout and self._rwt_arguments.rosout:
+            self._open_rosout(rosout_qos_profile)
+        self._parameter_event_publisher = self.create_publisher(
+            message_class("rcl_interfaces/ParameterEvent"), "/parameter_events", qos_profile_parameter_events
+        )
+        super().__init__(
+            self._overrides(parameter_overrides), allow_undeclared_parameters, self._announce_parameters
+        )
+        self._clock = ROSClock()
+        if automatically_declare_parameters_from_overrides:
+            descriptor = message_class("rcl_interfaces/ParameterDescriptor")
+            self.declare_parameters(
+                "",
+                [(each.name, each.value, descriptor()) for each in self._parameter_overrides.values()],
+                ignore_override=True,
+            )
+        self._time_source = TimeSource(node=self)
+        self._time_source.attach_clock(self._clock)
+        if start_parameter_services:
+            self._parameter_service = ParameterService(self)
+        if enable_logger_service:
+            self._logger_service = LoggingService(self)
+        self._type_description_service = TypeDescriptionService(self)
+
+    def __del__(self) -> None:
+        handle = getattr(self, "_handle", None)
+        if handle is not None:
+            handle.destroy_when_not_in_use()
+
+    def _all_arguments(self, cli_args: Sequence[str] | None, use_global: bool) -> RosArguments:
+        own = parse_arguments(cli_args or (), ros_first=True)
+        own.refuse_unknown()
+        handle = self._context.handle
+        if use_global and handle is not None:
+            everyone = handle.arguments
+            # Its own rules come first, and its own values last: either way they win.
+            own.remaps.extend(everyone.remaps)
+            own.parameters[:0] = everyone.parameters
+            own.rosout = own.rosout and everyone.rosout
+        return own
+
+    def _rwt_names(self, name: str, namespace: str) -> tuple[str, str]:
+        validate_node_name(name)
+        namespace = namespace if namespace.startswith("/") else f"/{namespace}"
+        validate_namespace(namespace)
+        namespace = self._rwt_arguments.namespace(name, namespace)
+        name = self._rwt_arguments.node_name(name)
+        namespace = namespace if namespace.startswith("/") else f"/{namespace}"
+        validate_node_name(name)
+        validate_namespace(namespace)
+        return name, namespace
+
+    def _overrides(self, given: Sequence[Parameter] | None) -> dict[str, Parameter]:
+        overrides: dict[str, Parameter] = {}
+        for name, value in self._rwt_arguments.parameters_of(self._rwt_full_name).items():
+            overrides[name] = Parameter(name, value=value)
+        overrides.update({each.name: each for each in given or ()})
+        return overrides
+
+    # What it is
+
+    def get_name(self) -> str:
+        """Its name."""
+        return self._handle.get_node_name()
+
+    def get_namespace(self) -> str:
+        """Its namespace."""
+        return self._handle.get_namespace()
+
+    def get_fully_qualified_name(self) -> str:
+        """Namespace and name."""
+        return self._handle.get_fully_qualified_name()
+
+    def get_name_for_services(self) -> str:
+        """What stands before the names of the services about itself."""
+        return self._rwt_full_name
+
+    def get_clock(self) -> ROSClock:
+        """The clock that follows `use_sim_time`."""
+        return self._clock
+
+    def get_logger(self) -> RcutilsLogger:
+        """Its logger."""
+        return self._logger
+
+    @property
+    def handle(self) -> NodeHandle:
+        """What it is destroyed by."""
+        return self._handle
+
+    @handle.setter
+    def handle(self, value: object) -> None:
+        raise AttributeError("handle cannot be modified after node creation")
+
+    @property
+    def context(self) -> Context:
+        """What begins and ends it."""
+        return self._context
+
+    @property
+    def default_callback_group(self) -> CallbackGroup:
+        """The group of what is made without one: one callback at a time."""
+        return self._default_callback_group
+
+    @property
+    def executor(self) -> Executor | None:
+        """What runs its callbacks; may be set."""
+        return None if self._rwt_executor is None else self._rwt_executor()
+
+    @executor.setter
+    def executor(self, new_executor: Executor | None) -> None:
+        current = self.executor
+        if current is new_executor:
+            return
+        if current is not None:
+            current.remove_node(self)
+        if new_executor is None:
+            self._rwt_executor = None
+        else:
+            self._rwt_executor = weakref.ref(new_executor)
+            new_executor.add_node(self)
+
+    def _wake_executor(self) -> None:
+        executor = self.executor
+        if executor is not None:
+            executor.wake()
+
+    @property
+    def publishers(self) -> Iterator[Publisher]:
+        """Its publishers."""
+        yield from self._publishers
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Its subscriptions."""
+        yield from self._subscriptions
+
+    @property
+    def clients(self) -> Iterator[Client]:
+        """Its clients."""
+        yield from self._clients
+
+    @property
+    def services(self) -> Iterator[Service]:
+        """Its services."""
+        yield from self._services
+
+    @property
+    def timers(self) -> Iterator[Timer]:
+        """Its timers."""
+        yield from self._timers
+
+    @property
+    def guards(self) -> Iterator[GuardCondition]:
+        """Its guard conditions."""
+        yield from self._guards
+
+    @property
+    def waitables(self) -> Iterator[Any]:
+        """Its waitables."""
+        yield from tuple(self._waitables)
+
+    # What it makes
+
+    def _rwt_gather(self) -> None:
+        """Note what an executor has to look at, timers first as in rcl."""
+        self._rwt_entities = (
+            *self._timers,
+            *self._subscriptions,
+            *self._guards,
+            *self._clients,
+            *self._services,
+            *self._waitables.values(),
+            *self._rwt_events,
+        )
+        self._wake_executor()
+
+    def _rwt_adopt(self, entity: Entity, group: CallbackGroup | None) -> None:
+        entity.callback_group = group or self._default_callback_group
+        entity.callback_group.add_entity(entity)
+        node = weakref.ref(self)
+
+        def wake() -> None:
+            alive = node()
+            if alive is not None:
+                alive._wake_executor()
+
+        entity.wake = wake
+
+    @staticmethod
+    def _rwt_profile(qos_or_depth: QoSProfile | int) -> QoSProfile:
+        if isinstance(qos_or_depth, QoSProfile):
+            return qos_or_depth
+        if not isinstance(qos_or_depth, int) or isinstance(qos_or_depth, bool):
+            raise TypeError(f"Expected QoSProfile or int, but received '{type(qos_or_depth)!r}'")
+        if qos_or_depth < 0:
+            raise ValueError("history depth must be greater than or equal to zero")
+        return QoSProfile(depth=qos_or_depth)
+
+    def _rwt_resolved(self, name: str, kind: str) -> str:
+        service = kind == "service"
+        validate_topic_name(name, is_service=service)
+        expanded = expand_topic_name(name, self.get_name(), self.get_namespace())
+        validate_full_topic_name(expanded, is_service=service)
+        new = self._rwt_arguments.remap(expanded, kind, self.get_name(), self.get_namespace())
+        return expanded if new is None else new
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        """The absolute name of a topic, remapped unless `only_expand`."""
+        with self._handle:
+            if only_expand:
+                return expand_topic_name(topic, self.get_name(), self.get_namespace())
+            return self._rwt_resolved(topic, "topic")
+
+    def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
+        """The absolute name of a service, remapped unless `only_expand`."""
+        with self._handle:
+            if only_expand:
+                return expand_topic_name(service, self.get_name(), self.get_namespace())
+            return self._rwt_resolved(service, "service")
+
+    def create_publisher(
+        self,
+        msg_type: Any,
+        topic: str,
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        publisher_class: type[Publisher] = Publisher,
+    ) -> Any:
+        """Publish on a topic.
+
+        Raises:
+            TypeConflict: the topic has another type.
+            InvalidTopicNameException: ROS does not allow the name.
+        """
+        profile = self._rwt_profile(qos_profile)
+        interface = message_type(msg_type)
+        with self._handle:
+            name = self._rwt_resolved(topic, "topic")
+            if qos_overriding_options is not None:
+                profile = copy.copy(profile)
+                _declare_qos_parameters(Publisher, self, name, profile, qos_overriding_options)
+            group = callback_group or self._default_callback_group
+            handlers = (event_callbacks or PublisherEventCallbacks()).create_event_handlers(group, None, name)
+            qos = graph_qos(profile)
+            made = self._rwt_link.run(lambda: self._rwt_participant.advertise(name, interface, qos))
+        publisher = publisher_class(self._rwt_link, made, msg_type, topic, profile, handlers)
+        self._publishers.append(publisher)
+        self._add_events(handlers, group)
+        return publisher
+
+    def _add_events(self, handlers: list[EventHandler], group: CallbackGroup) -> None:
+        if handlers:
+            for handler in handlers:
+                self._rwt_adopt(handler, group)
+            self._rwt_events.extend(handlers)
+            self._rwt_gather()
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., object],
+        qos_profile: QoSProfile | int,
+        *,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        raw: bool = False,
+    ) -> Subscription:
+        """Call back with the messages of a topic.
+
+        Args:
+            callback: takes the message, and its info when it has a second parameter.
+            raw: give it CDR.
+
+        Raises:
+            TypeConflict: the topic has another type.
+            InvalidTopicNameException: ROS does not allow the name.
+            RuntimeError: the callback takes neither one argument nor two.
+        """
+        profile = self._rwt_profile(qos_profile)
+        interface = message_type(msg_type)
+        with self._handle:
+            name = self._rwt_resolved(topic, "topic")
+            if qos_overriding_options is not None:
+                profile = copy.copy(profile)
+                _declare_qos_parameters(Subscription, self, name, profile, qos_overriding_options)
+            group = callback_group or self._default_callback_group
+            handlers = (event_callbacks or SubscriptionEventCallbacks()).create_event_handlers(
+                group, None, name
+            )
+            subscription = Subscription(
+                self._rwt_link, msg_type, topic, callback, group, profile, raw, handlers
+            )
+            self._rwt_adopt(subscription, group)
+            qos = graph_qos(profile)
+            subscription.opened(
+                self._rwt_link.run(
+                    lambda: self._rwt_participant.subscribe(name, subscription.on_sample, interface, qos)
+                )
+            )
+        self._subscriptions.append(subscription)
+        self._rwt_events.extend(handlers)
+        for handler in handlers:
+            self._rwt_adopt(handler, group)
+        self._rwt_gather()
+        return subscription
+
+    def create_client(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Client:
+        """Call a service."""
+        check_is_valid_srv_type(srv_type)
+        with self._handle:
+            name = self._rwt_resolved(srv_name, "service")
+        client = Client(
+            self._context,
+            self._rwt_link,
+            self,
+            self._rwt_participant,
+            srv_type,
+            name,
+            qos_profile,
+            callback_group,
+        )
+        self._rwt_adopt(client, callback_group)
+        self._clients.append(client)
+        self._rwt_gather()
+        return client
+
+    def create_service(
+        self,
+        srv_type: Any,
+        srv_name: str,
+        callback: Callable[..., Any],
+        *,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: CallbackGroup | None = None,
+    ) -> Service:
+        """Offer a service."""
+        interface = service_type(srv_type)
+        with self._handle:
+            name = self._rwt_resolved(srv_name, "service")
+            service = Service(self._rwt_link, self, srv_type, srv_name, callback, callback_group, qos_profile)
+            self._rwt_adopt(service, callback_group)
+            service.opened(
+                self._rwt_link.run(
+                    lambda: self._rwt_participant.advertise_service(name, interface, service.on_call)
+                )
+            )
+        self._services.append(service)
+        self._rwt_gather()
+        return service
+
+    def create_timer(
+        self,
+        timer_period_sec: float,
+        callback: Callable[..., object] | None,
+        callback_group: CallbackGroup | None = None,
+        clock: Clock | None = None,
+        autostart: bool = True,
+    ) -> Timer:
+        """Call back again and again.
+
+        Args:
+            timer_period_sec: seconds between two calls.
+            clock: which clock they are of; the node's by default.
+            autostart: whether it runs from the start.
+        """
+        with self._handle:
+            timer = Timer(
+                callback,
+                callback_group,
+                int(float(timer_period_sec) * S_TO_NS),
+                clock or self._clock,
+                context=self._context,
+                autostart=autostart,
+            )
+        self._rwt_adopt(timer, callback_group)
+        self._timers.append(timer)
+        self._rwt_gather()
+        return timer
+
+    def create_guard_condition(
+        self, callback: Callable[[], object], callback_group: CallbackGroup | None = None
+    ) -> GuardCondition:
+        """Have a callback run when any thread triggers it."""
+        with self._handle:
+            guard = GuardCondition(callback, callback_group, self._context)
+        self._rwt_adopt(guard, callback_group)
+        self._guards.append(guard)
+        self._rwt_gather()
+        return guard
+
+    def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
+        """Sleep at a frequency, in hertz. Raises ValueError for one that is not positive."""
+        if frequency <= 0:
+            raise ValueError("frequency must be > 0")
+        timer = self.create_timer(1.0 / frequency, None, self._rate_group, clock)
+        return Rate(timer, context=self._context)
+
+    def add_waitable(self, waitable: Any) -> None:
+        """Have a waitable of the program looked at."""
+        if isinstance(waitable, Waitable):
+            entity: Entity = WaitableEntity(waitable)
+            self._rwt_adopt(entity, waitable.callback_group)
+        else:
+            entity = waitable
+            self._rwt_adopt(entity, entity.callback_group)
+        self._waitables[waitable] = entity
+        self._rwt_gather()
+
+    def remove_waitable(self, waitable: Any) -> None:
+        """Undo :meth:`add_waitable`."""
+        del self._waitables[waitable]
+        self._rwt_gather()
+
+    def step_publisher(
+        self,
+        endpoint: object,
+        service_name: str,
+        clock: Clock,
+        qos_profile: QoSProfile,
+        state: ServiceIntrospectionState,
+        before: StepPublisher | None,
+    ) -> StepPublisher | None:
+        """What publishes the steps of the calls of a client or service; None for `OFF`."""
+        if before is not None:
+            self.destroy_publisher(before.publisher)
+        if state is ServiceIntrospectionState.OFF:
+            return None
+        event: Any = endpoint
+        publisher = self.create_publisher(event.srv_type.Event, f"{service_name}/_service_event", qos_profile)
+        return StepPublisher(publisher, clock, ServiceIntrospectionState(state))
+
+    # What it destroys
+
+    def _rwt_destroy(self, entity: Any, known: list[Any]) -> bool:
+        if entity not in known:
+            return False
+        known.remove(entity)
+        gone = set(getattr(entity, "event_handlers", ()))
+        self._rwt_events = [each for each in self._rwt_events if each not in gone]
+        entity.destroy()
+        self._rwt_gather()
+        return True
+
+    def destroy_publisher(self, publisher: Publisher) -> bool:
+        """Destroy a publisher of this node; says whether it was one."""
+        return self._rwt_destroy(publisher, self._publishers)
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription of this node; says whether it was one."""
+        return self._rwt_destroy(subscription, self._subscriptions)
+
+    def destroy_client(self, client: Client) -> bool:
+        """Destroy a client of this node; says whether it was one."""
+        return self._rwt_destroy(client, self._clients)
+
+    def destroy_service(self, service: Service) -> bool:
+        """Destroy a service of this node; says whether it was one."""
+        return self._rwt_destroy(service, self._services)
+
+    def destroy_timer(self, timer: Timer) -> bool:
+        """Destroy a timer of this node; says whether it was one."""
+        return self._rwt_destroy(timer, self._timers)
+
+    def destroy_guard_condition(self, guard: GuardCondition) -> bool:
+        """Destroy a guard condition of this node; says whether it was one."""
+        return self._rwt_destroy(guard, self._guards)
+
+    def destroy_rate(self, rate: Rate) -> bool:
+        """Destroy a rate of this node; says whether it was one."""
+        if rate._timer not in self._timers:
+            return False
+        self.destroy_timer(rate._timer)
+        rate.destroy()
+        return True
+
+    def destroy_node(self) -> None:
+        """Leave the graph with everything that this node made."""
+        executor = self.executor
+        if executor is not None:
+            executor.remove_node(self)
+            self._rwt_executor = None
+        if self._rwt_rosout is not None:
+            output.remove_rosout(self._logger.name, self._rwt_publish_log)
+        for known in (
+            self._publishers,
+            self._subscriptions,
+            self._clients,
+            self._services,
+            self._timers,
+            self._guards,
+        ):
+            while known:
+                self._rwt_destroy(known[0], known)
+        if self._rwt_rosout is not None:
+            self._rwt_rosout.destroy()
+        self._handle.destroy_when_not_in_use()
+
+    def _rwt_leave(self) -> None:
+        self._rwt_link.post(self._rwt_participant.close)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.destroy_node()
+
+    # What it says of itself
+
+    def _open_rosout(self, qos: QoSProfile | int) -> None:
+        self._rwt_rosout = self.create_publisher(message_class("rcl_interfaces/Log"), "/rosout", qos)
+        self._publishers.remove(self._rwt_rosout)  # It is the node's, not the program's.
+        node = weakref.ref(self)
+
+        def publish(line: output.LogLine) -> None:
+            alive = node()
+            if alive is not None:
+                alive._rwt_publish(line)
+
+        self._rwt_publish_log = publish
+        output.add_rosout(self._logger.name, publish)
+
+    def _rwt_publish(self, line: output.LogLine) -> None:
+        publisher = self._rwt_rosout
+        if publisher is None or not publisher.handle:
+            return
+        sec, nanosec = divmod(line.stamp_ns, S_TO_NS)
+        stamp = message_class("builtin_interfaces/Time")(sec=sec, nanosec=nanosec)
+        publisher.publish(
+            publisher.msg_type(
+                stamp=stamp,
+                level=int(line.severity),
+                name=line.name,
+                msg=line.message,
+                file=line.file,
+                function=line.function,
+                line=line.line,
+            )
+        )
+
+    def _announce_parameters(self, changes: list[tuple[Parameter | None, Parameter]]) -> None:
+        event: Any = message_class("rcl_interfaces/ParameterEvent")(node=self._rwt_full_name)
+        for before, after in changes:
+            unset = before is None or before.type_ is ParameterKind.NOT_SET
+            if after.type_ is ParameterKind.NOT_SET:
+                if not unset:
+                    event.deleted_parameters.append(after.to_parameter_msg())
+            elif unset:
+                event.new_parameters.append(after.to_parameter_msg())
+            else:
+                event.changed_parameters.append(after.to_parameter_msg())
+        clock = getattr(self, "_clock", None)
+        if clock is not None:
+            event.stamp = clock.now().to_msg()
+        self._parameter_event_publisher.publish(event)
+
+    # What it asks
+
+    def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
+        """Every topic with its types."""
+        with self._handle:
+            return self._rwt_queries.topics()
+
+    def get_service_names_and_types(self) -> NamesAndTypes:
+        """Every service with its types."""
+        with self._handle:
+            return self._rwt_queries.services()
+
+    def get_publisher_names_and_types_by_node(
+        self, node_name: str, node_namespace: str, no_demangle: bool = False
+    ) -> NamesAndTypes:
+        """What a node publishes. Raises NodeNameNonExistentError."""
+        with self._handle:
+            return self._rwt_queries.published_by(node_name, node_namespace)
+
+    def get_subscriber_names_and_types_by_node(
+        self, node_name: str, node_namespace: str, no_demangle: bool = False
+    ) -> NamesAndTypes:
+        """What a node subscribes to. Raises NodeNameNonExistentError."""
+        with self._handle:
+            return self._rwt_queries.subscribed_by(node_name, node_namespace)
+
+    def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
+        """What a node offers. Raises NodeNameNonExistentError."""
+        with self._handle:
+            return self._rwt_queries.services_of(node_name, node_namespace)
+
+    def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
+        """What a node of this context calls; the graph does not know of others' clients.
+
+        Raises:
+            NodeNameNonExistentError: no such node.
+        """
+        with self._handle:
+            self._rwt_queries.services_of(node_name, node_namespace)
+            if f"{node_namespace.rstrip('/')}/{node_name}" != self._rwt_full_name:
+                return []
+            name = classes().registry.type_name
+            return sorted((each.srv_name, [name(service_type(each.srv_type))]) for each in self._clients)
+
+    def get_node_names(self) -> list[str]:
+        """The names of all nodes."""
+        return [name for name, _ in self.get_node_names_and_namespaces()]
+
+    def get_fully_qualified_node_names(self) -> list[str]:
+        """The absolute names of all nodes."""
+        with self._handle:
+            return self._rwt_queries.nodes()
+
+    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        """The names and namespaces of all nodes."""
+        split = (full.rpartition("/") for full in self.get_fully_qualified_node_names())
+        return [(name, namespace or "/") for namespace, _, name in split]
+
+    def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
+        """The names, namespaces and enclaves of all nodes; there is one enclave, `/`."""
+        return [(name, namespace, "/") for name, namespace in self.get_node_names_and_namespaces()]
+
+    def count_publishers(self, topic_name: str) -> int:
+        """How many publishers a topic has; the name is not remapped."""
+        return self._rwt_queries.count(self._rwt_absolute(topic_name), publishers=True)
+
+    def count_subscribers(self, topic_name: str) -> int:
+        """How many subscriptions a topic has; the name is not remapped."""
+        return self._rwt_queries.count(self._rwt_absolute(topic_name), publishers=False)
+
+    def _rwt_absolute(self, name: str, *, service: bool = False) -> str:
+        with self._handle:
+            full = expand_topic_name(name, self.get_name(), self.get_namespace())
+            validate_full_topic_name(full, is_service=service)
+            return full
+
+    def count_services(self, service_name: str) -> int:
+        """How many servers a service has that would be called: 1 or 0."""
+        return self._rwt_queries.count_services(self._rwt_absolute(service_name, service=True))
+
+    def count_clients(self, service_name: str) -> int:
+        """How many clients of a service this node has; the graph does not know of others' clients."""
+        full = self._rwt_absolute(service_name, service=True)
+        return sum(client.srv_name == full for client in self._clients)
+
+    def get_publishers_info_by_topic(
+        self, topic_name: str, no_mangle: bool = False
+    ) -> list[TopicEndpointInfo]:
+        """The publishers of a topic."""
+        return self._rwt_queries.endpoints(self.resolve_topic_name(topic_name), publishers=True)
+
+    def get_subscriptions_info_by_topic(
+        self, topic_name: str, no_mangle: bool = False
+    ) -> list[TopicEndpointInfo]:
+        """The subscriptions of a topic."""
+        return self._rwt_queries.endpoints(self.resolve_topic_name(topic_name), publishers=False)
+
+    def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
+        """Wait until a node is there, at most for some seconds; says whether it is."""
+        return wait_until(
+            self._context,
+            self._rwt_link,
+            lambda: fully_qualified_node_name in self._rwt_queries.nodes(),
+            timeout,
+        )

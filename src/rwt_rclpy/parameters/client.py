@@ -1,0 +1,139 @@
+"""`rclpy.parameter_client`: the parameters of another node."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rwt_rclpy.endpoints.qos import QoSProfile, qos_profile_parameter_events, qos_profile_services_default
+from rwt_rclpy.execution.task import Future
+from rwt_rclpy.messages.loaded import classes, message_class
+from rwt_rclpy.parameters.parameter import Parameter, parameter_dict_from_yaml_file
+
+if TYPE_CHECKING:
+    from rwt_rclpy.nodes.node import Node
+
+OnDone = Callable[[Future], object]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Names:
+    """A service of parameters, and its type."""
+
+    name: str
+    type: str
+
+
+_SERVICES = (
+    _Names("get_parameters", "GetParameters"),
+    _Names("list_parameters", "ListParameters"),
+    _Names("set_parameters", "SetParameters"),
+    _Names("get_parameter_types", "GetParameterTypes"),
+    _Names("describe_parameters", "DescribeParameters"),
+    _Names("set_parameters_atomically", "SetParametersAtomically"),
+)
+
+
+class AsyncParameterClient:
+    """Asks another node's services of parameters.
+
+    Args:
+        node: the node that asks.
+        remote_node_name: the node that is asked.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        remote_node_name: str,
+        qos_profile: QoSProfile = qos_profile_services_default,
+        callback_group: Any = None,
+    ) -> None:
+        self.remote_node_name = remote_node_name
+        self.node = node
+        self._clients = {
+            each.name: node.create_client(
+                classes().service(f"rcl_interfaces/{each.type}"),
+                f"{remote_node_name}/{each.name}",
+                qos_profile=qos_profile,
+                callback_group=callback_group,
+            )
+            for each in _SERVICES
+        }
+
+    def services_are_ready(self) -> bool:
+        """Whether the node offers all of them."""
+        return all(client.service_is_ready() for client in self._clients.values())
+
+    def wait_for_services(self, timeout_sec: float | None = None) -> bool:
+        """Wait until it does; says whether that was in time."""
+        end = None if timeout_sec is None else time.monotonic() + timeout_sec
+        for client in self._clients.values():
+            left = None if end is None else max(0.0, end - time.monotonic())
+            if not client.wait_for_service(left):
+                return False
+        return True
+
+    def _call(self, name: str, callback: OnDone | None, **fields: Any) -> Future:
+        client = self._clients[name]
+        future = client.call_async(client.srv_type.Request(**fields))
+        if callback is not None:
+            future.add_done_callback(callback)
+        return future
+
+    def list_parameters(
+        self, prefixes: Sequence[str] | None = None, depth: int | None = None, callback: OnDone | None = None
+    ) -> Future:
+        """The names below some prefixes."""
+        return self._call("list_parameters", callback, prefixes=list(prefixes or ()), depth=depth or 0)
+
+    def get_parameters(self, names: Sequence[str], callback: OnDone | None = None) -> Future:
+        """The values of some."""
+        return self._call("get_parameters", callback, names=list(names))
+
+    def set_parameters(self, parameters: Sequence[Any], callback: OnDone | None = None) -> Future:
+        """Set some, one after the other."""
+        return self._call("set_parameters", callback, parameters=_messages(parameters))
+
+    def describe_parameters(self, names: Sequence[str], callback: OnDone | None = None) -> Future:
+        """The descriptors of some."""
+        return self._call("describe_parameters", callback, names=list(names))
+
+    def get_parameter_types(self, names: Sequence[str], callback: OnDone | None = None) -> Future:
+        """The types of some."""
+        return self._call("get_parameter_types", callback, names=list(names))
+
+    def set_parameters_atomically(self, parameters: Sequence[Any], callback: OnDone | None = None) -> Future:
+        """Set all of them or none."""
+        return self._call("set_parameters_atomically", callback, parameters=_messages(parameters))
+
+    def delete_parameters(self, names: Sequence[str], callback: OnDone | None = None) -> Future:
+        """Undeclare some."""
+        return self.set_parameters([Parameter(name, Parameter.Type.NOT_SET) for name in names], callback)
+
+    def load_parameter_file(
+        self, parameter_file: str, use_wildcard: bool = False, callback: OnDone | None = None
+    ) -> Future:
+        """Set what a file gives for the node. Raises RuntimeError for a file without it."""
+        found = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
+        return self.set_parameters(list(found.values()), callback)
+
+    def load_parameter_file_atomically(
+        self, parameter_file: str, use_wildcard: bool = False, callback: OnDone | None = None
+    ) -> Future:
+        """Set all that a file gives for the node, or nothing."""
+        found = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
+        return self.set_parameters_atomically(list(found.values()), callback)
+
+    def on_parameter_event(
+        self, callback: OnDone, qos_profile: QoSProfile = qos_profile_parameter_events
+    ) -> Any:
+        """Call back with every `rcl_interfaces/ParameterEvent`, of whichever node."""
+        event = message_class("rcl_interfaces/ParameterEvent")
+        return self.node.create_subscription(event, "/parameter_events", callback, qos_profile)
+
+
+def _messages(parameters: Sequence[Any]) -> list[Any]:
+    return [each.to_parameter_msg() if isinstance(each, Parameter) else each for each in parameters]

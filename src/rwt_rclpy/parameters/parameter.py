@@ -1,0 +1,222 @@
+"""`rclpy.parameter`: parameters as values with a type."""
+
+from __future__ import annotations
+
+import array
+from enum import Enum
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from rwt_rclpy.messages.loaded import message_class
+
+PARAMETER_SEPARATOR_STRING: Final = "."
+
+_FIELDS: Final = (
+    None, "bool_value", "integer_value", "double_value", "string_value", "byte_array_value",
+    "bool_array_value", "integer_array_value", "double_array_value", "string_array_value",
+)  # fmt: skip
+
+
+class ParameterKind(Enum):
+    """`Parameter.Type`, with the numbers of `rcl_interfaces/ParameterType`."""
+
+    NOT_SET = 0
+    BOOL = 1
+    INTEGER = 2
+    DOUBLE = 3
+    STRING = 4
+    BYTE_ARRAY = 5
+    BOOL_ARRAY = 6
+    INTEGER_ARRAY = 7
+    DOUBLE_ARRAY = 8
+    STRING_ARRAY = 9
+
+    def __str__(self) -> str:
+        return f"Type.{self.name}"
+
+    @classmethod
+    def from_parameter_value(cls, parameter_value: Any) -> ParameterKind:
+        """The type of a value; that of an empty list is BYTE_ARRAY. Raises TypeError for what is none."""
+        if parameter_value is None:
+            return cls.NOT_SET
+        for kind, scalar in _SCALARS:
+            if isinstance(parameter_value, scalar):
+                return kind
+        if isinstance(parameter_value, (list, tuple, array.array)):
+            for kind, element in _ELEMENTS:
+                if all(isinstance(value, element) for value in parameter_value):
+                    return kind
+        raise TypeError(
+            f"{parameter_value!r} cannot be a parameter: expected a bool, int, float, str,"
+            " or a list of values of one of these types or of bytes"
+        )
+
+    def check(self, parameter_value: Any) -> bool:
+        """Whether a value is of this type."""
+        if self is ParameterKind.NOT_SET:
+            return parameter_value is None
+        for kind, scalar in _SCALARS:
+            if kind is self:
+                return isinstance(parameter_value, scalar)
+        numbers = self in (ParameterKind.INTEGER_ARRAY, ParameterKind.DOUBLE_ARRAY)
+        if not isinstance(parameter_value, (list, tuple, array.array) if numbers else (list, tuple)):
+            return False
+        element = next(element for kind, element in _ELEMENTS if kind is self)
+        if self is ParameterKind.BYTE_ARRAY and any(len(value) != 1 for value in parameter_value):
+            return False
+        return all(isinstance(value, element) for value in parameter_value)
+
+
+#: bool comes before int, which it is one of.
+_SCALARS: Final = (
+    (ParameterKind.BOOL, bool),
+    (ParameterKind.INTEGER, int),
+    (ParameterKind.DOUBLE, float),
+    (ParameterKind.STRING, str),
+)
+_ELEMENTS: Final = (
+    (ParameterKind.BYTE_ARRAY, bytes),
+    (ParameterKind.BOOL_ARRAY, bool),
+    (ParameterKind.INTEGER_ARRAY, int),
+    (ParameterKind.DOUBLE_ARRAY, float),
+    (ParameterKind.STRING_ARRAY, str),
+)
+
+
+class Parameter:
+    """One parameter.
+
+    Raises:
+        TypeError: the value, or what is given as type, is none.
+        ValueError: the value is not of the type.
+    """
+
+    Type = ParameterKind
+
+    def __init__(self, name: str, type_: ParameterKind | None = None, value: Any = None) -> None:
+        if type_ is None:
+            type_ = ParameterKind.from_parameter_value(value)
+        if not isinstance(type_, ParameterKind):
+            raise TypeError(f"type must be an instance of '{ParameterKind!r}'")
+        if not type_.check(value):
+            raise ValueError(f"Type '{type_}' and value '{value}' do not agree")
+        self._name = name
+        self._type_ = type_
+        self._value = value
+
+    def __repr__(self) -> str:
+        return f"<Parameter {self._name}={self._value!r}>"
+
+    @classmethod
+    def from_parameter_msg(cls, param_msg: Any) -> Parameter:
+        """The parameter of a `rcl_interfaces/Parameter`."""
+        kind = ParameterKind(param_msg.value.type)
+        field = _FIELDS[kind.value]
+        return cls(param_msg.name, kind, None if field is None else getattr(param_msg.value, field))
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self._name
+
+    @property
+    def type_(self) -> ParameterKind:
+        """Its type."""
+        return self._type_
+
+    @property
+    def value(self) -> Any:
+        """Its value."""
+        return self._value
+
+    def get_parameter_value(self) -> Any:
+        """Its value as `rcl_interfaces/ParameterValue`."""
+        field = _FIELDS[self._type_.value]
+        given = {} if field is None else {field: self._value}
+        if isinstance(self._value, tuple):
+            given = {field: list(self._value)} if field else {}
+        return message_class("rcl_interfaces/ParameterValue")(type=self._type_.value, **given)
+
+    def to_parameter_msg(self) -> Any:
+        """The same as `rcl_interfaces/Parameter`."""
+        return message_class("rcl_interfaces/Parameter")(name=self._name, value=self.get_parameter_value())
+
+
+def get_parameter_value(string_value: str) -> Any:
+    """What a text means as a parameter's value, as `rcl_interfaces/ParameterValue`."""
+    try:
+        value = yaml.safe_load(string_value)
+    except yaml.YAMLError:
+        value = string_value
+    if isinstance(value, bool | int | float):
+        return Parameter("", value=value).get_parameter_value()
+    if isinstance(value, list):
+        for kind, element in _ELEMENTS[1:]:
+            if all(isinstance(each, element) for each in value):
+                return Parameter("", kind, value).get_parameter_value()
+        value = string_value
+    text = string_value if value is None or isinstance(value, dict) else str(value)
+    return Parameter("", value=text).get_parameter_value()
+
+
+def parameter_value_to_python(parameter_value: Any) -> Any:
+    """The value in a `rcl_interfaces/ParameterValue`. Raises RuntimeError for an unknown type."""
+    if not 0 <= parameter_value.type < len(_FIELDS):
+        raise RuntimeError(f"unexpected parameter type {parameter_value.type}")
+    field = _FIELDS[parameter_value.type]
+    if field is None:
+        return None
+    value = getattr(parameter_value, field)
+    return list(value) if field.endswith("array_value") else value
+
+
+def parameter_dict_from_yaml_file(
+    parameter_file: str,
+    use_wildcard: bool = False,
+    target_nodes: list[str] | None = None,
+    namespace: str = "",
+) -> dict[str, Any]:
+    """The parameters in a file, as `rcl_interfaces/Parameter` by name.
+
+    Args:
+        parameter_file: the file.
+        use_wildcard: whether to take what stands under `/**`.
+        target_nodes: the nodes whose parameters to take; all by default.
+        namespace: put before every name.
+
+    Raises:
+        RuntimeError: a node is not in the file, or the file is not of the form.
+    """
+    tree = yaml.safe_load(Path(parameter_file).read_text("utf-8")) or {}
+    wanted = ["/**"] if use_wildcard and "/**" in tree else []
+    if target_nodes:
+        missing = [node for node in target_nodes if node not in tree]
+        if missing:
+            raise RuntimeError(f"{parameter_file} has no parameters for {missing}, only for {list(tree)}")
+        wanted += target_nodes
+    else:
+        wanted += [key for key in tree if key != "/**"]
+    if not wanted:
+        raise RuntimeError("Param file does not contain selected parameters")
+    found: dict[str, Any] = {}
+    for node in wanted:
+        below = tree[node]
+        if not isinstance(below, dict) or "ros__parameters" not in below:
+            raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {node}")
+        found.update(_flat(namespace, below["ros__parameters"]))
+    return found
+
+
+def _flat(prefix: str, tree: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in tree.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            found.update(_flat(name + PARAMETER_SEPARATOR_STRING, value))
+        else:
+            found[name] = message_class("rcl_interfaces/Parameter")(
+                name=name, value=get_parameter_value(str(value))
+            )
+    return found
