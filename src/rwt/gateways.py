@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+from rwt_access.settings import SettingsError
 from rwt_transports.http import HttpResponse
 
 # What only some servers have is imported in the functions that make it.
@@ -48,9 +49,26 @@ def _http(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpE
     return HttpGateway(graph, access, settings.api, settings.unregister_timeout, offered)
 
 
+def _mcp(
+    graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]
+) -> Gateway:
+    try:
+        from rwt_mcp.gateway import McpGateway
+    except ModuleNotFoundError as error:
+        raise SettingsError(
+            f"`gateways`: mcp needs {error.name}, which is not installed: pip install mcp"
+        ) from None
+    from rwt.recordings import RecordingFolder
+
+    folder = settings.mcp.recordings
+    recordings = None if folder is None else RecordingFolder(folder)
+    several = settings.workers > 1
+    return McpGateway(graph, access, settings.mcp, recordings, several_processes=several)
+
+
 GATEWAYS: Final[
     Mapping[GatewayName, Callable[[Graph, Settings, Access, Sequence[HttpExtension]], Gateway]]
-] = MappingProxyType({"foxglove": _foxglove, "http": _http})
+] = MappingProxyType({"foxglove": _foxglove, "http": _http, "mcp": _mcp})
 """Every gateway that the setting `gateways` may name; each is also given what nodes bring to HTTP. A row
 imports its package when it is called, since not every server speaks it."""
 

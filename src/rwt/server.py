@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
     from rwt.blocking import Loop
     from rwt.graphs import MakeGraph
-    from rwt.settings.models import Settings
+    from rwt.settings.models import GatewayName, Settings
     from rwt.workers.worker import InWorker, WorkerContext
     from rwt_access.gateway import Gateway, MakeGateway
     from rwt_access.graph_view import GraphView
@@ -116,7 +116,8 @@ class Server:
         extra_nodes: each is called with the graph when it runs, before anybody can connect, and makes a node
             that is closed with the server; what the node brings to HTTP is its attribute `http`.
         gateways: each is called with the graph when it runs, and with the rules of who may do what, and makes
-            a gateway for another protocol on the same port, beside those of the setting `gateways`.
+            a gateway for another protocol on the same port, beside those of the setting `gateways`; names
+            are those of the setting, and take its place.
         http: further pages, sections of the index page, and metrics.
         script: a ``.toml`` or ``.py`` file that says what a robot for tests does.
         record: an MCAP file to which all topics are written.
@@ -147,7 +148,7 @@ class Server:
         registry: Registry | None = None,
         clock: Clock | None = None,
         extra_nodes: Iterable[Callable[[Graph], ReadyNode]] = (),
-        gateways: Iterable[MakeGateway] = (),
+        gateways: Iterable[MakeGateway | GatewayName] = (),
         http: Iterable[HttpExtension] = (),
         script: Path | None = None,
         record: Path | None = None,
@@ -165,11 +166,14 @@ class Server:
             changes["listen"] = urls
         if isinstance(graph, str):
             changes["graph"], graph = graph, None
+        gateways = tuple(gateways)
+        if named := [each for each in gateways if isinstance(each, str)]:
+            changes["gateways"] = named
         self.settings = with_changes(settings, changes)
         self._registry = registry
         self._clock = clock
         self._extra_nodes = tuple(extra_nodes)
-        self._gateways = tuple(gateways)
+        self._gateways = tuple(each for each in gateways if not isinstance(each, str))
         self._http = tuple(http)
         self._script = script
         self._record = record

@@ -120,6 +120,14 @@ class Admission:
         """
         return self._by_token(info) or self.default_role
 
+    def role_of_token(self, info: PeerInfo) -> Role | None:
+        """The role that a request's token gives; None where it shows none, or where there are no tokens.
+
+        Raises:
+            Refused: its token is not known.
+        """
+        return self._by_token(info)
+
     def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
         """Whether the web page that a request's ``Origin`` names may read what is here."""
         return self._origins.allows(headers.get("origin", ""), headers.get("host", ""), loopback=loopback)

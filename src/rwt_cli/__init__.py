@@ -62,6 +62,7 @@ COMMANDS: Final = (
     Command("approve", "answer what waits for a person's yes", "gate.approve"),
     Command("audit", "read who did what to a robot", "gate.audit"),
     Command("bag", "recordings: record, play, info, recover"),
+    Command("mcp", "give an agent the tools for a robot, on standard input and output"),
     Command("doctor", "find out what is wrong with a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
     Command("config", "print the settings in effect"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Final, Protocol
@@ -44,6 +45,7 @@ class SampleEncoding(Protocol):
     def publish_encoder(self) -> Callable[[str], Encode]:
         """From how a client calls the topic to an encoder for its samples."""
 
+logger = logging.getLogger(__name__)
 
 SHARE: Final = 0.0015
 """Seconds of one turn of the event loop in which a sample's forms are made; the rest waits its turn."""
@@ -216,6 +218,34 @@ class EncodedStream:
         gate.offer(_Encoded(self, sample))
 
 
+class SampleStream:
+    """Somebody who takes the samples of a topic as they are in the graph, beside those who get frames.
+
+    Args:
+        take: called with each sample, at once. What it raises is logged, and nobody else goes without.
+    """
+
+    form: Final = "json"
+    is_open: Final = False  # No form is made in advance for whoever may ask for none.
+    steps: Final = None
+
+    def __init__(self, take: Callable[[Sample], None]) -> None:
+        self._take = take
+
+    def __len__(self) -> int:
+        return 1
+
+    def settle(self) -> None:
+        """Nothing is counted here."""
+
+    def deliver(self, sample: Sample) -> None:
+        """Hand one sample on."""
+        try:
+            self._take(sample)
+        except Exception:
+            logger.exception("what takes samples of %s failed", sample.topic)
+
+
 class Fanout:
     """All clients of one topic, behind one subscription in the graph.
 
@@ -237,7 +267,8 @@ class Fanout:
         self.type = type
         self.counts = counts
         self._channels: dict[tuple[str, str], EncodedStream] = {}
-        self._active: tuple[EncodedStream, ...] = ()
+        self._streams: list[SampleStream] = []
+        self._active: tuple[EncodedStream | SampleStream, ...] = ()
         self._is_stepped = False
         self._late: deque[tuple[Sample, Iterator[None]]] = deque()
         self._goes_on = False
@@ -256,7 +287,7 @@ class Fanout:
     @property
     def is_empty(self) -> bool:
         """Whether nobody listens any more."""
-        return not self._channels
+        return not self._active
 
     def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
@@ -295,8 +326,22 @@ class Fanout:
             del self._channels[key]
             self._note_channels()
 
+    def take_samples(self, take: Callable[[Sample], None]) -> SampleStream:
+        """Have `take` called with each sample from now on, without a frame being made for it; those that the
+        topic keeps are in `subscription.history()`."""
+        self._catch_up()
+        stream = SampleStream(take)
+        self._streams.append(stream)
+        self._note_channels()
+        return stream
+
+    def end_samples(self, stream: SampleStream) -> None:
+        """End what :meth:`take_samples` began."""
+        self._streams.remove(stream)
+        self._note_channels()
+
     def _note_channels(self) -> None:
-        self._active = tuple(self._channels.values())
+        self._active = (*self._channels.values(), *self._streams)
         self._is_stepped = any(channel.steps is not None for channel in self._active)
 
     def close(self) -> None:

@@ -362,7 +362,9 @@ class HttpConnection:
         self._send_head(response, None)
         self._streaming = True
         try:
-            if not self._is_head():
+            if self._half_closed:
+                self._end()  # As in `eof`, which came before the stream.
+            elif not self._is_head():
                 async for chunk in chunks:
                     self._send(h11.Data(data=chunk))
                     await self._drained()

@@ -8,10 +8,21 @@ from typing import Annotated, Literal, get_args
 from pydantic import AfterValidator, Field, model_validator
 
 from rwt.settings.webrtc import WebRtcSettings
-from rwt_access.settings import MIB, Bytes, Count, PlainToken, Seconds, SecondsOrNone, Table, TlsSettings
+from rwt_access.settings import (
+    BUILT_IN_ROLES,
+    MIB,
+    Bytes,
+    Count,
+    PlainToken,
+    Seconds,
+    SecondsOrNone,
+    Table,
+    TlsSettings,
+)
 from rwt_bridge.settings import BridgeLimits, BridgeSettings
 from rwt_foxglove.settings import FoxgloveSettings
 from rwt_http.settings import HttpSettings
+from rwt_mcp.settings import McpSettings
 
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
@@ -23,7 +34,7 @@ def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
 
 
 NodeName = Literal["rosapi", "tf2_web_republisher", "web_video_server"]
-GatewayName = Literal["foxglove", "http"]
+GatewayName = Literal["foxglove", "http", "mcp"]
 
 
 class LimitSettings(BridgeLimits):
@@ -161,7 +172,10 @@ class Settings(BridgeSettings):
     ] = get_args(NodeName)
     gateways: Annotated[
         tuple[GatewayName, ...],
-        Field(description="protocols that are spoken beside rosbridge, on the same port; `[]` for none"),
+        Field(
+            description="protocols that are spoken beside rosbridge, on the same port; `[]` for none; `mcp`,"
+            " for agents, needs the extra `mcp`"
+        ),
     ] = ("foxglove", "http")
     deflate: Annotated[
         Literal["off", "shared", "context"],
@@ -179,6 +193,7 @@ class Settings(BridgeSettings):
     web: WebSettings = WebSettings()
     foxglove: FoxgloveSettings = FoxgloveSettings()
     api: HttpSettings = HttpSettings()
+    mcp: McpSettings = McpSettings()
     webrtc: WebRtcSettings = WebRtcSettings()
     graph: Annotated[
         Literal["memory", "zenoh"],
@@ -192,6 +207,13 @@ class Settings(BridgeSettings):
             " Linux and the extra `zenoh`"
         ),
     ] = 1
+
+    @model_validator(mode="after")
+    def _agents_have_a_role(self) -> Settings:
+        role, known = self.mcp.default_role, (*BUILT_IN_ROLES, *self.roles)
+        if role not in known:
+            raise ValueError(f"`mcp.default_role`: there is no role {role!r}; known are {', '.join(known)}")
+        return self
 
     @model_validator(mode="after")
     def _reachable(self) -> Settings:

@@ -1,0 +1,102 @@
+"""A robot as the tools use it: the few verbs that they need, whichever way leads to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Protocol
+
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_program.api import Parameters
+from rwt_program.goals import Goal
+from rwt_program.handles import Handle, Publisher
+from rwt_program.messages import Message, MessageCallback, MessageLike
+from rwt_program.transforms import Transforms
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Named:
+    """A topic, a service or an action.
+
+    Attributes:
+        name: absolute name.
+        type: its type, as the robot's distribution spells it; empty where that is not known.
+        publishers: of a topic; None where that is not known.
+        subscribers: likewise.
+    """
+
+    name: str
+    type: str = ""
+    publishers: int | None = None
+    subscribers: int | None = None
+
+
+class Robot(Protocol):
+    """What the tools ask of a robot.
+
+    There are two: of a gateway the graph as one client may see it (:mod:`rwt_mcp.graph_robot`), and of the
+    command `rwt mcp` a connection to a robot elsewhere. Both raise what
+    :class:`rwt_program.api.RobotApi` says of the verbs that it has too.
+
+    Attributes:
+        params: the parameters of all nodes.
+    """
+
+    params: Parameters
+
+    @property
+    def tf(self) -> Transforms:
+        """Where the frames are."""
+
+    async def topics(self) -> tuple[Named, ...]:
+        """The topics that are there, sorted by name."""
+
+    async def services(self) -> tuple[Named, ...]:
+        """The services that are there, sorted by name."""
+
+    async def actions(self) -> tuple[Named, ...]:
+        """The actions that are there, sorted by name."""
+
+    async def type_of(self, topic: str) -> MessageType:
+        """The type of a topic.
+
+        Raises:
+            NotFound: there is no such topic, or it has no type yet.
+        """
+
+    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:
+        """The message, service or action of that name.
+
+        Raises:
+            UnknownType: there is none.
+        """
+
+    def subscribe(self, topic: str, callback: MessageCallback, type: str) -> Handle:
+        """Call a plain function with each message of a topic, those first that it keeps for late joiners."""
+
+    def advertise(self, topic: str, type: str) -> Publisher:
+        """Become a publisher of a topic until the handle is closed."""
+
+    async def call(self, service: str, request: MessageLike, seconds: float) -> Message:
+        """Call a service and wait so many seconds for its response."""
+
+    async def send_goal(
+        self, action: str, goal: MessageLike, on_feedback: Callable[[Message], object]
+    ) -> Goal:
+        """Send a goal to an action."""
+
+    def cancel_goal(self, goal: Goal) -> None:
+        """Ask that a goal end early, which was sent through this robot or another of the same way."""
+
+    async def time_ns(self) -> int:
+        """The robot's time, nanoseconds since the epoch."""
+
+    def monotonic(self) -> float:
+        """Seconds on the clock that times of tools are measured by."""
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait for so many seconds of that clock."""
+
+    def within(self, seconds: float | None) -> AbstractContextManager[object]:
+        """Leave the block after so many seconds of that clock."""

@@ -1,0 +1,302 @@
+"""The tools, resources and prompts as a server of the official SDK."""
+
+from __future__ import annotations
+
+import base64
+import logging
+from contextlib import AbstractAsyncContextManager
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import mcp_types as types
+from mcp.server.lowlevel import Server
+from mcp.shared.exceptions import MCPError
+from mcp_types.version import MODERN_PROTOCOL_VERSIONS
+
+from rwt_access.errors import AccessError
+from rwt_mcp.content.answer import Part, Picture, as_text
+from rwt_mcp.errors import AnswerNeeded, ToolError
+from rwt_mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, read_resource
+from rwt_mcp.metered import Metered
+from rwt_mcp.tools import TOOLS
+from rwt_program.errors import RobotError
+
+if TYPE_CHECKING:
+    from mcp.server.context import ServerRequestContext
+
+    from rwt_mcp.agent import Act, Agent
+    from rwt_mcp.approvals import Questions
+    from rwt_mcp.tools.tool import Tool
+
+    Context = ServerRequestContext[Any, Any]
+
+logger = logging.getLogger(__name__)
+
+#: Under this key a question is asked and its answer comes.
+_KEY: Final = "leave"
+
+_FORM: Final[types.ElicitRequestedSchema] = {
+    "type": "object",
+    "properties": {
+        "allow": {"type": "boolean", "title": "Allow this", "description": "whether the robot may do it now"}
+    },
+    "required": ["allow"],
+}
+
+
+class Host(Protocol):
+    """What the server is in: who an agent is, and which acts a person is asked about."""
+
+    questions: Questions
+
+    def agent(self, context: Context) -> AbstractAsyncContextManager[Agent]:
+        """Whoever sent a request, for as long as it is worked on. Raises :exc:`ToolError` to refuse it."""
+
+    def asks_about(self, name: str) -> bool:
+        """Whether a person is asked before something is done to what has that name."""
+
+    def note(self, context: Context, text: str, *, acts: bool) -> None:
+        """Write into the audit what an agent does."""
+
+    def monotonic(self) -> float:
+        """Seconds on a clock that never goes back."""
+
+    def count(self, tool: str, outcome: str) -> None:
+        """Count a call of a tool: `done`, `asked`, `refused` or `failed`."""
+
+
+def make_server(host: Host, version: str) -> Server[Any]:
+    """The server of one gateway, or of one program at the other end of standard input and output."""
+    handlers = _Handlers(host)
+    return Server(
+        "robot-web-tools",
+        version=version,
+        title="Robot",
+        instructions=INSTRUCTIONS,
+        get_tool_input_schema=lambda name: TOOLS[name].schema if name in TOOLS else None,
+        on_list_tools=handlers.list_tools,
+        on_call_tool=handlers.call_tool,
+        on_list_resources=handlers.list_resources,
+        on_list_resource_templates=handlers.list_templates,
+        on_read_resource=handlers.read_resource,
+        on_list_prompts=handlers.list_prompts,
+        on_get_prompt=handlers.get_prompt,
+    )
+
+
+class _Handlers:
+    """What answers each request of the protocol."""
+
+    def __init__(self, host: Host) -> None:
+        self._host = host
+
+    async def list_tools(
+        self, context: Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListToolsResult:
+        """Those that the agent can make use of."""
+        async with self._agent(context) as agent:
+            offered = [_described(tool) for tool in TOOLS.values() if tool.is_offered_to(agent)]
+        return types.ListToolsResult(tools=offered)
+
+    async def call_tool(
+        self, context: Context, params: types.CallToolRequestParams
+    ) -> types.CallToolResult | types.InputRequiredResult:
+        """Run a tool; what goes wrong is its result, so that the model reads it."""
+        tool, given = TOOLS.get(params.name), params.arguments or {}
+        if tool is None:
+            raise MCPError(types.INVALID_PARAMS, f"there is no tool {params.name[:100]!r}: see tools/list")
+        said = f"{tool.name} {as_text(given)}"
+        self._host.note(context, said, acts=tool.act is not None)
+        try:
+            async with self._host.agent(context) as agent:
+                if not tool.is_offered_to(agent):
+                    raise ToolError(_not_offered(tool, agent))
+                asked = replace(
+                    agent,
+                    confirm=partial(self._confirm, context, params, agent.owner),
+                    report_progress=context.session.report_progress,
+                )
+                answer = await Metered(tool(asked, given), agent.charge)
+        except AnswerNeeded as needed:
+            self._host.count(tool.name, "asked")
+            question = types.ElicitRequest(
+                params=types.ElicitRequestFormParams(message=needed.question, requested_schema=_FORM)
+            )
+            return types.InputRequiredResult(input_requests={_KEY: question}, request_state=needed.key)
+        except (ToolError, RobotError, AccessError) as error:
+            self._host.count(tool.name, "refused")
+            self._host.note(context, f"{tool.name}: refused: {error}", acts=tool.act is not None)
+            return types.CallToolResult(content=[types.TextContent(text=str(error))], is_error=True)
+        except Exception:
+            self._host.count(tool.name, "failed")
+            logger.exception("the tool %s failed", tool.name)
+            return types.CallToolResult(content=[types.TextContent(text="internal error")], is_error=True)
+        self._host.count(tool.name, "done")
+        return types.CallToolResult(content=[_content(part) for part in answer])
+
+    async def _confirm(
+        self,
+        context: Context,
+        params: types.CallToolRequestParams,
+        owner: str,
+        act: Act,
+        name: str,
+        what: str,
+    ) -> None:
+        """Ask the person at the agent's program, unless that is not wanted; the model sees nothing of it."""
+        if not self._host.asks_about(name):
+            return
+        _require_form(context)
+        question = f"May the agent {what[:2000]}?"
+        if context.protocol_version in MODERN_PROTOCOL_VERSIONS:
+            answer = self._answer(params, owner, question)
+        else:
+            answer = await context.session.elicit_form(question, _FORM, context.request_id)
+        if answer.action != "accept" or (answer.content or {}).get("allow") is not True:
+            raise ToolError("the person did not allow it: ask what they want instead, and do not try again")
+        self._host.note(context, f"{params.name} {name}: the person allowed it", acts=True)
+
+    def _answer(self, params: types.CallToolRequestParams, owner: str, question: str) -> types.ElicitResult:
+        """The answer that came with a request that is sent again (specification of 2026-07-28).
+
+        Raises:
+            AnswerNeeded: there is none, or it is for something else.
+        """
+        questions, arguments = self._host.questions, params.arguments or {}
+        now = self._host.monotonic()
+        answer = (params.input_responses or {}).get(_KEY)
+        word = params.request_state
+        fits = word is not None and questions.answered(word, owner, params.name, arguments, now)
+        if fits and isinstance(answer, types.ElicitResult):
+            return answer
+        raise AnswerNeeded(question, questions.ask(owner, params.name, arguments, now))
+
+    async def list_resources(
+        self, context: Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListResourcesResult:
+        """Those with a URI of their own."""
+        return types.ListResourcesResult(
+            resources=[
+                types.Resource(uri=each.uri, name=each.uri, title=each.title, description=each.description)
+                for each in RESOURCES
+                if not each.is_template
+            ]
+        )
+
+    async def list_templates(
+        self, context: Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListResourceTemplatesResult:
+        """Those with a name in their URI."""
+        return types.ListResourceTemplatesResult(
+            resource_templates=[
+                types.ResourceTemplate(
+                    uri_template=each.uri, name=each.uri, title=each.title, description=each.description
+                )
+                for each in RESOURCES
+                if each.is_template
+            ]
+        )
+
+    async def read_resource(
+        self, context: Context, params: types.ReadResourceRequestParams
+    ) -> types.ReadResourceResult:
+        """Read one, as a tool would show it."""
+        uri = str(params.uri)
+        self._host.note(context, f"read {uri}", acts=False)
+        try:
+            async with self._host.agent(context) as agent:
+                answer = await Metered(read_resource(agent, uri), agent.charge)
+        except (ToolError, RobotError, AccessError) as error:
+            raise MCPError(types.INVALID_PARAMS, str(error)) from None
+        return types.ReadResourceResult(contents=[_resource_content(uri, part) for part in answer])
+
+    async def list_prompts(
+        self, context: Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListPromptsResult:
+        """All of them."""
+        return types.ListPromptsResult(
+            prompts=[
+                types.Prompt(
+                    name=each.name,
+                    title=each.title,
+                    description=each.description,
+                    arguments=[
+                        types.PromptArgument(name=name, description=about, required=True)
+                        for name, about in each.arguments.items()
+                    ],
+                )
+                for each in PROMPTS.values()
+            ]
+        )
+
+    async def get_prompt(
+        self, context: Context, params: types.GetPromptRequestParams
+    ) -> types.GetPromptResult:
+        """One, with its arguments filled in."""
+        prompt = PROMPTS.get(params.name)
+        if prompt is None:
+            known = ", ".join(PROMPTS)
+            raise MCPError(
+                types.INVALID_PARAMS, f"there is no prompt {params.name[:100]!r}; there are {known}"
+            )
+        try:
+            text = prompt.fill_in(params.arguments or {})
+        except ToolError as error:
+            raise MCPError(types.INVALID_PARAMS, str(error)) from None
+        return types.GetPromptResult(
+            description=prompt.description,
+            messages=[types.PromptMessage(role="user", content=types.TextContent(text=text))],
+        )
+
+    def _agent(self, context: Context) -> AbstractAsyncContextManager[Agent]:
+        return self._host.agent(context)
+
+
+def _not_offered(tool: Tool[Any], agent: Agent) -> str:
+    if tool.act is None:
+        return "there are no recordings to look at here (mcp.recordings)"
+    return (
+        f"this agent may only look: {tool.name} needs a role with `{tool.act}`. A person can change that:"
+        f" {agent.how_to_act}. Tell them; there is no other way."
+    )
+
+
+def _require_form(context: Context) -> None:
+    """Refuse an agent whose program cannot ask a person."""
+    capabilities = context.session.client_capabilities
+    asks = None if capabilities is None else capabilities.elicitation
+    if asks is None or (asks.form is None and asks.url is not None):
+        raise ToolError(
+            "a person has to allow this (mcp.confirm), and this program cannot ask one: it has to support"
+            " elicitation with forms. Tell the person; there is no other way."
+        )
+
+
+def _described(tool: Tool[Any]) -> types.Tool:
+    looks = tool.act is None
+    return types.Tool(
+        name=tool.name,
+        title=tool.title,
+        description=tool.description,
+        input_schema=dict(tool.schema),
+        annotations=types.ToolAnnotations(
+            read_only_hint=looks,
+            destructive_hint=None if looks else True,
+            idempotent_hint=None if looks else tool.act == "set_param",
+            open_world_hint=not looks,
+        ),
+    )
+
+
+def _content(part: Part) -> types.TextContent | types.ImageContent:
+    if isinstance(part, Picture):
+        return types.ImageContent(data=base64.b64encode(part.data).decode(), mime_type=part.mime_type)
+    return types.TextContent(text=part)
+
+
+def _resource_content(uri: str, part: Part) -> types.TextResourceContents | types.BlobResourceContents:
+    if isinstance(part, Picture):
+        data = base64.b64encode(part.data).decode()
+        return types.BlobResourceContents(uri=uri, blob=data, mime_type=part.mime_type)
+    return types.TextResourceContents(uri=uri, text=part, mime_type="text/plain")
