@@ -16,6 +16,7 @@ PACKAGES = {
     "rwt_transports": {"rwt_interfaces", "rwt_graph", "rwt_bridge", "numpy"},
     "rwt_bridge": {"rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_http": {"rwt_bridge", "rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
+    "rwt_mcp": {"rwt_bridge", "rwt_http", "rwt_nodes", "rwt_client", "rwt_cli", "mcp", "numpy", "PIL"},
     "rwt_nodes": {"rwt_bridge", "rwt_client", "rwt_cli", "numpy", "PIL"},
     "rwt_web": {"rwt_graph", "rwt_nodes", "rwt_bridge", "rwt_interfaces", "numpy", "PIL"},
     "rwt_client": {"rwt_bridge", "rwt_graph", "rwt_nodes", "rwt_cli"},

@@ -49,9 +49,7 @@ def _http(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpE
     return HttpGateway(graph, access, settings.api, settings.unregister_timeout, offered)
 
 
-def _mcp(
-    graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]
-) -> Gateway:
+def _mcp(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
     try:
         from rwt_mcp.gateway import McpGateway
     except ModuleNotFoundError as error:

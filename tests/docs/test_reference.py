@@ -23,6 +23,7 @@ from rwt_program import errors, goals, qos
 from rwt_protocol.codecs import SELECTABLE
 from rwt_transports.schemes import url_forms
 from tests.docs.blocks import ROOT, blocks_of
+from tools import generate_tools
 
 _REFERENCE = ROOT / "docs" / "reference"
 
@@ -113,3 +114,7 @@ def test_every_encoding_is_listed_and_the_strongest_is_named_first() -> None:
     (order,) = re.findall(r"the strongest wins: ([^(]+) \(SUB-08\)", page)
     strongest = sorted(SELECTABLE, key=lambda encoding: -encoding.precedence)
     assert re.findall(r"`([\w-]+)`", order) == [encoding.name for encoding in strongest]
+
+
+def test_the_page_of_tools_is_made_from_the_tools() -> None:
+    assert generate_tools.page() == generate_tools.TARGET.read_text(encoding="utf-8")

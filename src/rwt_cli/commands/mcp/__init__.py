@@ -29,7 +29,7 @@ examples:
   RWT_TOKEN=… rwt mcp --robot wss://robot.example.com --act --confirm '*'
 an agent's program starts it, and speaks the Model Context Protocol with it on standard input and output:
   {"mcpServers": {"robot": {"command": "rwt", "args": ["mcp", "--robot", "ws://robot:9090"]}}}
-it needs the extra `mcp`: pip install 'robot-web-tools[mcp]'"""
+it needs the extra `mcp`: pip install mcp"""
 
 
 def add_mcp_command(commands: Commands) -> None:
@@ -70,7 +70,7 @@ def _run(arguments: Arguments) -> int:
         from mcp.server.stdio import stdio_server
     except ModuleNotFoundError as error:
         raise CommandError(
-            f"this needs {error.name}, which is not installed: pip install 'robot-web-tools[mcp]'"
+            f"this needs {error.name}, which is not installed: pip install mcp"
         ) from None
     from importlib.metadata import version
 

@@ -1,0 +1,89 @@
+"""Writes docs/reference/agents.md from the tools, resources and prompts that agents get.
+
+Run it after a change of `rwt_mcp.tools` or `rwt_mcp.guides`: ``python tools/generate_tools.py``. A test
+compares.
+"""
+
+# ruff: noqa: E501 - a row of a Markdown table is one line
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from rwt_mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES
+from rwt_mcp.tools import TOOLS
+from rwt_mcp.tools.tool import Tool
+
+TARGET: Final = Path(__file__).parents[1] / "docs" / "reference" / "agents.md"
+
+_HEAD: Final = """\
+# Tools of agents
+
+This page is made from the program by `tools/generate_tools.py`. [The how-to](../how-to/agents.md) shows how an agent comes to
+them: over HTTP at `/mcp`, or by the command `rwt mcp`.
+
+The Model Context Protocol is spoken in its versions 2026-07-28, which needs no session, and 2025-11-25, 2025-06-18,
+2025-03-26 and 2024-11-05. A tool that cannot do what it was asked answers with a text that says why and what to do instead.
+Its texts have at most `mcp.result_bytes`, its pictures `mcp.picture_pixels` in width and height, and none takes longer than
+`mcp.longest_seconds`.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    return "\n".join(_lines())
+
+
+def _lines() -> Iterator[str]:
+    yield _HEAD
+    yield "## What every agent is told\n"
+    yield "\n".join(f"> {line}" for line in INSTRUCTIONS.splitlines()) + "\n"
+    for title, is_wanted in (("Tools that look", False), ("Tools that act", True)):
+        yield f"## {title}\n"
+        for tool in TOOLS.values():
+            if (tool.act is not None) is is_wanted:
+                yield from _tool(tool)
+    yield "## Resources\n"
+    yield "| URI | what it is |\n|---|---|"
+    for resource in RESOURCES:
+        yield f"| `{resource.uri}` | {resource.description} |"
+    yield "\n## Prompts\n"
+    yield "| name | what it is for | arguments |\n|---|---|---|"
+    for prompt in PROMPTS.values():
+        arguments = "; ".join(f"`{name}`: {about}" for name, about in prompt.arguments.items())
+        yield f"| `{prompt.name}` | {prompt.description} | {arguments} |"
+    yield ""
+
+
+def _tool(tool: Tool[Any]) -> Iterator[str]:
+    yield f"### {tool.name}\n"
+    needs = "" if tool.act is None else f" Needs a role with `{tool.act}`."
+    only = " It is there where `mcp.recordings` names a folder." if tool.reads_recordings else ""
+    yield f"{tool.description}{needs}{only}\n"
+    yield "| argument | type | default | meaning |\n|---|---|---|---|"
+    required = tool.schema.get("required", ())
+    for name, each in tool.schema["properties"].items():
+        default = "" if name in required else f"`{json.dumps(each.get('default'))}`"
+        yield f"| `{name}` | {_type(each)} | {default} | {each.get('description', '')} |"
+    yield ""
+
+
+def _type(schema: dict[str, Any]) -> str:
+    if "anyOf" in schema:
+        return " or ".join(_type(each) for each in schema["anyOf"])
+    if "enum" in schema:
+        return ", ".join(f"`{each}`" for each in schema["enum"])
+    if schema.get("type") == "array":
+        return f"list of {_type(schema['items'])}" if "items" in schema else _fixed(schema)
+    return str(schema.get("type", "any"))
+
+
+def _fixed(schema: dict[str, Any]) -> str:
+    return f"{len(schema['prefixItems'])} times {_type(schema['prefixItems'][0])}"
+
+
+if __name__ == "__main__":
+    TARGET.write_text(page(), encoding="utf-8")
