@@ -13,7 +13,7 @@ PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest docs dist release lint types unit web bench paper load soak fuzz mutants conformance \
+.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench paper load soak fuzz mutants conformance \
 client-grades clean
 
 $(BIN)/python:
@@ -32,7 +32,7 @@ $(STAMP)-dev: pyproject.toml $(STAMP)
 
 # The npm releases of the client libraries that the tests drive, exactly as the lock file names them.
 $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(GENERATED)/node_modules/.installed \
-$(WEB)/node_modules/.installed: \
+$(WEB)/node_modules/.installed tests/browser/firefox/node_modules/.installed: \
 %/node_modules/.installed: %/package-lock.json
 	npm ci --prefix $* --no-audit --no-fund --loglevel=error
 	touch $@
@@ -63,6 +63,11 @@ $(GENERATED)/node_modules/.installed $(PAGE)
 	$(BIN)/python -m tests $(ARGS)
 
 test: lint types web unit
+
+# The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri.
+firefox: $(STAMP)-dev $(BROWSER)/node_modules/.installed tests/browser/firefox/node_modules/.installed $(PAGE)
+	BROWSER=firefox LIBGL_ALWAYS_SOFTWARE=1 xvfb-run --auto-servernum --server-args '-screen 0 1600x1200x24' \
+		$(BIN)/pytest tests/browser $(ARGS)
 
 # What to run all the time: about a minute.
 quick: $(STAMP)-dev
@@ -143,4 +148,4 @@ conformance: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.transports
 
 clean:
-	rm -rf $(VENV) $(CLIENTS)/node_modules $(BROWSER)/node_modules $(WEB)/node_modules $(dir $(PAGE)) tests/browser/screenshots
+	rm -rf $(VENV) $(CLIENTS)/node_modules $(BROWSER)/node_modules tests/browser/firefox/node_modules $(WEB)/node_modules $(dir $(PAGE)) tests/browser/screenshots

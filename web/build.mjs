@@ -42,6 +42,10 @@ const dockviewStyle = {
   },
 };
 
+/** A library of roslib's would multiply by WebAssembly, and does without where a page's policy forbids it; the attempt alone
+ * is an error on Firefox's console. */
+const NO_WASM = { WebAssembly: "undefined" };
+
 const shared = {
   absWorkingDir: here,
   bundle: true,
@@ -81,7 +85,7 @@ async function buildAll() {
     chunkNames: "[name]-[hash]",
     format: "esm",
     splitting: true,
-    define: { DECODE_WORKER: JSON.stringify(worker) },
+    define: { DECODE_WORKER: JSON.stringify(worker), ...NO_WASM },
   });
   const [script, { cssBundle }] = Object.entries(page.metafile.outputs).find(
     ([, output]) => output.entryPoint === "src/app/main.tsx",
@@ -134,7 +138,7 @@ async function buildForOtherPages() {
       format: "esm",
       splitting: true,
       chunkNames: "widgets-[name]-[hash]",
-      define: { DECODE_WORKER_SOURCE: JSON.stringify(await workerSource()) },
+      define: { DECODE_WORKER_SOURCE: JSON.stringify(await workerSource()), ...NO_WASM },
     });
   }
   buildPages();

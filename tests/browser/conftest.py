@@ -1,4 +1,4 @@
-"""One headless Chromium for all tests, driven through Node."""
+"""One browser for all tests, driven through Node: headless Chromium, or what BROWSER names."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.browser.driver import NODE, Browser, find_chromium
+from tests.browser.driver import NODE, Browser, find_browser
 
 _HOW = (
-    "Chromium is not installed: `apt-get install chromium` on Debian, or name it in the environment variable"
-    " CHROMIUM"
+    "the browser is not installed: `apt-get install chromium` on Debian, or name its program in the"
+    " environment variable CHROMIUM"
 )
 
 
@@ -30,16 +30,15 @@ def anyio_backend() -> str:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    chromium = find_chromium()
-    if chromium is None:
+    kind = find_browser()
+    if kind is None:
         # A run that nobody watches must not pass for want of a browser.
         (pytest.fail if os.environ.get("CI") else pytest.skip)(_HOW)
-    if not (NODE / "node_modules" / "playwright-core").is_dir():
-        pytest.fail(
-            "the npm packages are not installed: run `npm ci --prefix tests/browser/node`", pytrace=False
-        )
+    for folder in dict.fromkeys((NODE, kind.driver.parent)):
+        if not (folder / "node_modules").is_dir():
+            pytest.fail(f"the npm packages are not installed: run `npm ci --prefix {folder}`", pytrace=False)
     folder = tmp_path_factory.mktemp("browser")
     with (folder / "browser.log").open("wb") as log:
-        running = Browser(chromium, folder, log)
+        running = Browser(kind, folder, log)
         yield running
         running.close()

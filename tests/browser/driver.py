@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -26,28 +27,54 @@ SCREENSHOTS = HERE / "screenshots"
 
 #: Seconds until a page shows what it should; on a busy machine without a graphics card that may take a while.
 PATIENCE = 60.0
+#: What Firefox says of a WebSocket that is refused, and of a mesh whose page is left while it loads.
+REFUSED = "establish a connection to the server"
+LEFT_MESH = "Error loading mesh"
+LEFT_STREAM = "Error in input stream"
 #: Seconds that a command may take beyond that.
 _SLACK = 8.0
 
-_CHROMIUMS = ("chromium", "chromium-browser", "google-chrome")
+_KINDS = {
+    "chromium": (NODE / "chromium.mjs", ("chromium", "chromium-browser", "google-chrome")),
+    "firefox": (HERE / "firefox" / "firefox.mjs", ("firefox", "firefox-esr")),
+}
 
 Pixels = Any
 """A numpy array of height, width and the three colours."""
 
 
-def find_chromium() -> str | None:
-    """The browser's program: what the environment variable CHROMIUM says, or the first that is installed."""
-    return os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, _CHROMIUMS)), None)
+@dataclass(frozen=True)
+class Kind:
+    """A browser that the tests know.
+
+    Attributes:
+        driver: the module that drives it.
+        program: what is run.
+    """
+
+    driver: Path
+    program: str
+
+
+def find_browser() -> Kind | None:
+    """The browser that the environment variable BROWSER names, ``chromium`` by default, or ``firefox``.
+
+    Its program is what the variable CHROMIUM or FIREFOX says, or the first that is installed.
+    """
+    wanted = os.environ.get("BROWSER", "chromium")
+    driver, names = _KINDS[wanted]
+    program = os.environ.get(wanted.upper()) or next(filter(None, map(shutil.which, names)), None)
+    return Kind(driver, program) if program else None
 
 
 class Browser:
-    """One Chromium, driven by lines of JSON."""
+    """One browser, driven by lines of JSON."""
 
-    def __init__(self, chromium: str, folder: Path, log: IO[bytes]) -> None:
+    def __init__(self, kind: Kind, folder: Path, log: IO[bytes]) -> None:
         self.built = folder
         self._log = Path(log.name)
         self._process = subprocess.Popen(
-            ["node", str(NODE / "browser.mjs"), chromium, str(folder)],
+            ["node", str(NODE / "browser.mjs"), str(kind.driver), kind.program, str(folder)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,

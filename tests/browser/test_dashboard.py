@@ -15,7 +15,7 @@ import pytest
 
 from rwt import Server
 from rwt.web import serve_page
-from tests.browser.driver import Browser, Page, until
+from tests.browser.driver import REFUSED, Browser, Page, until
 from tests.browser.stand import Stand, stand
 
 pytestmark = pytest.mark.anyio
@@ -299,7 +299,7 @@ async def test_a_token_is_asked_for_and_kept_out_of_every_address(browser: Brows
         assert await page.evaluate("Object.values(sessionStorage).length") == 1
         assert TOKEN not in await page.evaluate("JSON.stringify(localStorage)")
         # Refusals before the token are errors of the network on the console, and expected.
-        page.forgive("401")
+        page.forgive("401", REFUSED)
 
 
 async def test_all_is_restored_after_the_server_was_away(browser: Browser) -> None:
@@ -333,7 +333,9 @@ async def test_all_is_restored_after_the_server_was_away(browser: Browser) -> No
             await until(lambda: 0.4 in [round(each, 2) for each in heard])
             await page.keyboard("up", "ArrowUp")
             assert await page.evaluate("document.querySelector('.camera canvas').dataset.same") == "yes"
-            page.forgive("ERR_CONNECTION_REFUSED", "WebSocket", "ERR_INCOMPLETE_CHUNKED", "Failed to fetch")
+            page.forgive(
+                REFUSED, "ERR_CONNECTION_REFUSED", "WebSocket", "ERR_INCOMPLETE_CHUNKED", "Failed to fetch"
+            )
 
 
 @DISTROS

@@ -19,7 +19,7 @@ import pytest
 from PIL import Image
 
 from rwt import Server
-from tests.browser.driver import NODE, Browser, Page, Picture, near, until
+from tests.browser.driver import NODE, REFUSED, Browser, Page, Picture, near, until
 from tests.browser.stand import REGISTRIES
 from tests.docs.blocks import ALL_BLOCKS, ROOT
 from tests.docs.processes import Running, commands_folder
@@ -54,7 +54,7 @@ async def shown(
 
 def part(element: str, selector: str) -> str:
     """A part of an element, as JavaScript."""
-    return f"document.querySelector('{element}').shadowRoot.querySelector('{selector}')"
+    return f"document.querySelector('{element}')?.shadowRoot?.querySelector('{selector}')"
 
 
 async def place(page: Page, what: str) -> tuple[float, float, float, float]:
@@ -140,7 +140,7 @@ async def test_teleop_drives_by_stick_and_button(browser: Browser) -> None:
             middle = left + width / 2, top + height / 2
             await page.mouse("move", *middle)
             await page.mouse("down")
-            await page.mouse("move", middle[0] - width, middle[1])
+            await page.mouse("move", max(1.0, middle[0] - width), middle[1])
             await until(lambda: odom.angular > 1.4)
             await page.mouse("up")
             await until(lambda: odom.stands)
@@ -258,18 +258,21 @@ async def test_map_shows_the_robot_and_sends_it_where_it_is_clicked(browser: Bro
     async with robot(distro) as server:
         odom = Odometry(server)
         async with shown(browser, server, "map", 700, 560) as page:
-            await page.wait(part("rwt-map", "[part=button]"))
+            await page.wait(f"{part('rwt-map', '[part=button]')} && {part('rwt-map', 'canvas')}")
             await page.evaluate(
                 "window.told = []; for (const name of ['goal', 'goal-end'])"
                 " document.addEventListener('rwt-' + name, ({ type, detail }) => told.push([type, detail]))"
             )
-            picture = await page.picture_when(
-                f"widget map {distro}",
-                lambda seen: seen.count(FLOOR, 12) > 30_000 and seen.count(WALL, 12) > 1000,
-            )
             left, top, width, height = await place(page, part("rwt-map", "canvas"))
             # The view begins above the robot.
-            assert near(picture.at(left + width / 2, top + height / 2, 4), BODY, 70)
+            await page.picture_when(
+                f"widget map {distro}",
+                lambda seen: (
+                    seen.count(FLOOR, 12) > 30_000
+                    and seen.count(WALL, 12) > 1000
+                    and near(seen.at(left + width / 2, top + height / 2, 4), BODY, 70)
+                ),
+            )
             await page.evaluate(f"{part('rwt-map', '[part=button]')}.click()")
             start = round(left + width / 2 + 50), round(top + height / 2)
             await page.drag(start, (start[0] + 40, start[1]))
@@ -392,7 +395,7 @@ TOKEN = "0123456789abcdef0123"
 async def test_a_token_is_asked_for_and_kept_for_the_tab(browser: Browser) -> None:
     auth = {"tokens": {"eye": {"token": TOKEN, "role": "viewer"}}}
     async with robot(auth=auth) as server, shown(browser, server, "battery") as page:
-        page.forgive("WebSocket", "401")
+        page.forgive("WebSocket", "401", REFUSED)
         field = part("rwt-battery", "input[name=token]")
         await page.wait(field)
         assert await faults(page) == []
@@ -439,7 +442,7 @@ async def test_a_robot_that_comes_back_is_shown_again(browser: Browser) -> None:
         server = await first.enter_async_context(robot())
         url = server.urls[0]
         page = await stack.enter_async_context(shown(browser, server, "battery"))
-        page.forgive("WebSocket", "ERR_CONNECTION")
+        page.forgive("WebSocket", "ERR_CONNECTION", REFUSED)
         await page.wait(f"{part('rwt-battery', '[part=value]')}")
         await first.aclose()
         await page.wait(f"{part('rwt-battery', '[part=problem]')}?.textContent.includes('lost')")
