@@ -21,7 +21,7 @@ import anyio
 from bench.paper.camera import RATE, pictures
 from bench.paper.report import Report
 from bench.processes import Server
-from tests.browser.driver import Browser, find_chromium
+from tests.browser.driver import Browser, find_browser
 
 SECONDS: Final = 10.0
 _WARM_UP: Final = 6.0
@@ -123,11 +123,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=SECONDS, help=f"of each (default {SECONDS:g})")
     parser.add_argument("--check", action="store_true", help="exit with 1 when the bound of MJPEG is missed")
     options = parser.parse_args(argv)
-    chromium = find_chromium()
-    if chromium is None:
-        parser.error("Chromium is not installed; name it in the environment variable CHROMIUM")
+    kind = find_browser()
+    if kind is None:
+        parser.error("the browser is not installed; name its program in the environment variable CHROMIUM")
     with TemporaryDirectory() as folder, (Path(folder) / "browser.log").open("wb") as log:
-        browser = Browser(chromium, Path(folder), log)
+        browser = Browser(kind, Path(folder), log)
         try:
             report = measure(browser, options.seconds)
         finally:

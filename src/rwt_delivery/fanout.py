@@ -45,6 +45,7 @@ class SampleEncoding(Protocol):
     def publish_encoder(self) -> Callable[[str], Encode]:
         """From how a client calls the topic to an encoder for its samples."""
 
+
 logger = logging.getLogger(__name__)
 
 SHARE: Final = 0.0015

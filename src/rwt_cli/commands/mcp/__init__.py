@@ -69,9 +69,7 @@ def _run(arguments: Arguments) -> int:
     try:
         from mcp.server.stdio import stdio_server
     except ModuleNotFoundError as error:
-        raise CommandError(
-            f"this needs {error.name}, which is not installed: pip install mcp"
-        ) from None
+        raise CommandError(f"this needs {error.name}, which is not installed: pip install mcp") from None
     from importlib.metadata import version
 
     from pydantic import ValidationError
