@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rwt_access.gateway import AcceptPeer
     from rwt_access.graph_view import GraphView
     from rwt_bridge.bridge import Bridge
+    from rwt_nodes.video import WebVideoServer
     from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
     from rwt_transports.api import Listener
     from rwt_transports.http import Routes
@@ -49,6 +50,7 @@ class Doors:
         limits: the bounds that the transports keep.
         addresses: how many connections each address has.
         peers: what takes in clients over WebRTC, where there is such a thing.
+        video: what encodes the pictures that they watch.
     """
 
     def __init__(
@@ -74,6 +76,7 @@ class Doors:
         self._proxies = Proxies(settings.proxies)
         self.addresses = AddressCount(self.limits.connections_per_address, self._proxies)
         self.peers: Peers | None = None
+        self.video: WebVideoServer | None = None
 
     def listen(self, url: str) -> AbstractAsyncContextManager[Listener]:
         """Accept clients on `url` within the block; raises what :func:`~rwt_transports.listener.listen`
@@ -136,6 +139,10 @@ class Doors:
             from rwt_transports.webrtc.signalling import data_routes  # An extra that few need.
 
             yield HttpExtension(data_routes(self.peers, self._accept(url)))
+            if self.video is not None:
+                from rwt_webrtc import video_routes
+
+                yield HttpExtension(video_routes(self.peers, self.video))
 
 
 def _limits(settings: Settings) -> Limits:

@@ -6,7 +6,7 @@ import html
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, cast
 from urllib.parse import urlsplit
 
 from rwt.errors import ServerError
@@ -62,23 +62,35 @@ ON_EVERY_WORKER: Final[frozenset[NodeName]] = frozenset({"web_video_server"})
 """The nodes that each worker process starts: those with pages, since any process may be asked for them."""
 
 
-def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> list[HttpExtension]:
-    """Start what the settings name and `stack` closes; returns what it brings to HTTP, and the robot's page.
+class StartedNodes(NamedTuple):
+    """What the nodes that the settings name bring.
+
+    Attributes:
+        http: to HTTP, with the robot's page.
+        video: what encodes pictures, where there is such a node.
+    """
+
+    http: list[HttpExtension]
+    video: WebVideoServer | None
+
+
+def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNodes:
+    """Start what the settings name and `stack` closes.
 
     Raises:
         SettingsError: there are no packages in a folder of the setting `packages`, or the page's settings
             cannot be used.
     """
-    nodes: list[object] = [
-        stack.enter_context(closing(NODES[name](graph, settings))) for name in settings.nodes
-    ]
+    named = {name: stack.enter_context(closing(NODES[name](graph, settings))) for name in settings.nodes}
+    nodes: list[object] = [*named.values()]
     if settings.packages:
         nodes.append(_mesh_files(settings))
     if settings.demo:
         from rwt_nodes.demo import DemoRobot
 
         nodes.append(stack.enter_context(closing(DemoRobot(graph))))
-    return [*http_of(*nodes), *_web_page(settings)]
+    video = cast("WebVideoServer | None", named.get("web_video_server"))
+    return StartedNodes([*http_of(*nodes), *_web_page(settings)], video)
 
 
 def _web_page(settings: Settings) -> Iterator[HttpExtension]:

@@ -360,7 +360,8 @@ class Server:
         nodes = stack.enter_context(ExitStack())
         if not graph.running:
             await stack.enter_async_context(graph)
-        http = (*start_nodes(graph, settings, nodes), *self._start_extra_nodes(nodes), *self._http)
+        ready = start_nodes(graph, settings, nodes)
+        http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
         if self._record is not None or self._introspection:
             start_recording(graph, self._record, nodes, introspection=self._introspection)
         middleware = [] if self._middleware is None else [self._middleware]
@@ -382,6 +383,7 @@ class Server:
         if settings.webrtc.enabled:
             peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses)
             doors.peers = await stack.enter_async_context(peers)
+            doors.video = ready.video
             metrics.include(doors.peers.metrics)
         listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
         if self._worker is None or self._worker.number == 1:

@@ -69,3 +69,14 @@ async def test_roslib_over_data_channels(browser: Browser, library: str, distro:
             )
             await page.wait(closed)
             page.forgive("User-Initiated Abort")
+
+
+@pytest.mark.parametrize("codec", ["vp8", "h264"])
+async def test_a_camera_as_a_video_track(browser: Browser, codec: str) -> None:
+    async with (
+        stand("jazzy", browser.built, webrtc=True) as where,
+        browser.page(f"{where.url}test/whep.html?topic=/camera/image_raw&type={codec}") as page,
+    ):
+        await page.wait("state.frames > 10 || state.failed")
+        assert await page.evaluate("state.failed ?? null") is None
+        assert await page.evaluate("state.size") == [640, 480]

@@ -7,7 +7,7 @@ import inspect
 
 import pytest
 from aioice import Connection
-from aiortc import RTCIceGatherer, RTCPeerConnection
+from aiortc import RTCDtlsTransport, RTCIceGatherer, RTCPeerConnection, RTCRtpSender
 from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, SackChunk
 
 from rwt_transports.webrtc.association import Association
@@ -84,6 +84,14 @@ async def test_values_of_an_association() -> None:
     added = {name for name in vars(Association) if not name.startswith("__")} - set(vars(RTCSctpTransport))
     assert not added & set(vars(sctp))
     await peer.close()
+
+
+def test_what_a_sender_is_told_goes_through_what_is_put_in_front() -> None:
+    assert list(inspect.signature(RTCRtpSender._handle_rtcp_packet).parameters) == ["self", "packet"]
+    assert inspect.iscoroutinefunction(RTCRtpSender._handle_rtcp_packet)
+    assert "self._send_keyframe()" in inspect.getsource(RTCRtpSender._handle_rtcp_packet)
+    assert "recipient._handle_rtcp_packet(packet)" in inspect.getsource(RTCDtlsTransport._handle_rtcp_data)
+    assert "self.__encoder.pack(data)" in inspect.getsource(RTCRtpSender._next_encoded_frame)
 
 
 @pytest.mark.anyio

@@ -95,6 +95,15 @@ class Viewer:
         self._broadcast.wake()
         return picture
 
+    def count_sent(self, picture: Encoded) -> None:
+        """Count a picture that was handed to the network."""
+        self._broadcast.counts.sent += 1
+        self._broadcast.counts.sent_bytes += len(picture.data)
+
+    def ask_for_key(self) -> None:
+        """Ask for a picture that can be shown without any other, since some did not arrive."""
+        self._broadcast.ask_for_key()
+
     @property
     def has_stalled(self) -> bool:
         """Whether the network has not taken one picture for a long time."""

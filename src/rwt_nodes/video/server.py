@@ -98,6 +98,25 @@ class WebVideoServer:
             broadcast.end()
         self._node.close()
 
+    async def find(self, stream: StreamRequest, reader: Reader) -> StreamRequest:
+        """The request with the topic that it means, which its reader may see.
+
+        Raises:
+            RequestRefused: there is no such topic, or it may not be shown.
+        """
+        topics = VisibleTopics(self._node.graph, reader)
+        topics.require(stream.topic)
+        return await self._resolved(stream, topics)
+
+    def watch(self, stream: StreamRequest, work: Work) -> Viewer:
+        """A viewer of what :meth:`find` has found; equal requests share an encoder. Ends with its `leave`.
+
+        Raises:
+            RequestRefused: there is no room.
+        """
+        self.check_room(stream)
+        return self._join(stream, work)
+
     def _section(self, request: HttpRequest, reader: Reader) -> str:
         """The list of image topics, for the index page of the server, as HTML."""
         topics = VisibleTopics(self._node.graph, reader)
@@ -126,7 +145,7 @@ class WebVideoServer:
         self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
     ) -> HttpResponse:
         stream = await self._resolved(stream, topics)
-        self._check_room(stream)
+        self.check_room(stream)
         counts = self._stream_metrics.of(stream.topic, stream.type)
         join = partial(self._join, stream, topics.reader.work)
         if not isinstance(stream.coding, Video):
@@ -149,7 +168,7 @@ class WebVideoServer:
         if isinstance(stream.coding, Video):
             raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
         stream = await self._resolved(stream, topics)
-        self._check_room(stream)
+        self.check_room(stream)
         picture = await self._one_picture(stream, topics.reader.work)
         headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
         counts = self._stream_metrics.of(stream.topic, stream.type)
@@ -186,7 +205,12 @@ class WebVideoServer:
             await anyio.sleep(_LOOK_EVERY)
         return resolved
 
-    def _check_room(self, stream: StreamRequest) -> None:
+    def check_room(self, stream: StreamRequest) -> None:
+        """Whether one more may look at `stream`.
+
+        Raises:
+            RequestRefused: not now.
+        """
         viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.viewers]
         if len(viewers) >= self._most_viewers:
             # Whose connection takes nothing makes place for who wants to look.
