@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from contextlib import AbstractAsyncContextManager
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 from rwt.pages import routes
 from rwt_access.origins import is_loopback_listener
+from rwt_access.settings import SettingsError
 from rwt_access.tls import client_tls
 from rwt_transports.http import HttpExtension, Proxies
 from rwt_transports.limits import AddressCount, Limits
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from rwt_nodes.video import WebVideoServer
     from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
     from rwt_transports.api import Listener
+    from rwt_transports.asgi import AsgiListener, AsgiMount
     from rwt_transports.http import Routes
     from rwt_transports.relay.dial import RelayStatus
     from rwt_transports.webrtc.signalling import Peers
@@ -45,6 +47,7 @@ class Doors:
         http: what nodes and gateways bring.
         middleware: stand between the transports and the gateways, the outermost last.
         worker: the process that this is, of several with the same ports.
+        mounts: apps of others below paths of their own.
 
     Attributes:
         limits: the bounds that the transports keep.
@@ -63,6 +66,7 @@ class Doors:
         http: Iterable[HttpExtension[GraphView]],
         middleware: Iterable[Callable[[Accept], Accept]],
         worker: WorkerContext | None,
+        mounts: Iterable[AsgiMount] = (),
     ) -> None:
         self._settings = settings
         self._bridge = bridge
@@ -73,6 +77,7 @@ class Doors:
         self._middleware = tuple(middleware)
         self._worker = worker
         self.limits = _limits(settings)
+        self._mounts = sorted(mounts, key=lambda mount: len(mount.path), reverse=True)
         self._proxies = Proxies(settings.proxies)
         self.addresses = AddressCount(self.limits.connections_per_address, self._proxies)
         self.peers: Peers | None = None
@@ -95,6 +100,27 @@ class Doors:
             tls=self._tls,
             bson=settings.bson_only_mode,
             shared=self._worker is not None,
+        )
+
+    def asgi(self, *, loopback: bool) -> AbstractAsyncContextManager[AsgiListener]:
+        """Accept clients of an ASGI server within the block.
+
+        Args:
+            loopback: whether it is only reached from this machine.
+        """
+        from rwt_transports.asgi import asgi_listener  # Few servers are mounted in an app.
+
+        url = "ws://127.0.0.1" if loopback else "ws://0.0.0.0"
+        return asgi_listener(
+            self._accept(url),
+            routes=self._pages(url),
+            hosts=self._settings.origins.hosts,
+            proxies=self._proxies,
+            access_log=self._settings.access_log,
+            subprotocols=self._gateways,
+            addresses=self.addresses,
+            limits=self.limits,
+            loopback=loopback,
         )
 
     def dial(self, url: str) -> AbstractAsyncContextManager[RelayStatus]:
@@ -125,13 +151,16 @@ class Doors:
         found: Accept = accept
         for wrap in self._middleware:
             found = wrap(found)
-        return found
+        return _with_mounts(found, self._mounts) if self._mounts else found
 
     def _pages(self, url: str) -> Routes:
         gather = None if self._worker is None else self._worker.metrics.gather
         loopback = is_loopback_listener(url)
         http: tuple[HttpExtension[GraphView], ...] = (*self._http, *self._webrtc(url))
-        return routes(self._bridge, self._metrics, http, loopback=loopback, gather=gather)
+        found = routes(self._bridge, self._metrics, http, loopback=loopback, gather=gather)
+        for mount in self._mounts:
+            _add_mount(found, mount, secure=url.startswith("wss:"))
+        return found
 
     def _webrtc(self, url: str) -> Iterator[HttpExtension[GraphView]]:
         """The pages by which WebRTC is signalled; its clients come in as those of the listener do."""
@@ -143,6 +172,36 @@ class Doors:
                 from rwt_webrtc import video_routes
 
                 yield HttpExtension(video_routes(self.peers, self.video))
+
+
+def _with_mounts(accept: Accept, mounts: Iterable[AsgiMount]) -> Accept:
+    """Lets apps take the WebSockets below their paths."""
+
+    def accept_any(sink: Sink, info: PeerInfo) -> Endpoint:
+        for mount in mounts:
+            if mount.serves(info.path):
+                return mount.accept(sink, info)
+        return accept(sink, info)
+
+    return accept_any
+
+
+def _add_mount(routes: Routes, mount: AsgiMount, *, secure: bool) -> None:
+    """Let an app answer what is below its path, by every method.
+
+    Raises:
+        SettingsError: the server has pages there.
+    """
+    from rwt_transports.asgi.mount import METHODS
+
+    taken = [path for path in routes.paths if mount.serves(path)]
+    if taken:
+        raise SettingsError(
+            f"mounts: {mount.path!r} is taken by this server's {taken[0]}: choose another path"
+        )
+    for method in METHODS:
+        routes.add(mount.path, partial(mount.handle, secure=secure), method)
+        routes.add(f"{mount.path}/*", partial(mount.handle, secure=secure), method)
 
 
 def _limits(settings: Settings) -> Limits:

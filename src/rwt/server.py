@@ -7,11 +7,12 @@ import ipaddress
 import logging
 import socket
 import sys
-from collections.abc import Awaitable, Callable, Iterable, Sequence
-from contextlib import AsyncExitStack, ExitStack, suppress
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, ExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import anyio
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_protocol.transport import Accept
     from rwt_transports.api import Listener
+    from rwt_transports.asgi import App, AsgiApplication, AsgiMount
     from rwt_transports.http import HttpExtension
     from rwt_transports.relay.dial import RelayStatus
 
@@ -119,6 +121,9 @@ class Server:
             a gateway for another protocol on the same port, beside those of the setting `gateways`; names
             are those of the setting, and take its place.
         http: further pages, sections of the index page, and metrics.
+        mounts: ASGI apps of others by the path at which they are, such as ``{"/shop": app}``: HTTP, streams,
+            WebSocket without subprotocols, and lifespan. They make their own rules; the limits of the port
+            hold for them.
         script: a ``.toml`` or ``.py`` file that says what a robot for tests does.
         record: an MCAP file to which all topics are written.
         introspection: whether calls and goals are published on topics, as ROS 2 can, and recorded with
@@ -150,6 +155,7 @@ class Server:
         extra_nodes: Iterable[Callable[[Graph], ReadyNode]] = (),
         gateways: Iterable[MakeGateway | GatewayName] = (),
         http: Iterable[HttpExtension] = (),
+        mounts: Mapping[str, App] = MappingProxyType({}),
         script: Path | None = None,
         record: Path | None = None,
         introspection: bool = False,
@@ -175,6 +181,10 @@ class Server:
         self._extra_nodes = tuple(extra_nodes)
         self._gateways = tuple(each for each in gateways if not isinstance(each, str))
         self._http = tuple(http)
+        self._mounts = dict(mounts)
+        for path in self._mounts:
+            if not path.startswith("/") or path.endswith("/") or any(each in path for each in "*?#%"):
+                raise SettingsError(f"mounts: {path!r} is no path for an app: expected one such as '/shop'")
         self._script = script
         self._record = record
         self._introspection = introspection
@@ -187,6 +197,7 @@ class Server:
         self._thread: ExitStack | None = None
         self._given_graph = graph
         self._announced = False
+        self._app: AsgiApplication | None = None
         if self.settings.dial.urls and "listen" not in self.settings.model_fields_set:
             # A robot that only dials out needs no port.
             self.settings = self.settings.model_copy(update={"listen": ()})
@@ -264,6 +275,34 @@ class Server:
     def metrics(self) -> ServerMetrics:
         """What is counted. Raises :exc:`NotRunning` while it does not run."""
         return self._while_running.metrics
+
+    def asgi(self) -> AsgiApplication:
+        """The server as an ASGI application: HTTP, server-sent events and WebSocket, for any ASGI server, or
+        for an app to mount below a path.
+
+        It then listens on no port but those that it was given by URL. An ASGI server that runs it as the
+        whole app starts and stops it by the lifespan protocol; an app that mounts it enters the server in its
+        own lifespan, with ``async with``.
+
+        Raises:
+            SettingsError: the server runs already, or has several worker processes, which is for the ASGI
+                server to do.
+        """
+        from rwt_transports.asgi import AsgiApplication  # Few servers are mounted in an app.
+
+        if self._app is None:
+            if self._running is not None:
+                raise SettingsError("asgi(): the server runs already: call it before it is started")
+            if self.settings.workers > 1:
+                raise SettingsError("`workers`: an ASGI server has workers of its own: use 1 with asgi()")
+            if "listen" not in self.settings.model_fields_set:
+                self.settings = self.settings.model_copy(update={"listen": ()})
+            self._app = AsgiApplication(self._begin)
+        return self._app
+
+    def _begin(self) -> AbstractAsyncContextManager[object]:
+        """What the lifespan of an app begins and ends; nothing where the server runs already."""
+        return nullcontext() if self.running else self
 
     @property
     def _while_running(self) -> _Running:
@@ -379,7 +418,8 @@ class Server:
             stack.callback(Heartbeat(graph.clock).close)
         stack.enter_context(bounded_log())
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
-        doors = Doors(settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker)
+        mounts = [await stack.enter_async_context(mount.running()) for mount in self._make_mounts()]
+        doors = Doors(settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts)
         if settings.webrtc.enabled:
             peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses)
             doors.peers = await stack.enter_async_context(peers)
@@ -389,6 +429,9 @@ class Server:
         if self._worker is None or self._worker.number == 1:
             node = start_gateway_node(graph, [listener.url for listener in listeners], settings)
             stack.callback(node.close)
+        if self._app is not None:
+            mounted = {it: await stack.enter_async_context(doors.asgi(loopback=it)) for it in (True, False)}
+            stack.enter_context(self._app.serve(mounted))
         for url in settings.dial.urls:
             metrics.dials.append(await stack.enter_async_context(doors.dial(url)))
         if self._worker is not None:
@@ -407,6 +450,12 @@ class Server:
             gateways.append(gateway := make())
             stack.callback(gateway.close)
         return gateways
+
+    def _make_mounts(self) -> Iterable[AsgiMount]:
+        if self._mounts:
+            from rwt_transports.asgi import AsgiMount  # Few servers have an app.
+
+            yield from (AsgiMount(path, app) for path, app in self._mounts.items())
 
     def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
         """Say that other machines reach a server which lets everybody do everything."""
@@ -514,6 +563,7 @@ class Server:
             extra_nodes=self._extra_nodes if worker.number == 1 else (),
             gateways=self._gateways,
             http=self._http,
+            mounts=self._mounts,
             middleware=self._middleware,
             loop=self._loop,
             worker=worker,

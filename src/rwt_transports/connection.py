@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -17,7 +18,7 @@ from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http import EVERY_NAME, NO_PROXIES, Hosts, Proxies
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.outbox import Outbox
-from rwt_transports.websocket.close_codes import ABNORMAL, INTERNAL_ERROR, POLICY
+from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
 from rwt_transports.websocket.deflate import deflate_server
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -138,6 +139,19 @@ class ListenerState:
         while True:
             self.tick(time.monotonic())
             await anyio.sleep(TICK_SECONDS)
+
+    @asynccontextmanager
+    async def serving(self) -> AsyncIterator[None]:
+        """Let handlers run and check time-outs within the block; then close every connection with 1001."""
+        async with anyio.create_task_group() as tasks:
+            self.tasks = TaskStarter()
+            tasks.start_soon(self.tasks.run, tasks)
+            tasks.start_soon(self.watch)
+            try:
+                yield
+            finally:
+                await self.end(GOING_AWAY, "the server is going away")
+                tasks.cancel_scope.cancel()
 
     async def end(self, code: int, reason: str) -> None:
         """Close every connection, and cut those that are still open after ``limits.close_seconds``."""

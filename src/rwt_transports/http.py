@@ -54,12 +54,14 @@ class HttpResponse:
         status: HTTP status.
         content_type: the ``Content-Type`` header.
         headers: further headers.
+        cookies: the ``Set-Cookie`` headers, which cannot be joined into one (RFC 6265 section 3).
     """
 
     body: bytes | AsyncIterator[bytes] = b""
     status: int = 200
     content_type: str = TEXT
     headers: Mapping[str, str] = field(default_factory=dict)
+    cookies: tuple[str, ...] = ()
 
 
 Handler = Callable[[HttpRequest], HttpResponse | Awaitable[HttpResponse]]

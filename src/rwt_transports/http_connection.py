@@ -412,7 +412,8 @@ class HttpConnection:
         headers = [("Date", formatdate(usegmt=True)), ("Content-Type", response.content_type)]
         if size is not None:
             headers.append(("Content-Length", str(size)))
-        headers.extend({**_SAFE, **response.headers}.items())
+        headers.extend({**SAFE_HEADERS, **response.headers}.items())
+        headers.extend(("Set-Cookie", cookie) for cookie in response.cookies)
         phrase = HTTPStatus(response.status).phrase
         self._send(h11.Response(status_code=response.status, headers=headers, reason=phrase))
 
@@ -456,7 +457,7 @@ class HttpConnection:
         return f"<{self._state.transport} connection {self.address}:{self._port}>"
 
 
-_SAFE = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
+SAFE_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
 """What every answer says: it is of the type that it names, and its URL, perhaps with a token, stays here."""
 
 

@@ -8,18 +8,14 @@ from dataclasses import replace
 from functools import partial
 from ssl import SSLContext
 
-import anyio
-
 from rwt_protocol.transport import Accept
 from rwt_transports.api import BindAddress, Driver
-from rwt_transports.background import TaskStarter
 from rwt_transports.connection import ListenerState
 from rwt_transports.errors import BadUrl
 from rwt_transports.http import NO_PROXIES, Hosts, Proxies, Routes, is_local
 from rwt_transports.http_connection import HttpConnection
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.schemes import parse_listen_url
-from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 
@@ -119,20 +115,11 @@ async def listen(
 async def _serving(driver: Driver, bound: BindAddress, state: ListenerState) -> AsyncIterator[int]:
     """Accept peers at an address within the block, whose value is the port; then close them."""
     failure: Exception | None = None
-    async with (
-        driver.serve(bound, state.attach) as port,
-        anyio.create_task_group() as tasks,
-    ):
-        state.tasks = TaskStarter()
-        tasks.start_soon(state.tasks.run, tasks)
-        tasks.start_soon(state.watch)
+    async with driver.serve(bound, state.attach) as port, state.serving():
         try:
             yield port
         except Exception as error:
             # Raised again below, so that the caller gets the exception itself and not a group around it.
             failure = error
-        finally:
-            await state.end(GOING_AWAY, "the server is going away")
-            tasks.cancel_scope.cancel()
     if failure is not None:
         raise failure

@@ -93,9 +93,20 @@ def _selector(
     """
 
     def select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:
-        return next((each for each in offered if each == SUBPROTOCOL or each in spoken), None)
+        chosen = choose_subprotocol(offered, spoken)
+        return None if chosen is None else Subprotocol(chosen)
 
     return select
+
+
+def choose_subprotocol(offered: Iterable[str], spoken: Collection[str]) -> str | None:
+    """The first subprotocol that a client offers and that is spoken here; None where there is none.
+
+    Args:
+        offered: in the client's order.
+        spoken: what is spoken besides rosbridge.
+    """
+    return next((each for each in offered if each == SUBPROTOCOL or each in spoken), None)
 
 
 def _reason(failure: Exception | None) -> str:

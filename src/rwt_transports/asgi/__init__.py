@@ -1,0 +1,8 @@
+"""ASGI, both ways: our clients through another server, and another app on our port."""
+
+from rwt_transports.asgi.application import AsgiApplication, AsgiListener, asgi_listener
+from rwt_transports.asgi.messages import asgi_messages
+from rwt_transports.asgi.mount import AsgiMount
+from rwt_transports.asgi.types import App
+
+__all__ = ["App", "AsgiApplication", "AsgiListener", "AsgiMount", "asgi_listener", "asgi_messages"]

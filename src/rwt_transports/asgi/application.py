@@ -1,0 +1,382 @@
+"""A listener without a port: its clients come through an ASGI server, below any path."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from urllib.parse import quote
+
+import anyio
+
+from rwt_protocol.transport import Accept, PeerInfo
+from rwt_transports.asgi.messages import asgi_messages
+from rwt_transports.asgi.types import Receive, Scope, Send
+from rwt_transports.asgi.websocket import AsgiLink
+from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.errors import Refused, log_exception
+from rwt_transports.http import (
+    NO_PROXIES,
+    Hosts,
+    HttpRequest,
+    HttpResponse,
+    Proxies,
+    Routes,
+    is_local,
+    refusal_as_text,
+)
+from rwt_transports.http_connection import SAFE_HEADERS, close_iterator
+from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.websocket.close_codes import POLICY
+from rwt_transports.websocket.handshake import choose_subprotocol
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+
+access = logging.getLogger("rwt_transports.access")
+
+_NOT_RUNNING = (
+    "the robot's server does not run: enter it in the lifespan of the app that this is mounted in"
+    " (`async with server:`)\n"
+)
+
+
+class AsgiListener:
+    """Serves scopes of HTTP and WebSocket, while its block lasts (:func:`asgi_listener`)."""
+
+    def __init__(self, state: ListenerState, routes: Routes) -> None:
+        self._state = state
+        self._routes = routes
+
+    @property
+    def connections(self) -> int:
+        """How many WebSockets are open."""
+        return len(self._state.connections)
+
+    # -- HTTP ----------------------------------------------------------------------------------------------
+
+    async def http(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        request = self._request_of(scope)
+        addresses = self._state.addresses
+        addresses.enter(request.address)
+        try:
+            response = self._refused(request) or await self._answer(request, receive)
+            if response is not None:
+                self._log(request, response)
+                await _respond(request, response, receive, send)
+        finally:
+            addresses.leave(request.address)
+
+    def _request_of(self, scope: Scope) -> HttpRequest:
+        headers: dict[str, str] = {}
+        for raw_name, raw_value in scope["headers"]:
+            name, value = raw_name.decode("latin-1").lower(), raw_value.decode("latin-1")
+            headers[name] = f"{headers[name]}, {value}" if name in headers else value
+        client = scope.get("client") or ("", 0)
+        address, prefix = self._state.proxies.resolve(str(client[0]), headers)
+        if scope.get("scheme") in ("https", "wss"):
+            headers["x-forwarded-proto"] = "https"
+        path, mounted = _split_path(scope)
+        query = scope.get("query_string", b"").decode("latin-1")
+        method = scope.get("method", "GET").upper()
+        return HttpRequest(method, path, query, headers, b"", address, prefix + mounted)
+
+    def _refused(self, request: HttpRequest) -> HttpResponse | None:
+        """Why a request is not even looked at; None where it is."""
+        host = request.headers.get("host", "")
+        try:
+            if not self._state.hosts.include(host):
+                shown = ascii(host)[1:-1][:200]
+                raise Refused(403, f"this server does not answer to the name {shown} (origins.hosts)")
+            if self._state.closing:
+                raise Refused(503, "this server is closing")
+            self._state.addresses.check(request.address)
+        except Refused as refused:
+            return refusal_as_text(request, refused)
+        return None
+
+    async def _answer(self, request: HttpRequest, receive: Receive) -> HttpResponse | None:
+        """The response; None where the client went away before its request was whole."""
+        limits = self._state.limits
+        found = self._routes.find(request.method, request.path)
+        small = isinstance(found, HttpResponse) or request.method in ("GET", "HEAD")
+        body = await _body(receive, limits.http_header_bytes if small else limits.http_body_bytes)
+        if body is None or isinstance(body, HttpResponse):
+            return body
+        if isinstance(found, HttpResponse):
+            return found
+        whole = HttpRequest(
+            request.method,
+            request.path,
+            request.query,
+            request.headers,
+            body,
+            request.address,
+            request.prefix,
+        )
+        try:
+            answer = found(whole)
+            return answer if isinstance(answer, HttpResponse) else await answer
+        except Exception:
+            log_exception("the handler of %s %s failed", request.method, request.path)
+            return HttpResponse(b"internal error\n", 500)
+
+    def _log(self, request: HttpRequest, response: HttpResponse) -> None:
+        if self._state.access_log:
+            shown = ascii(request.path)[1:-1]
+            access.info("%s %s %s %d -", request.address, request.method, shown, response.status)
+
+    # -- WebSocket -----------------------------------------------------------------------------------------
+
+    async def websocket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one WebSocket until it ends."""
+        if (await receive())["type"] != "websocket.connect":
+            return
+        request = self._request_of(scope)
+        state = self._state
+        client = scope.get("client") or ("", 0)
+        state.addresses.enter(request.address)
+        refused = self._refused(request)
+        if refused is None and len(state.connections) >= state.limits.connections:
+            text = f"all {state.limits.connections} connections of this server are taken (connections)\n"
+            refused = HttpResponse(text.encode(), 503)
+        if refused is not None:
+            state.addresses.leave(request.address)
+            await _refuse(scope, send, refused)
+            return
+        subprotocol = choose_subprotocol(scope.get("subprotocols", ()), state.subprotocols)
+        link = AsgiLink(receive, send)
+        connection = Connection(state, link, request.address, int(client[1] or 0))
+        target = f"{request.path}?{request.query}" if request.query else request.path
+        peer = PeerInfo(
+            "wss" if scope.get("scheme") == "wss" else "ws",
+            request.address,
+            int(client[1] or 0),
+            target,
+            request.headers,
+            subprotocol=subprotocol or "",
+        )
+        link.set_callbacks(connection)
+        try:
+            connection.open(peer)
+        except Refused as error:
+            state.addresses.leave(request.address)
+            await _refuse(scope, send, refusal_as_text(request, error))
+            return
+        except Exception:
+            log_exception("the accept function failed for %s", connection)
+            state.addresses.leave(request.address)
+            await _refuse(scope, send, HttpResponse(b"internal error\n", 500))
+            return
+        state.connections.add(connection)
+        try:
+            await send({"type": "websocket.accept", "subprotocol": subprotocol})
+        except BaseException:
+            connection.lost()
+            raise
+        await link.run()
+
+
+def _split_path(scope: Scope) -> tuple[str, str]:
+    """The path below the mount point, percent-encoded, and the mount point, without a slash at its end."""
+    raw = scope.get("raw_path") or b""
+    path = raw.decode("latin-1").partition("?")[0] or quote(scope["path"])
+    remaining = scope.get("path_remaining")  # Django Channels' URLRouter, which leaves the rest alone.
+    if remaining is not None:
+        below = f"/{quote(remaining).lstrip('/')}"
+        return below, path.removesuffix(below).removesuffix(quote(remaining)).rstrip("/")
+    mounted = quote(scope.get("root_path") or "").rstrip("/")
+    # Of servers some put the mount point into the path, as the specification has it now, and some do not.
+    if mounted and (path == mounted or path.startswith(mounted + "/")):
+        path = path.removeprefix(mounted)
+    return path or "/", mounted
+
+
+async def _body(receive: Receive, most: int) -> bytes | HttpResponse | None:
+    body = bytearray()
+    while True:
+        event = await receive()
+        if event["type"] != "http.request":
+            return None
+        body += event.get("body", b"")
+        if len(body) > most:
+            text = f"the request body is larger than {most} bytes (http_body_bytes)\n"
+            return HttpResponse(text.encode(), 413, headers={"Connection": "close"})
+        if not event.get("more_body", False):
+            return bytes(body)
+
+
+async def _respond(request: HttpRequest, response: HttpResponse, receive: Receive, send: Send) -> None:
+    body = response.body
+    headers = {"content-type": response.content_type, **_lower(SAFE_HEADERS), **_lower(response.headers)}
+    if isinstance(body, bytes) and response.status not in (204, 304):
+        headers["content-length"] = str(len(body))
+    cookies = [("set-cookie", cookie) for cookie in response.cookies]
+    pairs = [(n.encode("latin-1"), v.encode("latin-1")) for n, v in (*headers.items(), *cookies)]
+    await send({"type": "http.response.start", "status": response.status, "headers": pairs})
+    if isinstance(body, bytes):
+        await send({"type": "http.response.body", "body": b"" if request.method == "HEAD" else body})
+        return
+    try:
+        if request.method != "HEAD":
+            await _stream(body, receive, send)
+        await send({"type": "http.response.body", "body": b""})
+    finally:
+        await close_iterator(body)
+
+
+async def _stream(chunks: AsyncIterator[bytes], receive: Receive, send: Send) -> None:
+    """Send chunks as they come, until they end or the client goes away."""
+    async with anyio.create_task_group() as tasks:
+
+        async def watch() -> None:
+            while (await receive())["type"] != "http.disconnect":
+                pass
+            tasks.cancel_scope.cancel()
+
+        tasks.start_soon(watch)
+        try:
+            async for chunk in chunks:
+                await send({"type": "http.response.body", "body": chunk, "more_body": True})
+        except OSError:  # The client has gone; the specification lets servers say so.
+            pass
+        except Exception:
+            log_exception("a streamed body failed")
+        tasks.cancel_scope.cancel()
+
+
+def _lower(headers: Mapping[str, str]) -> dict[str, str]:
+    return {name.lower(): value for name, value in headers.items()}
+
+
+async def _refuse(scope: Scope, send: Send, response: HttpResponse) -> None:
+    """Turn a WebSocket away, with a response where the server can send one (the extension
+    `websocket.http.response`)."""
+    reason = response.body if isinstance(response.body, bytes) else b""
+    if "websocket.http.response" not in (scope.get("extensions") or {}):
+        text = reason.decode("utf-8", "replace").strip()[:120]
+        await send({"type": "websocket.close", "code": POLICY, "reason": text})
+        return
+    headers = {"content-type": response.content_type, "content-length": str(len(reason)),
+               **_lower(response.headers)}  # fmt: skip
+    pairs = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers.items()]
+    await send({"type": "websocket.http.response.start", "status": response.status, "headers": pairs})
+    await send({"type": "websocket.http.response.body", "body": reason})
+
+
+@asynccontextmanager
+async def asgi_listener(
+    accept: Accept,
+    *,
+    routes: Routes,
+    hosts: Iterable[str] = (),
+    proxies: Proxies = NO_PROXIES,
+    access_log: bool = False,
+    subprotocols: Iterable[str] = (),
+    addresses: AddressCount | None = None,
+    limits: Limits | None = None,
+    loopback: bool = False,
+) -> AsyncIterator[AsgiListener]:
+    """Serve scopes within the block; leaving it closes every WebSocket with 1001.
+
+    Args:
+        accept, routes, hosts, proxies, access_log, subprotocols, addresses, limits: as of
+            :func:`rwt_transports.listener.listen`.
+        loopback: whether the clients' server is only reached from this machine.
+    """
+    chosen = Limits() if limits is None else limits
+    state = ListenerState(
+        accept,
+        asgi_messages,
+        chosen,
+        None,
+        "ws",
+        addresses=addresses or AddressCount(chosen.connections_per_address),
+        buffers=ReceiveBufferPool(max(chosen.incoming_bytes, 2 * chosen.message_bytes)),
+        proxies=proxies,
+        access_log=access_log,
+        subprotocols=frozenset(subprotocols),
+        hosts=Hosts(hosts, loopback=loopback),
+    )
+    failure: Exception | None = None
+    async with state.serving():
+        try:
+            yield AsgiListener(state, routes)
+        except Exception as error:
+            failure = error  # Raised below, and not in a group.
+    if failure is not None:
+        raise failure
+
+
+Lifespan = Callable[[], AbstractAsyncContextManager[object]]
+"""What begins and ends with an app."""
+
+
+class AsgiApplication:
+    """The ASGI application of a server (ASGI 3): HTTP, server-sent events and WebSocket, below any path.
+
+    It serves while it has listeners. Whoever runs it as the whole app has it start and stop what it belongs
+    to by the lifespan protocol.
+
+    Args:
+        lifespan: what the lifespan of the ASGI server begins and ends.
+    """
+
+    def __init__(self, lifespan: Lifespan) -> None:
+        self._lifespan = lifespan
+        self._listeners: Mapping[bool, AsgiListener] = {}
+
+    @contextmanager
+    def serve(self, listeners: Mapping[bool, AsgiListener]) -> Iterator[None]:
+        """Serve within the block.
+
+        Args:
+            listeners: that of clients from this machine alone under True, that of others under False.
+        """
+        self._listeners = listeners
+        try:
+            yield
+        finally:
+            self._listeners = {}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one scope."""
+        kind = scope["type"]
+        if kind == "lifespan":
+            await _live(self._lifespan, receive, send)
+            return
+        if kind not in ("http", "websocket"):
+            raise RuntimeError(f"no ASGI scope of type {kind!r} is served here: http and websocket are")
+        server = scope.get("server")
+        listener = self._listeners.get(server is None or is_local(str(server[0])) or not server[1])
+        if listener is None:
+            await _say_not_running(kind, scope, receive, send)
+        elif kind == "http":
+            await listener.http(scope, receive, send)
+        else:
+            await listener.websocket(scope, receive, send)
+
+
+async def _live(lifespan: Lifespan, receive: Receive, send: Send) -> None:
+    """The lifespan protocol, around a block."""
+    if (await receive())["type"] != "lifespan.startup":
+        return
+    began = False
+    try:
+        async with lifespan():
+            began = True
+            await send({"type": "lifespan.startup.complete"})
+            await receive()
+    except Exception as error:
+        log_exception("the server %s", "could not end" if began else "could not start")
+        await send({"type": f"lifespan.{'shutdown' if began else 'startup'}.failed", "message": str(error)})
+        return
+    await send({"type": "lifespan.shutdown.complete"})
+
+
+async def _say_not_running(kind: str, scope: Scope, receive: Receive, send: Send) -> None:
+    response = HttpResponse(_NOT_RUNNING.encode(), 503)
+    if kind == "websocket":
+        await receive()
+        await _refuse(scope, send, response)
+    else:
+        await _respond(HttpRequest(scope["method"], scope["path"]), response, receive, send)

@@ -1,0 +1,171 @@
+"""The wire of a WebSocket whose protocol somebody else speaks: whole messages, text and binary apart.
+
+Between a connection and its driver each message follows a header that never leaves the process, so that the
+outbox may join messages, and cut large ones, as for every other driver.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from struct import Struct
+from typing import Final
+
+from rwt_protocol.transport import Buffer, Frame
+from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_transports.limits import Limits
+from rwt_transports.websocket.close_codes import TOO_BIG
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+
+HEADER: Final = Struct(">BI")
+"""The kind of a message, and its size in bytes."""
+
+TEXT, BINARY, CLOSE = 0, 1, 2
+"""The kinds; the bytes of a close are its code and its reason."""
+
+_CODE: Final = Struct(">H")
+
+
+def close_bytes(code: int, reason: str) -> bytes:
+    """A close as a message."""
+    text = reason.encode("utf-8", "replace")[:123].decode("utf-8", "ignore").encode()
+    return _CODE.pack(code) + text
+
+
+def close_of(data: bytes) -> tuple[int, str]:
+    """Code and reason of a close."""
+    return _CODE.unpack_from(data)[0], data[_CODE.size :].decode("utf-8", "replace")
+
+
+def _pieces(frame: Frame) -> tuple[Buffer, ...]:
+    return (HEADER.pack(BINARY if frame.binary else TEXT, frame.size), *frame.parts)
+
+
+FRAMING: Final = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
+"""One frame after its header."""
+
+
+class AsgiWire:
+    """One WebSocket's messages; satisfies :class:`rwt_transports.api.Wire`. Its driver feeds it a header, and
+    then a whole message.
+
+    Args:
+        events: what the wire reports to, messages excepted.
+        max_size: largest message in bytes.
+    """
+
+    __slots__ = ("_events", "_kind", "_max_size", "_over", "message")
+
+    def __init__(self, events: WireEvents, max_size: int) -> None:
+        self._events = events
+        self._max_size = max_size
+        self._kind: int | None = None
+        self._over = False
+        self.message: Callable[[bytes, bool], None] = _ignore
+
+    @property
+    def framing(self) -> Framing:
+        """How outgoing frames become bytes."""
+        return FRAMING
+
+    def feed(self, data: bytes) -> None:
+        """Take a header, or the message that it announced."""
+        if self._over:
+            return
+        kind, self._kind = self._kind, None
+        if kind is None:
+            self._kind = HEADER.unpack(data)[0]
+        elif kind == CLOSE:
+            self._over = True
+            self._events.ended(*close_of(data), agreed=True)
+        elif len(data) <= self._max_size:
+            self.message(data, kind == BINARY)
+        elif self._events.oversized(len(data)):
+            self._events.oversized_head(len(data), data[:HEAD_BYTES])
+        else:
+            self._over = True
+            reason = f"a message of {len(data)} bytes; the limit is {self._max_size} (max_message_size)"
+            self._events.answer(_message(CLOSE, close_bytes(TOO_BIG, reason)))
+            self._events.ended(TOO_BIG, reason, agreed=False)
+
+    def get_buffer(self) -> None:
+        """Messages come whole."""
+
+    def buffer_updated(self, count: int) -> None:
+        """Never called, since there is no buffer."""
+
+    def give_up(self, reason: str) -> None:
+        """Never called, since nothing waits for the end of a message."""
+
+    def close(self, code: int, reason: str) -> bytes:
+        """What the driver reads as a close, once."""
+        if self._over:
+            return b""
+        self._over = True
+        self.message = _ignore
+        return _message(CLOSE, close_bytes(code, reason))
+
+    def ping(self) -> bytes:
+        """The server that speaks WebSocket pings, if anybody does."""
+        return b""
+
+
+def _message(kind: int, data: bytes) -> bytes:
+    return HEADER.pack(kind, len(data)) + data
+
+
+def _ignore(_data: bytes, _binary: bool) -> None:
+    """Where messages go before an endpoint is there, and after the connection began to close."""
+
+
+def asgi_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> AsgiWire:
+    """The wire of one WebSocket."""
+    return AsgiWire(events, limits.message_bytes)
+
+
+class MessageCutter:
+    """Takes the messages apart that a connection has for its driver.
+
+    Args:
+        take: gives the next bytes of the connection, None when there are none for now.
+    """
+
+    __slots__ = ("_header", "_size", "_take", "_waiting")
+
+    def __init__(self, take: Callable[[], Buffer | None]) -> None:
+        self._take = take
+        self._waiting: deque[memoryview] = deque()
+        self._size = 0
+        self._header: tuple[int, int] | None = None
+
+    def next(self) -> tuple[int, bytes] | None:
+        """The next message and its kind; None where none is whole, or there is none."""
+        if self._header is None:
+            header = self._read(HEADER.size)
+            if header is None:
+                return None
+            self._header = HEADER.unpack(header)
+        kind, size = self._header
+        data = self._read(size)
+        if data is None:
+            return None
+        self._header = None
+        return kind, data
+
+    def _read(self, count: int) -> bytes | None:
+        while self._size < count:
+            data = self._take()
+            if data is None:
+                return None
+            self._waiting.append(memoryview(data))
+            self._size += len(data)
+        self._size -= count
+        pieces = []
+        while count:
+            first = self._waiting.popleft()
+            if len(first) > count:
+                self._waiting.appendleft(first[count:])
+                first = first[:count]
+            pieces.append(first)
+            count -= len(first)
+        return b"".join(pieces)

@@ -1,0 +1,373 @@
+"""Somebody else's ASGI app below a path of our port: HTTP, streams, WebSocket and its lifespan."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from typing import Final
+from urllib.parse import unquote
+
+import anyio
+from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
+
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_transports.api import FlowControl
+from rwt_transports.asgi.types import App, Event, Scope
+from rwt_transports.background import TaskStarter
+from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.websocket.close_codes import INTERNAL_ERROR, NORMAL
+
+logger = logging.getLogger("rwt_transports.asgi")
+
+METHODS: Final = ("GET", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
+
+_UNREAD_BYTES: Final = 1024 * 1024
+"""Bytes of messages that an app has not taken; beyond it their sender is held back."""
+
+_EVENT_BYTES: Final = 256
+"""What a message counts beside its bytes."""
+
+_UNSENT_BYTES: Final = 256 * 1024
+"""Bytes that wait for a client; beyond it the app is."""
+
+_OURS: Final = frozenset({"content-length", "transfer-encoding", "connection", "date", "content-type"})
+"""Headers that the port writes itself."""
+
+
+class AsgiMount:
+    """One app below one path; it has the rules that it makes itself, beside the limits of the port.
+
+    Args:
+        path: where it is, such as ``/shop``.
+        app: the app (ASGI 3).
+    """
+
+    def __init__(self, path: str, app: App) -> None:
+        self.path = path
+        self._app = app
+        self._tasks = TaskStarter()
+        self._state: dict[str, object] = {}
+
+    def serves(self, path: str) -> bool:
+        """Whether a path, with or without its query, is the app's."""
+        path = path.partition("?")[0]
+        return path == self.path or path.startswith(f"{self.path}/")
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[AsgiMount]:
+        """Run the app's lifespan, and let it answer, within the block.
+
+        Raises:
+            RuntimeError: the app said that it could not start.
+        """
+        failure: Exception | None = None
+        async with anyio.create_task_group() as tasks:
+            lifespan = _Lifespan(self._app, self._state)
+            tasks.start_soon(self._tasks.run, tasks)
+            tasks.start_soon(lifespan.run)
+            try:
+                await lifespan.began(self.path)
+                yield self
+            except Exception as error:
+                failure = error  # Raised below, and not in a group.
+            finally:
+                with anyio.CancelScope(shield=True):
+                    await lifespan.end()
+                tasks.cancel_scope.cancel()
+        if failure is not None:
+            raise failure
+
+    # -- HTTP ----------------------------------------------------------------------------------------------
+
+    async def handle(self, request: HttpRequest, *, secure: bool = False) -> HttpResponse:
+        """Let the app answer a request.
+
+        Args:
+            request: below the app's path.
+            secure: whether it came in TLS.
+        """
+        secure = secure or request.headers.get("x-forwarded-proto") in ("https", "wss")
+        target = f"{request.path}?{request.query}" if request.query else request.path
+        scope = self._scope("http", "https" if secure else "http", target, request.headers, request.address)
+        scope["method"], scope["root_path"] = request.method, request.prefix + self.path
+        if request.prefix:
+            scope["path"], scope["raw_path"] = (
+                request.prefix + scope["path"],
+                request.prefix.encode() + scope["raw_path"],
+            )
+        exchange = _Exchange(self._app, scope, request.body)
+        self._tasks.start_soon(exchange.run)
+        try:
+            await exchange.started.wait()
+        except BaseException:
+            exchange.gone.set()
+            raise
+        return exchange.response()
+
+    def _scope(
+        self, kind: str, scheme: str, target: str, headers: Mapping[str, str], address: str, port: int = 0
+    ) -> Scope:
+        path, _, query = target.partition("?")
+        return {
+            "type": kind,
+            "asgi": {"version": "3.0", "spec_version": "2.4"},
+            "http_version": "1.1",
+            "scheme": scheme,
+            "path": unquote(path),
+            "raw_path": path.encode("latin-1"),
+            "query_string": query.encode("latin-1"),
+            "root_path": self.path,
+            "headers": [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers.items()],
+            "client": (address, port) if address else None,
+            "server": None,
+            "state": dict(self._state),
+        }
+
+    # -- WebSocket -----------------------------------------------------------------------------------------
+
+    def accept(self, sink: Sink, info: PeerInfo) -> Endpoint:
+        """Let the app speak to a WebSocket. The handshake is answered already: an app that does not accept it
+        closes it."""
+        scope = self._scope("websocket", info.transport, info.path, info.headers, info.address, info.port)
+        scope["subprotocols"] = [info.subprotocol] if info.subprotocol else []
+        socket = _Socket(self._app, scope, sink)
+        self._tasks.start_soon(socket.run)
+        return socket
+
+
+class _Lifespan:
+    """The lifespan of an app; one that knows none raises, and goes without (ASGI's lifespan protocol)."""
+
+    def __init__(self, app: App, state: dict[str, object]) -> None:
+        self._app = app
+        self._state = state
+        self._answered = anyio.Event()
+        self._ending = anyio.Event()
+        self._over = anyio.Event()
+        self._asked = False
+        self._failure = ""
+
+    async def run(self) -> None:
+        scope: Scope = {
+            "type": "lifespan",
+            "asgi": {"version": "3.0", "spec_version": "2.0"},
+            "state": self._state,
+        }
+        try:
+            await self._app(scope, self._receive, self._send)
+        except Exception as error:
+            if self._answered.is_set():
+                logger.exception("the lifespan of a mounted app failed")
+            else:
+                logger.debug("a mounted app has no lifespan: %s", error)
+        finally:
+            self._answered.set()
+            self._over.set()
+
+    async def _receive(self) -> Event:
+        if not self._asked:
+            self._asked = True
+            return {"type": "lifespan.startup"}
+        await self._ending.wait()
+        return {"type": "lifespan.shutdown"}
+
+    async def _send(self, event: Event) -> None:
+        if event["type"] == "lifespan.startup.failed":
+            self._failure = event.get("message") or "it does not say why"
+        elif event["type"] == "lifespan.shutdown.failed":
+            logger.error("a mounted app could not end: %s", event.get("message", ""))
+        self._answered.set()
+
+    async def began(self, path: str) -> None:
+        await self._answered.wait()
+        if self._failure:
+            raise RuntimeError(f"the app at {path} could not start: {self._failure}")
+
+    async def end(self) -> None:
+        self._ending.set()
+        await self._over.wait()
+
+
+class _Exchange:
+    """One request, and what the app answers.
+
+    Attributes:
+        started: set when it is known how the response begins.
+        gone: set when nobody reads it any more.
+    """
+
+    def __init__(self, app: App, scope: Scope, body: bytes) -> None:
+        self._app = app
+        self._scope = scope
+        self._body: bytes | None = body
+        self.started = anyio.Event()
+        self.gone = anyio.Event()
+        self._status = 500
+        self._headers: list[tuple[str, str]] = []
+        self._whole: bytes | None = None
+        self._chunks: MemoryObjectSendStream[bytes] | None = None
+        self._read: MemoryObjectReceiveStream[bytes] | None = None
+
+    async def run(self) -> None:
+        try:
+            await self._app(self._scope, self._receive, self._send)
+        except Exception as error:
+            # What an app lets through that was told of its client's leave is no failure.
+            if not (self.gone.is_set() and _is_leave(error)):
+                logger.exception("a mounted app failed at %s", self._scope["path"])
+            if not self.started.is_set():
+                self._status, self._headers, self._whole = 500, [], b"internal error\n"
+        finally:
+            if self._chunks is not None:
+                self._chunks.close()
+            if not self.started.is_set() and self._whole is None:
+                self._status, self._headers, self._whole = 500, [], b"internal error\n"
+            self.started.set()
+
+    async def _receive(self) -> Event:
+        body, self._body = self._body, None
+        if body is not None:
+            return {"type": "http.request", "body": body, "more_body": False}
+        await self.gone.wait()
+        return {"type": "http.disconnect"}
+
+    async def _send(self, event: Event) -> None:
+        if event["type"] == "http.response.start":
+            self._status = event["status"]
+            pairs = event.get("headers", ())
+            self._headers = [(n.decode("latin-1").lower(), v.decode("latin-1")) for n, v in pairs]
+        elif event["type"] == "http.response.body" and self._whole is None:
+            chunk, more = bytes(event.get("body", b"")), event.get("more_body", False)
+            if self._chunks is None:
+                if not more:
+                    self._whole = chunk
+                    self.started.set()
+                    return
+                self._chunks, self._read = anyio.create_memory_object_stream[bytes](0)
+                self.started.set()
+            if self.gone.is_set():
+                raise OSError("the client has gone")  # As the specification has it since 2.4.
+            if chunk:
+                try:
+                    await self._chunks.send(chunk)
+                except anyio.BrokenResourceError:
+                    raise OSError("the client has gone") from None
+            if not more:
+                self._chunks.close()
+
+    def response(self) -> HttpResponse:
+        """How it begins, and all of it where it is whole."""
+        content_type = next((value for name, value in self._headers if name == "content-type"), "")
+        headers: dict[str, str] = {}
+        for name, value in self._headers:
+            if name not in _OURS and name != "set-cookie":
+                headers[name] = f"{headers[name]}, {value}" if name in headers else value
+        cookies = tuple(value for name, value in self._headers if name == "set-cookie")
+        body = self._whole if self._read is None else self._stream(self._read)
+        kind = content_type or (
+            "text/plain; charset=utf-8" if not self._headers else "application/octet-stream"
+        )
+        return HttpResponse(body or b"", self._status, kind, headers, cookies)
+
+    async def _stream(self, chunks: MemoryObjectReceiveStream[bytes]) -> AsyncIterator[bytes]:
+        try:
+            async with chunks:
+                async for chunk in chunks:
+                    yield chunk
+        finally:
+            self.gone.set()
+
+
+def _is_leave(error: BaseException) -> bool:
+    """Whether an error, or all of a group of them, is what an app was told of its client's leave; frameworks
+    turn it into an exception of their own, whose cause it is."""
+    if isinstance(error, BaseExceptionGroup):
+        return all(map(_is_leave, error.exceptions))
+    known = (error, error.__cause__, error.__context__)
+    return any(isinstance(each, OSError) for each in known)
+
+
+class _Socket:
+    """One WebSocket of an app; satisfies :class:`rwt_protocol.transport.Endpoint`."""
+
+    def __init__(self, app: App, scope: Scope, sink: Sink) -> None:
+        self._app = app
+        self._scope = scope
+        self._sink = sink
+        self._flow_control: FlowControl | None = None
+        self._unread: deque[tuple[Event, int]] = deque([({"type": "websocket.connect"}, 0)])
+        self._size = 0
+        self._held = False
+        self._over = False
+        self._awake = anyio.Event()
+        self._drained = anyio.Event()
+
+    # -- the connection's side -----------------------------------------------------------------------------
+
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        """Hold the client back by `flow_control` while the app does not read."""
+        self._flow_control = flow_control
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Keep a message until the app takes it."""
+        event: Event = {"type": "websocket.receive"}
+        if binary:
+            event["bytes"] = data
+        else:
+            event["text"] = data.decode("utf-8", "replace")
+        size = len(data) + _EVENT_BYTES
+        self._unread.append((event, size))
+        self._size += size
+        if self._size > _UNREAD_BYTES and not self._held and self._flow_control is not None:
+            self._held = True
+            self._flow_control.pause()
+        self._awake.set()
+
+    def closed(self, code: int, reason: str) -> None:
+        """The connection has ended."""
+        self._over = True
+        self._unread.append(({"type": "websocket.disconnect", "code": code, "reason": reason}, 0))
+        self._awake.set()
+        self._drained.set()
+
+    # -- the app's side ------------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        try:
+            await self._app(self._scope, self._receive, self._send)
+        except Exception:
+            logger.exception("a mounted app failed at %s", self._scope["path"])
+            self._sink.close(INTERNAL_ERROR, "internal error")
+        else:
+            self._sink.close(NORMAL, "")
+
+    async def _receive(self) -> Event:
+        while not self._unread:
+            self._awake = anyio.Event()
+            await self._awake.wait()
+        event, size = self._unread.popleft()
+        self._size -= size
+        if self._held and self._size <= _UNREAD_BYTES // 2 and self._flow_control is not None:
+            self._held = False
+            self._flow_control.resume()
+        return event
+
+    async def _send(self, event: Event) -> None:
+        if event["type"] == "websocket.close":
+            self._sink.close(event.get("code", NORMAL), event.get("reason") or "")
+        elif event["type"] == "websocket.send":
+            text = event.get("text")
+            if text is None:
+                self._sink.send(Frame(event["bytes"], binary=True))
+            else:
+                self._sink.send(Frame(text.encode("utf-8", "replace")))
+            await self._room()
+
+    async def _room(self) -> None:
+        """Wait while much is unsent, unless the client has gone."""
+        while self._sink.backlog > _UNSENT_BYTES and not self._over and self._flow_control is not None:
+            self._drained = anyio.Event()
+            self._flow_control.when_empty(self._drained.set)
+            await self._drained.wait()

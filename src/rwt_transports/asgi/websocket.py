@@ -1,0 +1,122 @@
+"""One WebSocket of an ASGI server as a driver's link: a task that reads, and one that writes."""
+
+from __future__ import annotations
+
+import anyio
+
+from rwt_transports.api import DriverCallbacks
+from rwt_transports.asgi.messages import BINARY, CLOSE, HEADER, TEXT, MessageCutter, close_bytes, close_of
+from rwt_transports.asgi.types import Receive, Send
+from rwt_transports.websocket.close_codes import NO_STATUS, may_travel
+
+
+class AsgiLink:
+    """The WebSocket of one scope, once it is accepted; satisfies :class:`rwt_transports.api.Link`.
+
+    What the writing task awaits is the server's own backpressure: while it waits, the connection's outbox
+    keeps what is new, by its bounds.
+
+    Args:
+        receive: of the scope.
+        send: of the scope.
+    """
+
+    __slots__ = ("_awake", "_callbacks", "_closing", "_reading", "_receive", "_scope", "_send", "_took")
+
+    def __init__(self, receive: Receive, send: Send) -> None:
+        self._receive = receive
+        self._send = send
+        self._scope = anyio.CancelScope()
+        self._awake = anyio.Event()
+        self._reading = anyio.Event()
+        self._reading.set()
+        self._closing = False
+
+    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
+        """Call `callbacks` from now on."""
+        self._callbacks = callbacks
+
+    def wake(self) -> None:
+        """Let the writing task take what there is."""
+        self._awake.set()
+
+    def finish(self) -> None:
+        """Close: a WebSocket has no half that could stay open."""
+        self.close()
+
+    def close(self) -> None:
+        """End once what was taken has been sent."""
+        self._closing = True
+        self._awake.set()
+
+    def abort(self) -> None:
+        """End at once."""
+        self._scope.cancel()
+
+    def pause(self) -> None:
+        """Let the reading task wait before its next read."""
+        if self._reading.is_set():
+            self._reading = anyio.Event()
+
+    def resume(self) -> None:
+        """Let the reading task go on."""
+        self._reading.set()
+
+    async def run(self) -> None:
+        """Move messages both ways until the WebSocket ends."""
+        try:
+            with self._scope:
+                async with anyio.create_task_group() as tasks:
+                    tasks.start_soon(self._read)
+                    await self._write()
+                    tasks.cancel_scope.cancel()
+        finally:
+            self._callbacks.lost()
+
+    async def _read(self) -> None:
+        receive = self._callbacks.receive
+        while True:
+            await self._reading.wait()
+            event = await self._receive()
+            if event["type"] == "websocket.receive":
+                text = event.get("text")
+                # surrogatepass: a server that decodes leniently must not cost the connection.
+                data = event["bytes"] if text is None else text.encode("utf-8", "surrogatepass")
+                receive(HEADER.pack(BINARY if text is None else TEXT, len(data)))
+                receive(data)
+            elif event["type"] == "websocket.disconnect":
+                code = event.get("code") or NO_STATUS
+                data = close_bytes(code, event.get("reason") or "")
+                receive(HEADER.pack(CLOSE, len(data)))
+                receive(data)
+                self.close()
+                return
+
+    async def _write(self) -> None:
+        cutter = MessageCutter(self._callbacks.take)
+        while not self._closing:
+            await self._awake.wait()
+            self._awake = anyio.Event()
+            while (message := cutter.next()) is not None:
+                kind, data = message
+                if kind == CLOSE:
+                    await self._say_goodbye(*close_of(data))
+                    return
+                try:
+                    await self._send(_event(kind, data))
+                except OSError:  # The client has gone; the specification lets servers say so.
+                    return
+                self._callbacks.progress()
+
+    async def _say_goodbye(self, code: int, reason: str) -> None:
+        code = code if may_travel(code) else 1000
+        try:
+            await self._send({"type": "websocket.close", "code": code, "reason": reason})
+        except (OSError, RuntimeError):  # It has gone already, as some servers put it.
+            return
+
+
+def _event(kind: int, data: bytes) -> dict[str, object]:
+    if kind == BINARY:
+        return {"type": "websocket.send", "bytes": data}
+    return {"type": "websocket.send", "text": data.decode("utf-8", "replace")}
