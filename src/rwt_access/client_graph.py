@@ -199,6 +199,10 @@ class ClientGraph(GraphView):
                 self._gate.note_refusal(act, resolve(name), str(refused))
             raise
 
+    def sees_service(self, name: str) -> bool:
+        """As :meth:`GraphView.sees_service`; those of the gate are open to every role, and so shown."""
+        return super().sees_service(name) or (self._gate is not None and self._gate.is_own(name))
+
     def withdraw_refused(self) -> None:
         """End what the client publishes and offers and its role does not allow."""
         for topic, marks in tuple(self._advertised.items()):

@@ -125,7 +125,7 @@ def _sees(view: GraphView, kind: Kind, name: str) -> bool:
         case "topic":
             return role.sees_topic(name)
         case "service":
-            return role.sees_service(name)
+            return view.sees_service(name)
         case "action":
             return role.sees_action(name)
         case "parameter":

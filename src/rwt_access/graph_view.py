@@ -70,12 +70,16 @@ class GraphView:
 
     def services(self) -> tuple[ServiceInfo, ...]:
         """The services that are shown, sorted by name."""
-        return tuple(service for service in self._graph.services() if self.role.sees_service(service.name))
+        return tuple(service for service in self._graph.services() if self.sees_service(service.name))
 
     def service(self, name: str) -> ServiceInfo | None:
         """One service, None where it is hidden or does not exist."""
         absolute = canonical(name)
-        return self._graph.service(absolute) if self.role.sees_service(absolute) else None
+        return self._graph.service(absolute) if self.sees_service(absolute) else None
+
+    def sees_service(self, name: str) -> bool:
+        """Whether a service is shown, by its absolute name."""
+        return self.role.sees_service(name)
 
     def actions(self) -> tuple[ActionInfo, ...]:
         """The actions that are shown, sorted by name."""
@@ -105,7 +109,7 @@ class GraphView:
     def _shows(self, node: NodeInfo) -> bool:
         return (
             any(map(self.role.sees_topic, (*node.publishing, *node.subscribing)))
-            or any(map(self.role.sees_service, node.services))
+            or any(map(self.sees_service, node.services))
             or any(map(self.role.sees_action, node.actions))
         )
 

@@ -104,7 +104,7 @@ VERBS: Mapping[str, tuple[Any, ...]] = {
 """What touches the graph: refused to a role without rights."""
 
 LISTINGS = {"topics", "services", "actions", "nodes"}
-LOOK_UPS = {"topic", "service", "action", "may_subscribe", "sees_parameter", "sees_node"}
+LOOK_UPS = {"topic", "service", "action", "may_subscribe", "sees_parameter", "sees_node", "sees_service"}
 OWN = {
     "unadvertise",
     "unsubscribe",

@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 from rwt.observability.metrics import ServerMetrics
+from rwt_access.gate.node import SERVICES
 from rwt_graph.api import GoalEvents
 from rwt_interfaces.payload import Payload
+from rwt_nodes.rosapi import Rosapi
 from tests.access.gated_robot import CLIENT, GATE, GatedRobot, call, drive
 
 FIBONACCI = "example_interfaces/Fibonacci"
@@ -121,10 +123,13 @@ def test_a_message_on_its_topic_is_a_press_too() -> None:
     assert _state(robot).stopped
 
 
-def test_a_viewer_may_press_it_without_a_right_to_call() -> None:
+def test_a_viewer_sees_it_and_may_press_it_without_a_right_to_call() -> None:
     robot = GatedRobot(RULES)
+    Rosapi(robot.graph)
     viewer = robot.client("agent")
     viewer.peer.graph.take_role(robot.access.admission.roles["viewer"])
+    shown = call(viewer, "/rosapi/services")["services"]
+    assert {name for name in shown if name.startswith("/gate")} == set(SERVICES)
     assert call(viewer, "/gate/stop")["success"]
 
 

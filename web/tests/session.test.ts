@@ -14,6 +14,8 @@ class FakeRobot implements WorkerPort {
   socket = 0;
   opens: ToWorker[] = [];
   topics: [string, string][] = [["/cmd_vel", "geometry_msgs/msg/Twist"]];
+  services: string[] = [];
+  answers: Record<string, unknown> = {};
 
   postMessage(message: ToWorker): void {
     if (message.kind === "open") {
@@ -48,7 +50,8 @@ class FakeRobot implements WorkerPort {
         topics: this.topics.map(([name]) => name),
         types: this.topics.map(([, type]) => type),
       },
-      "/rosapi/services": { services: [] },
+      "/rosapi/services": { services: this.services },
+      ...this.answers,
       "/rosapi/action_servers": { action_servers: ["/go"] },
       "/rosapi/nodes": { nodes: [] },
       "/rosapi/get_ros_version": { version: 2, distro: "jazzy" },
@@ -243,6 +246,54 @@ describe("a session", () => {
       expect(robot.published("/cmd_vel")).toEqual([]);
       drive.hold("stick", { forward: 1, left: 0, turn: 0 });
       expect(robot.published("/cmd_vel")).toEqual([twist(0.5, 0)]);
+    });
+
+    describe("at a robot with a gate", () => {
+      const gate = (topic: string, msg: object) => robot.hear({ op: "publish", topic, msg });
+      const called = () => robot.ops("call_service").map(({ service }) => service);
+
+      beforeEach(async () => {
+        robot.services = ["/gate/stop"];
+        robot.answers = {
+          "/gate/stop": { success: true, message: "stopped" },
+          "/gate/release_stop": { success: false, message: "role 'operator' may not release the robot" },
+          "/gate/release_lease": { success: false, message: "held by another" },
+        };
+        await vi.advanceTimersByTimeAsync(4000);
+        robot.sent = [];
+      });
+
+      test("the stop is pressed there, and holds for every page until the robot says otherwise", async () => {
+        stop.stop();
+        await vi.advanceTimersByTimeAsync(1500);
+        expect(called()).toContain("/gate/stop");
+        expect(robot.published("/cmd_vel")).toEqual([]);
+        gate("/gate/stopped", { stopped: true, by: "rosbridge:1 (role operator)", reason: "" });
+        stop.release();
+        await vi.advanceTimersByTimeAsync(10);
+        expect(called()).toContain("/gate/release_stop");
+        expect(stop.stopped.value).toBe(true);
+        expect(session.notices.value.at(-1)?.text).toContain("may not release the robot");
+        gate("/gate/stopped", { stopped: false, by: "rosbridge:2 (role admin)", reason: "" });
+        expect(stop.stopped.value).toBe(false);
+      });
+
+      test("a gate that does not answer leaves the robot to the page", async () => {
+        robot.answers["/gate/stop"] = { success: false, message: "no rule says what there is to stop" };
+        stop.stop();
+        await vi.advanceTimersByTimeAsync(1500);
+        expect(robot.published("/cmd_vel").length).toBeGreaterThan(9);
+        expect(stop.stopped.value).toBe(true);
+      });
+
+      test("it is shown who drives, and the lease is given back when somebody has it", async () => {
+        stop.gate.giveBack("/cmd_vel");
+        expect(called()).not.toContain("/gate/release_lease");
+        gate("/gate/leases", { leases: [{ topic: "/cmd_vel", holder: "rosbridge:1", role: "operator" }] });
+        expect(stop.gate.holders.value.get("/cmd_vel")).toEqual({ name: "rosbridge:1", role: "operator" });
+        stop.gate.giveBack("/cmd_vel");
+        expect(called()).toContain("/gate/release_lease");
+      });
     });
   });
 });

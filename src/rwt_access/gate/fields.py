@@ -125,7 +125,8 @@ class FieldChecks:
             raise GateRefused(
                 f"a message of {payload.size} bytes: {largest} is the limit", f"{key}.largest_bytes"
             )
-        if not (self._finite or self._limits):
+        # JSON that is passed on as it came has no numbers that are none.
+        if not (self._limits or (self._finite and not payload.is_as_it_came)):
             return payload, ""
         given = payload.value()
         value: object = given

@@ -2,6 +2,7 @@
 
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { stopText } from "../forms/gate";
 import { t } from "../i18n/text";
 import { panelKinds } from "../panels/registry";
 import { ConnectForm, TokenForm } from "./connect";
@@ -61,7 +62,7 @@ export function Shell({ app }: { app: App }) {
       {app.scanning.value && <ScanBar app={app} />}
       {app.stop.stopped.value && (
         <p class="stopped" role="status">
-          {t("stop.stopped")}
+          {stopText(app.stop)}
         </p>
       )}
       <main id="panels" tabIndex={-1}>

@@ -35,6 +35,7 @@ export const en = {
   "stop.release": "Release",
   "stop.hint": "Stops the robot and cancels its goals (Escape)",
   "stop.stopped": "Stopped. Nothing is sent that moves the robot until you release.",
+  "stop.gate": "The robot is stopped for everybody by {by}.",
   "stop.nothing": "There is nothing here that you could stop.",
   "layout.save": "Save in this browser",
   "layout.name": "Name",
@@ -76,6 +77,8 @@ export const en = {
   "teleop.title": "Drive",
   "teleop.hint":
     "Hold to move; letting go stops. Arrow keys or W A S D here, or a gamepad with a shoulder button held. Sends to {topic}.",
+  "teleop.held": "Driven by {name} ({role})",
+  "teleop.free": "Nobody drives",
   "teleop.linear": "Speed",
   "teleop.angular": "Turning",
   "teleop.sideways": "sideways",

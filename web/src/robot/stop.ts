@@ -1,7 +1,13 @@
-/** The stop that everybody sees: a latched software stop. It is no emergency stop; that one cuts the power. */
+/**
+ * The stop that everybody sees: a latched software stop. It is no emergency stop; that one cuts the power.
+ *
+ * Where the robot has a gate, its stop is pressed, which holds for every client; elsewhere this page sends what makes
+ * the robot stand, and nothing that moves it.
+ */
 
-import { type Signal, signal } from "@preact/signals-core";
+import { computed, type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
 import { driveTopics } from "./drive";
+import { Gate } from "./gate";
 import { header, rosTime, shortType } from "./names";
 import type { RobotSession } from "./session";
 
@@ -11,9 +17,14 @@ const PERIOD = 100;
 
 export class Stop {
   /** Whether this page sends nothing that moves the robot. */
-  readonly stopped: Signal<boolean> = signal(false);
+  readonly stopped: ReadonlySignal<boolean>;
+  readonly gate: Gate;
+  private readonly here: Signal<boolean> = signal(false);
 
-  constructor(private readonly session: RobotSession) {}
+  constructor(private readonly session: RobotSession) {
+    this.gate = new Gate(session);
+    this.stopped = computed(() => this.here.value || this.gate.stop.value.stopped);
+  }
 
   /** What it would act on: topics that are driven by, and actions whose goals can be cancelled. */
   get reaches(): { topics: string[]; actions: string[] } {
@@ -26,15 +37,30 @@ export class Stop {
 
   /** Tell the robot to stand still, cancel every goal of every action, and send nothing until `release`. */
   stop(): void {
-    this.stopped.value = true;
+    this.here.value = true;
+    if (!this.gate.present.peek()) {
+      this.tellRobot();
+      return;
+    }
+    this.gate.press().catch((error: Error) => {
+      this.session.note("warning", error.message, "/gate/stop");
+      this.tellRobot();
+    });
+  }
+
+  private tellRobot(): void {
     const { topics, actions } = this.reaches;
     for (const topic of topics) this.standStill(topic);
     for (const action of actions) this.cancelGoals(action);
   }
 
-  /** Let the controls of this page work again; nothing moves by that. */
+  /** Let the controls of this page work again, and the robot's stop, if the role may; nothing moves by that. */
   release(): void {
-    this.stopped.value = false;
+    this.here.value = false;
+    if (!this.gate.stop.peek().stopped) return;
+    this.gate
+      .release()
+      .catch((error: Error) => this.session.note("error", error.message, "/gate/release_stop"));
   }
 
   private standStill(topic: string): void {

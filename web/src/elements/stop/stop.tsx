@@ -1,6 +1,7 @@
 /** `<rwt-stop>`: a button that stops the robot, and keeps the controls of the page from moving it. */
 
 import { useLayoutEffect } from "preact/hooks";
+import { stopText } from "../../forms/gate";
 import { t } from "../../i18n/text";
 import { flag, text } from "../base/attributes";
 import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
@@ -65,7 +66,7 @@ function StopView({ element, session, stop }: ViewProps<StopElement>) {
       </button>
       {!element.quiet && (
         <p part="status" role="status">
-          {stopped ? t("stop.stopped") : nothing ? t("stop.nothing") : ""}
+          {stopped ? stopText(stop) : nothing ? t("stop.nothing") : ""}
         </p>
       )}
     </>

@@ -40,10 +40,12 @@ const BUTTONS = [
 ] as const;
 
 /** Let go of every control when the page is hidden or left, or loses the keyboard; returns what ends that. */
-export function releaseWithPage(drive: Drive): () => void {
+export function releaseWithPage(drive: Drive, onHidden?: () => void): () => void {
   const letGo = () => drive.releaseAll();
   const whenHidden = () => {
-    if (document.hidden) letGo();
+    if (!document.hidden) return;
+    letGo();
+    onHidden?.();
   };
   addEventListener("blur", letGo);
   addEventListener("pagehide", letGo);

@@ -62,4 +62,19 @@ export const style = `
   flex-basis: 100%;
   font-variant-numeric: tabular-nums;
 }
+.driver {
+  flex-basis: 100%;
+  margin: 0;
+}
+.driver .dot {
+  display: inline-block;
+  width: 0.7em;
+  height: 0.7em;
+  margin-inline-end: 0.4em;
+  border-radius: 50%;
+  background: var(--rwt-faint);
+}
+.driver.held .dot {
+  background: var(--rwt-accent);
+}
 `;

@@ -1,6 +1,7 @@
 /** `<rwt-teleop>`: a stick, buttons and keys that drive the robot while they are held. */
 
 import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { Driver, stopText } from "../../forms/gate";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics } from "../../robot/drive";
@@ -55,14 +56,14 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
   const pad = useRef<HTMLFieldSetElement>(null);
   // Before the page is drawn, since what is seen to be there may be pressed.
   useLayoutEffect(() => {
-    const endPage = releaseWithPage(drive);
+    const endPage = releaseWithPage(drive, () => stop.gate.giveBack(topic));
     const endTelling = tellOf(element, drive, topic);
     return () => {
       endPage();
       drive.dispose();
       endTelling();
     };
-  }, [drive, element, topic]);
+  }, [drive, element, topic, stop]);
   const { keys, controls } = element;
   useLayoutEffect(() => {
     if (keys === "off" || !pad.current) return undefined;
@@ -85,8 +86,9 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
         {linear.toFixed(2)} m/s{lateral !== 0 && ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}`} ·{" "}
         {angular.toFixed(2)} rad/s
       </output>
+      <Driver gate={stop.gate} topic={topic} />
       {refusal && <Problem text={refusal.text} />}
-      {stopped && <Problem text={t("stop.stopped")} />}
+      {stopped && <Problem text={stopText(stop)} />}
     </fieldset>
   );
 }

@@ -2,6 +2,7 @@
 
 import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
+import { Driver } from "../../forms/gate";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics, type Wish } from "../../robot/drive";
 import { componentPanel, Refusal, TopicChoice } from "../component";
@@ -56,14 +57,14 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
   const pad = useRef<HTMLFieldSetElement>(null);
   // Before the page is drawn, since what is seen to be there may be pressed.
   useLayoutEffect(() => {
-    const endPage = releaseWithPage(drive);
+    const endPage = releaseWithPage(drive, () => stop.gate.giveBack(topic));
     const endGamepad = followGamepad(drive);
     return () => {
       endPage();
       endGamepad();
       drive.dispose();
     };
-  }, [drive]);
+  }, [drive, stop, topic]);
   useLayoutEffect(() => {
     if (!visible.value) drive.releaseAll();
   }, [drive, visible.value]);
@@ -83,6 +84,7 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
         {linear.toFixed(2)} m/s{lateral ? ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}` : ""} ·{" "}
         {angular.toFixed(2)} rad/s
       </output>
+      <Driver gate={stop.gate} topic={topic} />
       <p class="faint" id="teleop-hint">
         {t("teleop.hint", { topic })}
       </p>

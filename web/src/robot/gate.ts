@@ -1,0 +1,95 @@
+/** The robot's gate, where its server has one: who drives by which topic, and the stop that holds for everybody. */
+
+import { computed, effect, type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
+import type { RobotSession } from "./session";
+
+const STOP = "/gate/stop";
+
+/** Who may publish on a topic now; an empty name: nobody does. */
+export interface Holder {
+  name: string;
+  role: string;
+}
+
+interface Leases {
+  leases: { topic: string; holder: string; role: string }[];
+}
+
+interface StopState {
+  stopped: boolean;
+  by: string;
+  reason: string;
+}
+
+interface GateAnswer {
+  success: boolean;
+  message: string;
+}
+
+const MOVING: StopState = { stopped: false, by: "", reason: "" };
+
+export class Gate {
+  /** Whether there is one. */
+  readonly present: ReadonlySignal<boolean>;
+  /** The stop of the robot, which no page can pass by. */
+  readonly stop: Signal<StopState> = signal(MOVING);
+  /** Who holds the topics that one client at a time publishes on. */
+  readonly holders: Signal<ReadonlyMap<string, Holder>> = signal(new Map());
+
+  constructor(private readonly session: RobotSession) {
+    this.present = computed(() => session.graph.value.services.includes(STOP));
+    effect(() => {
+      if (!this.present.value) {
+        this.stop.value = MOVING;
+        this.holders.value = new Map();
+        return undefined;
+      }
+      const ends = [
+        session.subscribe("/gate/stopped", "rwt_gate_msgs/EmergencyStop", (message) => {
+          this.stop.value = message as unknown as StopState;
+        }),
+        session.subscribe("/gate/leases", "rwt_gate_msgs/Leases", (message) => {
+          const { leases } = message as unknown as Leases;
+          this.holders.value = new Map(
+            leases.map(({ topic, holder, role }) => [topic, { name: holder, role }]),
+          );
+        }),
+      ];
+      return () => {
+        for (const end of ends) end();
+      };
+    });
+  }
+
+  /**
+   * Stop the robot for everybody.
+   *
+   * @throws RobotError it does not answer, or refuses
+   */
+  async press(): Promise<void> {
+    await this.ask(STOP, "rwt_gate_msgs/Stop", { reason: "by the page" });
+  }
+
+  /**
+   * Let the robot be moved again.
+   *
+   * @throws RobotError it does not answer, or the role may not
+   */
+  async release(): Promise<void> {
+    await this.ask("/gate/release_stop", "rwt_gate_msgs/Stop", { reason: "by the page" });
+  }
+
+  /** Give the lease of a topic back, whoever holds it: the server knows whether that is this page. */
+  giveBack(topic: string): void {
+    const { session } = this;
+    if (!this.present.peek() || !this.holders.peek().get(topic)?.name) return;
+    if (session.state.peek() !== "open") return;
+    // Another client's is not given back by this, which is no problem to tell.
+    session.call("/gate/release_lease", { topic }, "rwt_gate_msgs/Lease").catch(() => undefined);
+  }
+
+  private async ask(service: string, type: string, request: Record<string, unknown>): Promise<void> {
+    const answer = await this.session.call<GateAnswer & Record<string, unknown>>(service, request, type);
+    if (!answer.success) throw new Error(answer.message);
+  }
+}
