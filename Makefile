@@ -13,7 +13,7 @@ PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench paper load soak fuzz mutants conformance \
+.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc paper load soak fuzz mutants conformance \
 client-grades clean
 
 $(BIN)/python:
@@ -102,6 +102,10 @@ release: $(STAMP)-dev
 bench: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group bench
 	$(BIN)/python -m bench $(ARGS)
+
+# How old /cmd_vel and /odom are over a bad line, by WebSocket and by WebRTC; needs Linux, root and /dev/net/tun.
+bench-webrtc: $(STAMP)-dev
+	$(BIN)/python -m bench.webrtc $(ARGS)
 
 # What more of everything costs, and the plots of docs/explanation/performance.md; some minutes.
 growth: $(STAMP)-dev
