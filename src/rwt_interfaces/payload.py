@@ -23,7 +23,7 @@ from rwt_interfaces.serialise.long_strings import (
     string_of,
     substituted,
 )
-from rwt_interfaces.serialise.splice import SplicedMessage, put
+from rwt_interfaces.serialise.splice import SplicedMessage, json_of_text, long_text, put
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
@@ -234,7 +234,10 @@ class Payload:
             payload = cls(message_type, None, codec.convert(value))
         except REJECTIONS:
             payload = cls(message_type, None, message_type.decode_leniently(value, now or time.time_ns))
-        payload.is_long = codec.has_arrays and codec.long_arrays.has_long_lists(payload._known())
+        message = payload._known()
+        payload.is_long = (codec.has_arrays and codec.long_arrays.has_long_lists(message)) or (
+            bool(message_type.text_places) and long_text(message_type, message) is not None
+        )
         return payload
 
     @classmethod
@@ -319,12 +322,18 @@ class Payload:
         return self._whole("cdr")
 
     def prepare(self, forms: Iterable[Form]) -> Steps[None]:
-        """Make forms of a message with long lists in steps; forms that exist already take none."""
+        """Make forms of a message with long lists or a long text in steps; forms that exist already take
+        none."""
+        has_lists = self.type.json.has_arrays
         for form in forms:
             if form == "json":
-                if self._json is None and self._json_parts is None:
+                if self._json is None and self._json_parts is None and has_lists:
                     self._json_parts = yield from self.type.json.long_arrays.json(self.value())
+                if self._json is None and self._json_parts is None:
+                    self._json_parts = yield from self._text_in_steps()
                 continue
+            if not has_lists:
+                continue  # There a text stands as it is.
             name = self.type.registry.distro.serialisation if form == "serialised" else form
             if (self._forms is None or name not in self._forms) and self._apart() is None:
                 apart = None
@@ -333,6 +342,11 @@ class Payload:
                 short, lists = apart or (self.value(), {})
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
+
+    def _text_in_steps(self) -> Steps[Parts | None]:
+        message = self._message
+        place = None if message is None else long_text(self.type, message)
+        return None if place is None else (yield from json_of_text(self.type, self.value(), place))
 
     def plain(self) -> object:
         """The message as dicts, lists and scalars, octets as bytes."""

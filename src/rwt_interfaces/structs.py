@@ -140,6 +140,11 @@ class MessageType:
         return tuple(splice.places(self))
 
     @cached_property
+    def text_places(self) -> tuple[Place, ...]:
+        """Those of them that hold text."""
+        return tuple(place for place in self.places if place.is_text)
+
+    @cached_property
     def serialise(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type as its distribution does: in CDR, or in ROS 1's own form."""
         return self.to_cdr if self.registry.distro.serialisation == "cdr" else self.to_ros1

@@ -23,8 +23,9 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Array, Message
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import cbor, long_arrays, long_strings, pack
+from rwt_interfaces.serialise import cbor, long_arrays, long_strings, pack, splice
 from rwt_interfaces.structs import MessageType
+from rwt_interfaces.validation.mismatch import has_lone_surrogate
 
 REGISTRIES = {1: Registry(NOETIC), 2: Registry(JAZZY)}
 for _registry in REGISTRIES.values():
@@ -191,6 +192,8 @@ def test_to_splice_is_to_decode_and_encode(
         for module in (long_strings, long_arrays, cbor, pack):
             small.setattr(module, "FEW", 2)
         small.setattr(long_strings, "NUMBERS", 3)
+        small.setattr(splice, "LONG_TEXT", 20)
+        small.setattr(splice, "_TEXT_STEP", 7)
         for take in (
             lambda: Payload.from_json(kind, raw, now),
             lambda: Payload.from_json(kind, memoryview(raw), now).detach(),
@@ -383,3 +386,24 @@ def test_to_number_a_message_is_to_change_its_sequence(
         expected = outcome(lambda: Payload(kind, None, whole))
         for each in (numbered, again, numbered.detach()):
             assert outcome(partial(itself, each)) == expected
+
+
+@pytest.mark.parametrize("letter", ["a", "é", "漢", "🤖", '"', "\\", "\n", "\u2028"])
+def test_a_long_text_of_a_program_is_written_in_steps(letter: str) -> None:
+    kind = REGISTRIES[2].message("std_msgs/String")
+    text = "x" * 65_535 + letter * splice.LONG_TEXT
+    payload = Payload.from_value(kind, {"data": text})
+    assert payload.is_long
+    assert len([*payload.prepare(("json", "cbor", "serialised"))]) > 4
+    assert payload.json() == json.dumps({"data": text}, ensure_ascii=False, separators=(",", ":")).encode()
+    assert cbor2.loads(payload.cbor()) == {"data": text}
+    assert not Payload.from_value(kind, {"data": "x" * (splice.LONG_TEXT - 1)}).is_long
+
+
+@pytest.mark.parametrize("text", ["\ud83d", "a\ude00b", "\ude00\ud83d", "é\ud83dé", "漢\udfff", "🤖\ud83d"])
+def test_half_a_letter_is_refused_as_utf_8_refuses_it(text: str) -> None:
+    with pytest.raises(UnicodeEncodeError):
+        text.encode()
+    assert has_lone_surrogate(text)
+    with pytest.raises(InvalidMessage):
+        Payload.from_value(REGISTRIES[2].message("std_msgs/String"), {"data": text})

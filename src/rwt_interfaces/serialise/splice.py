@@ -19,6 +19,7 @@ from rwt_interfaces.serialise.long_strings import (
     LongString,
     Parts,
     RawText,
+    Steps,
     string_of,
     token_for_base64,
     token_for_text,
@@ -29,6 +30,11 @@ if TYPE_CHECKING:
 
 #: Octets of a message in Python stand apart from this size on.
 LONG_OCTETS = 1 << 14
+#: Characters of a text from which it is written as JSON in steps, and of one step.
+LONG_TEXT = 1 << 18
+_TEXT_STEP = 1 << 16
+
+_encode_text = msgspec.json.Encoder().encode
 
 LengthHead = Callable[[int, bool], bytes]
 """What stands before a content of some length in an encoding; True for text."""
@@ -80,6 +86,26 @@ def _places(message: MessageType, prefix: tuple[str, ...]) -> Iterator[tuple[tup
                 yield path, False
             case field_types.String(bound=None, wide=False):
                 yield path, True
+
+
+def long_text(type: MessageType, message: msgspec.Struct) -> Place | None:
+    """The first place where a message in Python has a text so long that it is written in steps."""
+    for place in type.text_places:
+        if len(place.fetch(message)) >= LONG_TEXT:
+            return place
+    return None
+
+
+def json_of_text(type: MessageType, message: msgspec.Struct, place: Place) -> Steps[Parts]:
+    """A message in JSON, the long text in one of its places written in steps."""
+    text: str = place.fetch(message)
+    token = token_for_text(len(text))
+    before, _, after = type.json.encode(place.put(message, token.decode())).partition(token)
+    pieces: list[bytes] = []
+    for start in range(0, len(text), _TEXT_STEP):
+        pieces.append(_encode_text(text[start : start + _TEXT_STEP])[1:-1])
+        yield
+    return before, b"".join(pieces), after
 
 
 class SplicedMessage:
