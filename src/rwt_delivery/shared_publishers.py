@@ -54,7 +54,7 @@ class SharedPublisher:
     """
 
     __slots__ = (
-        "_clock", "_counters", "_kept", "_log", "_logged", "_node", "_publish", "_publish_next",
+        "_clock", "_counters", "_kept", "_log", "_logged", "_publish", "_publish_next",
         "_sequence", "_startup", "_startup_timer",
         "counts", "deadline", "linger", "lingers_for", "publish", "publisher", "topic", "type", "users",
     )  # fmt: skip
@@ -79,11 +79,10 @@ class SharedPublisher:
         self._sequence = 0
         self._publish_next: Callable[[Payload], None] = self._publish
         self._kept: deque[Ends] = deque()
-        self._node = node
         self._startup: StartupBuffer | None = None
         self._startup_timer: Timer | None = None
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
-            self._startup = StartupBuffer()
+            self._startup = StartupBuffer(publisher.topic, node)
             self._publish_next = self._publish_at_startup
             self._startup_timer = clock.call_later(STARTUP_SECONDS, self.end_startup)
         self.publish = self._publish_numbered if self.type.has_sequence else self._publish_next
@@ -120,8 +119,7 @@ class SharedPublisher:
     def _publish_at_startup(self, payload: Payload) -> None:
         self._publish(payload)
         if self._startup is not None:
-            sample = Sample(self.topic, payload, self._clock.time_ns(), self._node)
-            self._startup.add(sample, payload.kept_size)
+            self._startup.add(payload, self._clock.time_ns())
 
     def end_startup(self) -> None:
         """Keep nothing for late readers: the first second is over, or all users have left."""
@@ -303,26 +301,33 @@ class StartupBuffer:
     A program that advertises and publishes at once cannot know whether its readers have subscribed yet.
     """
 
-    __slots__ = ("_samples", "_size")
+    __slots__ = ("_kept", "_node", "_size", "_topic")
 
-    def __init__(self) -> None:
-        self._samples: deque[tuple[Sample, int]] = deque()
+    def __init__(self, topic: str, node: str) -> None:
+        self._topic = topic
+        self._node = node
+        self._kept: deque[tuple[Payload, int, int]] = deque()
         self._size = 0
 
-    def add(self, sample: Sample, size: int) -> None:
-        """Keep a sample of `size` bytes, and forget older ones for it; all of them for one that is too large.
+    def add(self, payload: Payload, stamp_ns: int) -> None:
+        """Keep a message that was published at that time, and forget older ones for it; all of them for one
+        that is too large.
 
         To keep one is to copy it out of its receive buffer, which large streams must not pay for.
         """
+        size = payload.kept_size
         if size > _MOST_BYTES:
-            self._samples.clear()
+            self._kept.clear()
             self._size = 0
             return
-        self._samples.append((sample.detach(), size))
+        kept = self._kept
+        kept.append((payload.detach(), stamp_ns, size))
         self._size += size
-        while len(self._samples) > _MOST_SAMPLES or self._size > _MOST_BYTES:
-            self._size -= self._samples.popleft()[1]
+        while len(kept) > _MOST_SAMPLES or self._size > _MOST_BYTES:
+            self._size -= kept.popleft()[2]
 
     def samples(self) -> tuple[Sample, ...]:
         """What is kept, oldest first."""
-        return tuple(sample for sample, _ in self._samples)
+        return tuple(
+            Sample(self._topic, payload, stamp_ns, self._node) for payload, stamp_ns, _ in self._kept
+        )
