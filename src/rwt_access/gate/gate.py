@@ -395,9 +395,7 @@ class Gate:
                 self.guarded(info.name, info.type)
         for topic in tuple(self._topics.values()):
             if topic.is_stopped:
-                if topic.lease is not None:
-                    topic.lease.lose(None, "lost by the emergency stop")
-                topic.halt()
+                topic.emergency_stop()
         self._cancel_goals()
         if self.is_observing:
             self.stopped_by = ""  # It refuses nothing.

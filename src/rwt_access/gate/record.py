@@ -125,7 +125,7 @@ class Recorder:
             who = "the robot" if client is None else str(client)
             self._audit.write(
                 logging.WARNING if decision in ("stop", "would refuse") else logging.INFO,
-                "gate: %s: %s %s by %s: %s", decision, act, name, who, one_line(text),
+                "gate: %s: %s by %s: %s", decision, f"{act} {name}".rstrip(), who, one_line(text),
             )  # fmt: skip
 
     def _write(self, decision: str, act: str, name: str, client: Actor | None, text: str, rule: str) -> None:

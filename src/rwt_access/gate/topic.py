@@ -265,6 +265,13 @@ class GuardedTopic:
             self.halt()
         shared.leases_changed()
 
+    def emergency_stop(self) -> None:
+        """Stop, and let nobody hold the lease."""
+        if self.lease is None or self.lease.holder is None or self._shared.is_observing:
+            self.halt()
+        else:
+            self.lease.lose(None, "lost by the emergency stop")  # Which halts.
+
     def halt(self) -> None:
         """Publish the stop message now, and again until the robot's own time-out is past."""
         if self._publisher is None or self.fault:
