@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 
 import pytest
 
 from rwt import Settings
+from rwt_access.errors import GateRefused, QuotaExceeded
 from rwt_access.roles import Role
 from rwt_access.settings import RoleSettings
 from rwt_bridge.bridge import Bridge
@@ -117,22 +117,29 @@ def test_the_outcome_is_that_of_reading_in_full(name: str, latch: bool) -> None:
     assert quick == full
 
 
-def test_what_a_publisher_raises_is_answered(
-    graph: MemoryGraph, client: Client, connect: Callable[[], Client]
-) -> None:
+@pytest.mark.parametrize(
+    ("error", "answered"),
+    [
+        (RuntimeError("the network is gone"), "internal error"),
+        (QuotaExceeded("too many bytes are kept"), "publish: too many bytes are kept"),
+        (GateRefused("/t is stopped"), "publish: /t is stopped"),
+    ],
+    ids=["what is no refusal", "a quota", "the gate"],
+)
+def test_what_a_publisher_raises_is_answered(client: Client, error: Exception, answered: str) -> None:
     client.say("set_level", level="error")
     client.say("advertise", topic="/t", type="std_msgs/Int32")
     client.say_raw(GOOD)
     (publisher,) = client.peer.topics._publishers.values()
 
     def fail(payload: object) -> None:
-        raise RuntimeError("the network is gone")
+        raise error
 
     publisher.publish = fail  # type: ignore[method-assign]  # as a backend's may fail
     client.heard()
     client.say_raw(GOOD)
     (answer,) = client.heard()
-    assert (answer["level"], answer["id"], answer["msg"]) == ("error", "1", "internal error")
+    assert (answer["level"], answer["id"], answer["msg"]) == ("error", "1", answered)
 
 
 def test_a_role_that_may_not_publish_any_more_is_refused(graph: MemoryGraph, client: Client) -> None:
