@@ -17,7 +17,21 @@ _MOST_QUESTIONS: Final = 256
 
 
 @dataclass(frozen=True, slots=True)
-class _Question:
+class Question:
+    """One question, with those of the same act that have had their yes.
+
+    Attributes:
+        text: what is asked.
+        allowed: what was asked before, and allowed.
+    """
+
+    text: str
+    allowed: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    question: Question
     owner: str
     digest: bytes
     until: float
@@ -31,12 +45,15 @@ class Questions:
     """
 
     def __init__(self) -> None:
-        self._waiting: dict[str, _Question] = {}
+        self._waiting: dict[str, _Asked] = {}
 
-    def ask(self, owner: str, tool: str, arguments: Mapping[str, object], now: float) -> str:
+    def ask(
+        self, question: Question, owner: str, tool: str, arguments: Mapping[str, object], now: float
+    ) -> str:
         """Note a question; returns the word under which its answer comes.
 
         Args:
+            question: see there.
             owner: who wants to act.
             tool: with which tool.
             arguments: of the tool.
@@ -45,18 +62,18 @@ class Questions:
         while len(self._waiting) >= _MOST_QUESTIONS:
             del self._waiting[next(iter(self._waiting))]
         word = secrets.token_urlsafe(24)
-        self._waiting[word] = _Question(owner, _digest(tool, arguments), now + _ANSWER_SECONDS)
+        self._waiting[word] = _Asked(question, owner, _digest(tool, arguments), now + _ANSWER_SECONDS)
         return word
 
-    def answered(self, word: str, owner: str, tool: str, arguments: Mapping[str, object], now: float) -> bool:
-        """Whether an answer is for a question that was asked just so; arguments as of :meth:`ask`."""
+    def answered(
+        self, word: str, owner: str, tool: str, arguments: Mapping[str, object], now: float
+    ) -> Question | None:
+        """The question that an answer is for; None where none was asked just so. Arguments as of
+        :meth:`ask`."""
         asked = self._waiting.pop(word, None)
-        return (
-            asked is not None
-            and asked.owner == owner
-            and asked.digest == _digest(tool, arguments)
-            and now <= asked.until
-        )
+        if asked is None or asked.owner != owner or now > asked.until:
+            return None
+        return asked.question if asked.digest == _digest(tool, arguments) else None
 
 
 def _digest(tool: str, arguments: Mapping[str, object]) -> bytes:

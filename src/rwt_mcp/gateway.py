@@ -22,6 +22,7 @@ from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 
 from rwt_access.audit import LineRate, one_line
+from rwt_access.gate.rules import pattern
 from rwt_delivery.shared_graph import SharedGraph
 from rwt_mcp.agent import Agent
 from rwt_mcp.approvals import Questions
@@ -51,6 +52,8 @@ if TYPE_CHECKING:
 
     from rwt_access.access import Access
     from rwt_access.client_graph import ClientGraph
+    from rwt_access.gate.approvals import Approval
+    from rwt_access.gate.gate import Gate
     from rwt_access.gateway import AcceptPeer
     from rwt_access.graph_view import GraphView
     from rwt_access.roles import Role
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
     from rwt_mcp.agent import Act
     from rwt_mcp.content.answer import Answer
     from rwt_mcp.recordings import Recordings
+    from rwt_mcp.server import Allow
     from rwt_mcp.settings import McpSettings
 
 logger = logging.getLogger(__name__)
@@ -70,6 +74,9 @@ NODE: Final = "/mcp"
 
 #: Seconds that a publisher of an agent outlives it, as those of rosbridge's clients do.
 _LINGER_SECONDS: Final = 10.0
+
+#: Seconds by which a yes holds for longer than what it is for, so that the robot can be stopped at the end.
+_STOP_SECONDS: Final = 2.0
 
 #: Threads in which pictures and long texts are made at a time.
 _THREADS: Final = 4
@@ -302,14 +309,20 @@ class McpGateway:
     # -- what the server of the SDK asks ---------------------------------------------------------------------
 
     @asynccontextmanager
-    async def agent(self, context: ServerRequestContext[Any, Any]) -> AsyncIterator[Agent]:
+    async def agent(
+        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
+    ) -> AsyncIterator[Agent]:
         """Whoever sent a request, until its answer is there or nobody hears it any more."""
         caller = _caller_of(context)
         running = sum(len(each.clients) for each in self._callers)
         if running >= self._settings.requests:
             raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
-        client = self._access.client(self._shared, caller.role, caller.info.address)
-        robot = GraphRobot(client)
+        name = f"mcp:{_name_of(context)}"
+        client = self._access.client(self._shared, caller.role, caller.info.address, name)
+        gate, leave = self._access.gate, None
+        if gate is not None and allow is not None:
+            leave = partial(self._ask_for_leave, gate, client, caller, allow)
+        robot = GraphRobot(client, leave)
         caller.clients.add(client)
         with anyio.CancelScope() as scope:
             caller.at_end.append(scope.cancel)
@@ -333,6 +346,28 @@ class McpGateway:
         if scope.cancelled_caught:
             raise ToolError("the request was given up: nobody heard its answer any more")
 
+    async def _ask_for_leave(
+        self, gate: Gate, client: ClientGraph, caller: _Caller, allow: Allow, seconds: float
+    ) -> bool:
+        """Ask the person at an agent's program for what waits for a yes at the gate, where the role may
+        answer such requests; where it may not, others have to."""
+        given = False
+        while (asked := _asked_by(gate, client)) is not None:
+            settings = asked.rule.settings.approval
+            if settings is None or pattern(settings.roles).fullmatch(caller.role.name) is None:
+                return given
+            try:
+                await allow(caller.owner, f"{asked.act} {asked.name}: {asked.content} ({asked.rule.key})")
+            except ToolError:
+                if _asked_by(gate, client) is asked:
+                    gate.approvals.answer(asked.id, approve=False, by=None)
+                raise
+            if _asked_by(gate, client) is asked:
+                lasting = min(seconds + _STOP_SECONDS, settings.remember_seconds) if seconds else 0.0
+                gate.approvals.answer(asked.id, approve=True, by=None, seconds=lasting)
+                given = True
+        return given
+
     async def _in_thread(self, client: ClientGraph, work: Callable[[], Answer]) -> Answer:
         def timed() -> tuple[Answer, float]:
             began = time.thread_time()
@@ -349,11 +384,8 @@ class McpGateway:
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
         """Write into the audit what an agent does."""
         caller = _caller_of(context)
-        params = context.session.client_params
-        name = "an agent" if params is None else f"the agent {params.client_info.name}"
-        line = self._log_rate.admit(
-            one_line(f"{name} ({caller.role.name}, {caller.info.address}): {text}"), time.monotonic()
-        )
+        said = f"the agent {_name_of(context)} ({caller.role.name}, {caller.info.address}): {text}"
+        line = self._log_rate.admit(one_line(said), time.monotonic())
         if line is not None:
             self._access.audit.write(logging.INFO if acts else logging.DEBUG, "%s", line)
 
@@ -398,6 +430,17 @@ def _caller_of(context: ServerRequestContext[Any, Any]) -> _Caller:
     assert context.request is not None  # Everything here comes by HTTP.
     caller: _Caller = context.request.scope[_CALLER]
     return caller
+
+
+def _name_of(context: ServerRequestContext[Any, Any]) -> str:
+    """What an agent's program calls itself, cut; it may be anything."""
+    params = context.session.client_params
+    return "unnamed" if params is None else one_line(params.client_info.name[:60]) or "unnamed"
+
+
+def _asked_by(gate: Gate, client: ClientGraph) -> Approval | None:
+    """The oldest of what waits for a yes to a client."""
+    return next((each for each in gate.approvals.pending if each.client.name == client.gate_name), None)
 
 
 def _acts(role: Role) -> frozenset[Act]:

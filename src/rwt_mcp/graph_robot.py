@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -43,6 +43,12 @@ logger = logging.getLogger(__name__)
 _ROSAPI = "/rosapi"
 _ANSWER_SECONDS = 5.0
 
+#: Seconds beyond a call's own time-out, which the graph keeps, in which a person may have said yes.
+_GRACE_SECONDS = 0.5
+
+#: Seconds in which a goal is taken, or a person's yes given.
+_ACCEPT_SECONDS = 30.0
+
 
 class GraphRobot(Robot):
     """A robot in this process, as one client may see it: each verb is one of :class:`ClientGraph`, so roles,
@@ -50,10 +56,14 @@ class GraphRobot(Robot):
 
     Args:
         graph: the client's.
+        ask_for_leave: see :meth:`pass_gate`; None where no gate is.
     """
 
-    def __init__(self, graph: ClientGraph) -> None:
+    def __init__(
+        self, graph: ClientGraph, ask_for_leave: Callable[[float], Awaitable[bool]] | None = None
+    ) -> None:
         self._graph = graph
+        self._ask_for_leave = ask_for_leave
         self._tf: Transforms | None = None
         self.params = RosapiParameters(self._ask)
 
@@ -131,7 +141,9 @@ class GraphRobot(Robot):
         except ProviderNotFound as error:
             meant = did_you_mean(resolve(service), (each.name for each in self._graph.services()))
             raise ProviderNotFound(f"{error}{meant}") from None
-        return await answer.wait()
+        await self.pass_gate()
+        late = f"{service} has not answered, or nobody has given the yes that the gate wants,"
+        return await answer.get(seconds + _GRACE_SECONDS, late, clock.within)
 
     async def _ask(self, question: str, request: Mapping[str, object]) -> dict[str, Any]:
         answer = await self._answer(f"{_ROSAPI}/{question}", request, _ANSWER_SECONDS)
@@ -147,11 +159,22 @@ class GraphRobot(Robot):
         except ProviderNotFound as error:
             meant = did_you_mean(resolve(action), (each.name for each in self._graph.actions()))
             raise ProviderNotFound(f"{error}{meant}") from None
-        await sent.accepted.wait()
+        try:
+            await self.pass_gate()
+            late = (
+                f"{action} has not taken the goal, or nobody has given the yes that the robot's gate wants,"
+            )
+            await sent.accepted.get(_ACCEPT_SECONDS, late, self._graph.clock.within)
+        except BaseException:
+            sent.cancel()
+            raise
         return sent
 
     def cancel_goal(self, goal: Goal) -> None:  # noqa: D102 - inherited
         self._graph.cancel_goal(goal.action, goal.id)
+
+    async def pass_gate(self, seconds: float = 0.0) -> bool:  # noqa: D102 - inherited
+        return self._ask_for_leave is not None and await self._ask_for_leave(seconds)
 
     async def time_ns(self) -> int:  # noqa: D102 - inherited
         return self._graph.clock.time_ns()
@@ -234,6 +257,16 @@ class _SentGoal(Goal):
         events = GoalEvents(self._on_result, self._on_feedback_payload, partial(self.accepted.set, None))
         self._goal = self._graph.send_goal(self.action, lambda type: to_payload(type.goal, goal, now), events)
         self.id = self._goal.id
+
+    @property
+    def status(self) -> GoalStatus:
+        """The last state that the server reported."""
+        return self._status if self.done or self._goal is None else self._goal.status
+
+    def cancel(self) -> None:
+        """Ask the server to cancel; a goal that waits for a yes is not sent."""
+        if self._goal is not None and not self.done:
+            self._goal.cancel()
 
     def _on_feedback_payload(self, feedback: Payload) -> None:
         try:

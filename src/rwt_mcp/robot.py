@@ -89,6 +89,20 @@ class Robot(Protocol):
     def cancel_goal(self, goal: Goal) -> None:
         """Ask that a goal end early, which was sent through this robot or another of the same way."""
 
+    async def pass_gate(self, seconds: float = 0.0) -> bool:
+        """Have a person asked for the yes that the robot's gate wants for what was just tried, where the
+        person at the agent's program may give it.
+
+        Args:
+            seconds: for how long it should hold, if the gate allows that.
+
+        Returns:
+            Whether one was given. Where others have to give it, none is.
+
+        Raises:
+            ToolError: the person says no, or cannot be asked.
+        """
+
     async def time_ns(self) -> int:
         """The robot's time, nanoseconds since the epoch."""
 

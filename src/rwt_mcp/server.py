@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import base64
 import logging
+from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import mcp_types as types
 from mcp.server.lowlevel import Server
 from mcp.shared.exceptions import MCPError
-from mcp_types.version import MODERN_PROTOCOL_VERSIONS
 
 from rwt_access.errors import AccessError
 from rwt_mcp.content.answer import Part, Picture, as_text
 from rwt_mcp.errors import AnswerNeeded, ToolError
 from rwt_mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, read_resource
 from rwt_mcp.metered import Metered
+from rwt_mcp.person import Person, asked
 from rwt_mcp.tools import TOOLS
 from rwt_program.errors import RobotError
 
@@ -33,16 +34,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: Under this key a question is asked and its answer comes.
-_KEY: Final = "leave"
-
-_FORM: Final[types.ElicitRequestedSchema] = {
-    "type": "object",
-    "properties": {
-        "allow": {"type": "boolean", "title": "Allow this", "description": "whether the robot may do it now"}
-    },
-    "required": ["allow"],
-}
+Allow = Callable[[str, str], Awaitable[None]]
+"""Asks a person whether the agent of some owner may do something; raises where the answer is no."""
 
 
 class Host(Protocol):
@@ -50,8 +43,9 @@ class Host(Protocol):
 
     questions: Questions
 
-    def agent(self, context: Context) -> AbstractAsyncContextManager[Agent]:
-        """Whoever sent a request, for as long as it is worked on. Raises :exc:`ToolError` to refuse it."""
+    def agent(self, context: Context, allow: Allow | None = None) -> AbstractAsyncContextManager[Agent]:
+        """Whoever sent a request, for as long as it is worked on; `allow` asks the person at its program.
+        Raises :exc:`ToolError` to refuse it."""
 
     def asks_about(self, name: str) -> bool:
         """Whether a person is asked before something is done to what has that name."""
@@ -108,22 +102,20 @@ class _Handlers:
             raise MCPError(types.INVALID_PARAMS, f"there is no tool {params.name[:100]!r}: see tools/list")
         said = f"{tool.name} {as_text(given)}"
         self._host.note(context, said, acts=tool.act is not None)
+        person = Person(context, params, self._host.questions, self._host.monotonic())
         try:
-            async with self._host.agent(context) as agent:
+            async with self._host.agent(context, person.allow) as agent:
                 if not tool.is_offered_to(agent):
                     raise ToolError(_not_offered(tool, agent))
-                asked = replace(
+                heard = replace(
                     agent,
-                    confirm=partial(self._confirm, context, params, agent.owner),
+                    confirm=partial(self._confirm, context, person, agent.owner),
                     report_progress=context.session.report_progress,
                 )
-                answer = await Metered(tool(asked, given), agent.charge)
+                answer = await Metered(tool(heard, given), agent.charge)
         except AnswerNeeded as needed:
             self._host.count(tool.name, "asked")
-            question = types.ElicitRequest(
-                params=types.ElicitRequestFormParams(message=needed.question, requested_schema=_FORM)
-            )
-            return types.InputRequiredResult(input_requests={_KEY: question}, request_state=needed.key)
+            return asked(needed)
         except (ToolError, RobotError, AccessError) as error:
             self._host.count(tool.name, "refused")
             self._host.note(context, f"{tool.name}: refused: {error}", acts=tool.act is not None)
@@ -136,41 +128,12 @@ class _Handlers:
         return types.CallToolResult(content=[_content(part) for part in answer])
 
     async def _confirm(
-        self,
-        context: Context,
-        params: types.CallToolRequestParams,
-        owner: str,
-        act: Act,
-        name: str,
-        what: str,
+        self, context: Context, person: Person, owner: str, act: Act, name: str, what: str
     ) -> None:
-        """Ask the person at the agent's program, unless that is not wanted; the model sees nothing of it."""
-        if not self._host.asks_about(name):
-            return
-        _require_form(context)
-        question = f"May the agent {what[:2000]}?"
-        if context.protocol_version in MODERN_PROTOCOL_VERSIONS:
-            answer = self._answer(params, owner, question)
-        else:
-            answer = await context.session.elicit_form(question, _FORM, context.request_id)
-        if answer.action != "accept" or (answer.content or {}).get("allow") is not True:
-            raise ToolError("the person did not allow it: ask what they want instead, and do not try again")
-        self._host.note(context, f"{params.name} {name}: the person allowed it", acts=True)
-
-    def _answer(self, params: types.CallToolRequestParams, owner: str, question: str) -> types.ElicitResult:
-        """The answer that came with a request that is sent again (specification of 2026-07-28).
-
-        Raises:
-            AnswerNeeded: there is none, or it is for something else.
-        """
-        questions, arguments = self._host.questions, params.arguments or {}
-        now = self._host.monotonic()
-        answer = (params.input_responses or {}).get(_KEY)
-        word = params.request_state
-        fits = word is not None and questions.answered(word, owner, params.name, arguments, now)
-        if fits and isinstance(answer, types.ElicitResult):
-            return answer
-        raise AnswerNeeded(question, questions.ask(owner, params.name, arguments, now))
+        """Ask the person at the agent's program, where the settings want that."""
+        if self._host.asks_about(name):
+            await person.allow(owner, what)
+            self._host.note(context, f"{act} {name}: the person allowed it", acts=True)
 
     async def list_resources(
         self, context: Context, params: types.PaginatedRequestParams | None
@@ -260,17 +223,6 @@ def _not_offered(tool: Tool[Any], agent: Agent) -> str:
         f"this agent may only look: {tool.name} needs a role with `{tool.act}`. A person can change that:"
         f" {agent.how_to_act}. Tell them; there is no other way."
     )
-
-
-def _require_form(context: Context) -> None:
-    """Refuse an agent whose program cannot ask a person."""
-    capabilities = context.session.client_capabilities
-    asks = None if capabilities is None else capabilities.elicitation
-    if asks is None or (asks.form is None and asks.url is not None):
-        raise ToolError(
-            "a person has to allow this (mcp.confirm), and this program cannot ask one: it has to support"
-            " elicitation with forms. Tell the person; there is no other way."
-        )
 
 
 def _described(tool: Tool[Any]) -> types.Tool:

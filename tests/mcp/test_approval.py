@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import anyio
 import pytest
 from mcp_types import CallToolResult, ElicitRequestFormParams, ElicitResult, InputRequiredResult
 
-from rwt_mcp.approvals import Questions
-from tests.mcp.agents import Era, agent_at, agent_of_connection, done, refused, url_of
+from rwt import Settings
+from rwt_client import connect
+from rwt_mcp.approvals import Question, Questions
+from tests.mcp.agents import Era, agent_at, agent_of_connection, done, refused, until, url_of
 from tests.mcp.robots import small_robot
 
 pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
@@ -43,7 +46,7 @@ NO = (
 
 
 @pytest.mark.parametrize("era", ERAS)
-async def test_a_yes_is_for_one_act(era: Era) -> None:
+async def test_a_givenis_for_one_act(era: Era) -> None:
     person = yes()
     async with (
         small_robot(**ASKED) as (server, robot),
@@ -62,7 +65,7 @@ async def test_a_yes_is_for_one_act(era: Era) -> None:
 
 @pytest.mark.parametrize("era", ERAS)
 @pytest.mark.parametrize("answer", NO, ids=["decline", "cancel", "accept without leave"])
-async def test_without_a_yes_nothing_happens(era: Era, answer: ElicitResult) -> None:
+async def test_without_a_givennothing_happens(era: Era, answer: ElicitResult) -> None:
     person = Person(answer)
     async with small_robot(**ASKED) as (server, robot):
         async with agent_at(url_of(server), era, elicitation_callback=person.ask) as agent:
@@ -76,11 +79,11 @@ async def test_a_program_that_cannot_ask_is_refused(era: Era) -> None:
     async with small_robot(**ASKED) as (server, robot):
         async with agent_at(url_of(server), era) as agent:
             text = await refused(agent, "publish", **DRIVE)
-            assert "this program cannot ask" in text and "mcp.confirm" in text
+            assert "this program cannot ask" in text
         assert robot.heard == []
 
 
-async def test_a_yes_cannot_be_used_again_or_for_something_else() -> None:
+async def test_a_givencannot_be_used_again_or_for_something_else() -> None:
     async with small_robot(**ASKED) as (server, robot):
         async with agent_at(url_of(server), elicitation_callback=yes().ask) as agent:
             first = await agent.session.call_tool("publish", DRIVE, allow_input_required=True)
@@ -131,12 +134,99 @@ async def test_an_answer_is_for_what_was_asked(
     owner: str, tool: str, arguments: dict[str, object], after: float, fits: bool
 ) -> None:
     questions = Questions()
-    word = questions.ask("me", "publish", {"a": 1, "b": 2}, 0.0)
-    assert questions.answered(word, owner, tool, arguments, after) is fits
-    assert not questions.answered(word, "me", "publish", {"a": 1, "b": 2}, 0.0)
+    question = Question("May it?", frozenset({"May it what?"}))
+    word = questions.ask(question, "me", "publish", {"a": 1, "b": 2}, 0.0)
+    found = questions.answered(word, owner, tool, arguments, after)
+    assert found == (question if fits else None)
+    assert questions.answered(word, "me", "publish", {"a": 1, "b": 2}, 0.0) is None
 
 
 async def test_questions_without_answers_are_bounded() -> None:
-    questions = Questions()
-    words = [questions.ask("me", "publish", {}, 0.0) for _ in range(1000)]
-    assert [questions.answered(word, "me", "publish", {}, 0.0) for word in words].count(True) == 256
+    questions, question = Questions(), Question("May it?", frozenset())
+    words = [questions.ask(question, "me", "publish", {}, 0.0) for _ in range(1000)]
+    assert [questions.answered(word, "me", "publish", {}, 0.0) for word in words].count(question) == 256
+
+
+GATED: dict[str, Any] = {
+    "gateways": ["mcp"],
+    "auth": {
+        "default_role": "viewer",
+        "tokens": {
+            "pilot": {"token": "the-token-of-a-pilot", "role": "pilot"},
+            "trainee": {"token": "the-token-of-a-trainee", "role": "trainee"},
+        },
+    },
+    "roles": {
+        name: {"subscribe": ["*"], "publish": ["/cmd_vel"], "call": ["/add"], "goals": ["/count"]}
+        for name in ("pilot", "trainee")
+    },
+    "mcp": {"confirm": ["/add"]},
+    "gate": {
+        "rules": {
+            "asked": {
+                "topics": ["/cmd_vel"],
+                "services": ["/add"],
+                "actions": ["/count"],
+                "approval": {"roles": ["pilot"], "seconds": 20, "remember_seconds": 60},
+            }
+        }
+    },
+}
+
+
+@pytest.mark.parametrize("era", ERAS)
+async def test_the_person_gives_the_giventhat_the_gate_wants(era: Era) -> None:
+    person = yes()
+    async with (
+        small_robot(Settings.model_validate(GATED)) as (server, robot),
+        agent_at(url_of(server), era, "the-token-of-a-pilot", elicitation_callback=person.ask) as agent,
+    ):
+        await done(agent, "publish", **DRIVE, seconds=0.4)
+        assert set(robot.heard) == {0.5, 0.0} and len(robot.heard) > 2
+        assert len(person.questions) == 1 and "gate.rules.asked" in person.questions[0]
+        ended = await done(agent, "send_goal", action="/count", goal={"order": 2})
+        assert ended.startswith("the goal succeeded") and len(person.questions) == 2
+        # Once for mcp.confirm, and once for the gate.
+        assert await done(agent, "call_service", service="/add", request={"a": 1, "b": 2}) == '{"sum":3}'
+        assert len(person.questions) == 4
+
+
+@pytest.mark.parametrize("era", ERAS)
+async def test_without_the_giventhat_the_gate_wants_nothing_happens(era: Era) -> None:
+    for options in ({}, {"elicitation_callback": Person(NO[0]).ask}):
+        async with (
+            small_robot(Settings.model_validate(GATED)) as (server, robot),
+            agent_at(url_of(server), era, "the-token-of-a-pilot", **options) as agent,
+        ):
+            expected = "did not allow it" if options else "this program cannot ask one"
+            assert expected in await refused(agent, "publish", **DRIVE, seconds=0.2)
+            assert expected in await refused(agent, "send_goal", action="/count", goal={"order": 2})
+            assert robot.heard == [] and not robot.begun.is_set()
+
+
+async def test_where_others_give_the_giventhe_agent_waits_for_it() -> None:
+    person = yes()
+    async with (
+        small_robot(Settings.model_validate(GATED)) as (server, robot),
+        agent_at(url_of(server), token="the-token-of-a-trainee", elicitation_callback=person.ask) as agent,
+        connect(server.urls[0], headers={"Authorization": "Bearer the-token-of-a-pilot"}) as pilot,
+    ):
+        asked: list[Any] = []
+
+        def answer(message: Any) -> None:
+            asked.extend(message.approvals)
+
+        await pilot.subscribe("/gate/approvals", answer, "rwt_gate_msgs/Approvals")
+        async with anyio.create_task_group() as tasks:
+            ended: list[str] = []
+
+            async def count() -> None:
+                ended.append(await done(agent, "send_goal", action="/count", goal={"order": 2}))
+
+            tasks.start_soon(count)
+            await until(lambda: bool(asked))
+            assert not robot.begun.is_set() and "mcp:" in asked[0].client
+            given = {"id": asked[0].id, "approve": True}
+            await pilot.call("/gate/approve", given, "rwt_gate_msgs/Approve")
+        assert ended[0].startswith("the goal succeeded") and person.questions == []
+        assert "publish" in await refused(agent, "publish", **DRIVE)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import Field
 
+from rwt_access.errors import AccessError
 from rwt_mcp.content.answer import Answer, as_text
 from rwt_mcp.errors import ToolError
 from rwt_mcp.tools.tool import Arguments, Name, Seconds, Tool
@@ -53,8 +54,8 @@ async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
         "publish", asked.topic, f"publish {as_text(asked.message)} on {asked.topic}{for_long}"
     )
     async with agent.robot.advertise(asked.topic, type) as publisher:
+        await _publish_first(agent, publisher, asked)
         if not seconds:
-            publisher.publish(asked.message)
             return (f"published one message on {publisher.name}",)
         count = await _publish_for(agent, publisher, asked, seconds, stop)
     ending = "" if stop is None else f", and at the end {as_text(stop) if stop else 'zeros'}"
@@ -73,13 +74,24 @@ async def _message_type(agent: Agent, asked: PublishArguments) -> str:
         raise ToolError(f"{error}; for a topic of your own give its `type`") from None
 
 
+async def _publish_first(agent: Agent, publisher: Publisher, asked: PublishArguments) -> None:
+    """Publish one message, once more where the gate wants a person's yes, and it was given."""
+    try:
+        publisher.publish(asked.message)
+    except AccessError:
+        if not await agent.robot.pass_gate(asked.seconds):
+            raise
+        publisher.publish(asked.message)
+
+
 async def _publish_for(
     agent: Agent, publisher: Publisher, asked: PublishArguments, seconds: float, stop: dict[str, Any] | None
 ) -> int:
-    """Publish again and again; whatever ends it, the stop message is the last."""
+    """Publish again and again, after the first time; whatever ends it, the stop message is the last."""
     robot = agent.robot
-    began, count, told = robot.monotonic(), 0, 0
+    began, count, told = robot.monotonic(), 1, 0
     try:
+        await robot.sleep(min(1 / asked.rate, seconds))
         while (gone := robot.monotonic() - began) < seconds:
             publisher.publish(asked.message)
             count += 1

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rwt_client import Robot
     from rwt_mcp.agent import Act, Agent
     from rwt_mcp.content.answer import Answer
+    from rwt_mcp.server import Allow
     from rwt_mcp.settings import McpSettings
 
 _EXAMPLES: Final = """\
@@ -115,7 +116,9 @@ class CommandHost:
         self._recordings = None if settings.recordings is None else RecordingFolder(settings.recordings)
 
     @asynccontextmanager
-    async def agent(self, context: ServerRequestContext[Any, Any]) -> AsyncIterator[Agent]:
+    async def agent(
+        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
+    ) -> AsyncIterator[Agent]:
         """The one that there is."""
         from rwt_mcp.agent import Agent
 

@@ -79,6 +79,9 @@ class RemoteRobot(Robot):
     def cancel_goal(self, goal: Goal) -> None:  # noqa: D102 - inherited
         goal.cancel()
 
+    async def pass_gate(self, seconds: float = 0.0) -> bool:  # noqa: D102 - inherited
+        return False  # Its server asks whoever may give it.
+
     async def time_ns(self) -> int:  # noqa: D102 - inherited
         return await self._connection.time_ns()
 
