@@ -6,7 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from tests.fuzz import admission_targets, gate_targets, interface_targets, protocol_targets, wire_targets
+from tests.fuzz import (
+    admission_targets,
+    agent_targets,
+    gate_targets,
+    interface_targets,
+    protocol_targets,
+    wire_targets,
+)
 
 Target = Callable[[bytes], None]
 
@@ -32,6 +39,7 @@ TARGETS: Mapping[str, Target] = {
         interface_targets.names,
         admission_targets.admission,
         admission_targets.settings,
+        agent_targets.agent,
         gate_targets.gate,
     )
 }

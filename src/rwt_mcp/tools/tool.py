@@ -71,10 +71,11 @@ class Tool(Generic[A]):
         try:
             checked = self.arguments.model_validate(arguments)
         except ValidationError as error:
-            raise ToolError(self._complaint(error)) from None
+            raise ToolError(self.complaint(error)) from None
         return await self.run(agent, checked)
 
-    def _complaint(self, error: ValidationError) -> str:
+    def complaint(self, error: ValidationError) -> str:
+        """What is wrong with arguments, for the agent."""
         said = []
         for each in error.errors(include_url=False, include_context=False)[:5]:
             where = ".".join(map(str, each["loc"]))[:100] or "arguments"
