@@ -10,7 +10,7 @@ from rwt.pages import routes
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError
 from rwt_access.tls import client_tls
-from rwt_transports.http import HttpExtension, Proxies
+from rwt_transports.http import HttpExtension, Proxies, Route
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import dial
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from rwt_access.gateway import AcceptPeer
     from rwt_access.graph_view import GraphView
     from rwt_bridge.bridge import Bridge
-    from rwt_nodes.video import WebVideoServer
     from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
     from rwt_transports.api import Listener
     from rwt_transports.asgi import AsgiListener, AsgiMount
@@ -53,7 +52,7 @@ class Doors:
         limits: the bounds that the transports keep.
         addresses: how many connections each address has.
         peers: what takes in clients over WebRTC, where there is such a thing.
-        video: what encodes the pictures that they watch.
+        media: the routes by which they send and get pictures.
     """
 
     def __init__(
@@ -81,7 +80,7 @@ class Doors:
         self._proxies = Proxies(settings.proxies)
         self.addresses = AddressCount(self.limits.connections_per_address, self._proxies)
         self.peers: Peers | None = None
-        self.video: WebVideoServer | None = None
+        self.media: tuple[Route[GraphView], ...] = ()
 
     def listen(self, url: str) -> AbstractAsyncContextManager[Listener]:
         """Accept clients on `url` within the block; raises what :func:`~rwt_transports.listener.listen`
@@ -167,11 +166,7 @@ class Doors:
         if self.peers is not None:
             from rwt_transports.webrtc.signalling import data_routes  # An extra that few need.
 
-            yield HttpExtension(data_routes(self.peers, self._accept(url)))
-            if self.video is not None:
-                from rwt_webrtc import video_routes
-
-                yield HttpExtension(video_routes(self.peers, self.video))
+            yield HttpExtension((*data_routes(self.peers, self._accept(url)), *self.media))
 
 
 def _with_mounts(accept: Accept, mounts: Iterable[AsgiMount]) -> Accept:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import anyio
 
@@ -33,7 +33,7 @@ from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
 from rwt.settings.sources import with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
-from rwt.webrtc import webrtc_peers
+from rwt.webrtc import media_routes, webrtc_media, webrtc_peers
 from rwt_access.access import Access
 from rwt_access.audit import bounded_log
 from rwt_access.origins import is_loopback_listener
@@ -76,12 +76,19 @@ Main = Callable[["Server"], Awaitable[object]] | Callable[["BlockingNode"], obje
 """A robot's own program: a coroutine function on the server's event loop, or a plain function beside it."""
 
 
+class HasRoles(Protocol):
+    """What has clients whose roles may change while the server runs."""
+
+    def reload_roles(self) -> None:
+        """Give each client the role that the settings give it now, and end what that does not allow."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Running:
     """What there is of a server only while it runs."""
 
     bridge: Bridge
-    gateways: tuple[Gateway, ...]
+    gateways: tuple[HasRoles, ...]
     metrics: ServerMetrics
     listeners: tuple[Listener, ...]
     tls: SSLContext | None
@@ -417,13 +424,18 @@ class Server:
         if self._worker is None:
             stack.callback(Heartbeat(graph.clock).close)
         stack.enter_context(bounded_log())
+        reloaded: list[HasRoles] = [*gateways]
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
         mounts = [await stack.enter_async_context(mount.running()) for mount in self._make_mounts()]
         doors = Doors(settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts)
         if settings.webrtc.enabled:
             peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses)
+            # They have ended when what they publish on leaves the graph.
+            incoming = webrtc_media(graph, access, settings.unregister_timeout, stack)
             doors.peers = await stack.enter_async_context(peers)
-            doors.video = ready.video
+            doors.media = media_routes(doors.peers, ready.video, incoming)
+            if incoming is not None:
+                reloaded.append(incoming)
             metrics.include(doors.peers.metrics)
         listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
         if self._worker is None or self._worker.number == 1:
@@ -437,7 +449,7 @@ class Server:
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
         self._warn_of_strangers(access, listeners)
-        return _Running(bridge, tuple(gateways), metrics, tuple(listeners), tls, stack.pop_all())
+        return _Running(bridge, tuple(reloaded), metrics, tuple(listeners), tls, stack.pop_all())
 
     def _start_gateways(
         self, access: Access, http: Sequence[HttpExtension], stack: AsyncExitStack

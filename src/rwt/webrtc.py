@@ -11,10 +11,17 @@ from rwt_access.settings import SettingsError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
+    from contextlib import AsyncExitStack
 
     from rwt.settings.webrtc import WebRtcSettings
+    from rwt_access.access import Access
+    from rwt_access.graph_view import GraphView
+    from rwt_graph.api import Graph
+    from rwt_nodes.video import WebVideoServer
+    from rwt_transports.http import Route
     from rwt_transports.limits import AddressCount, Limits
     from rwt_transports.webrtc.signalling import Peers
+    from rwt_webrtc import IncomingMedia
 
 
 @asynccontextmanager
@@ -66,3 +73,32 @@ async def webrtc_peers(
     bounds = PeerBounds(settings.peers, settings.handshakes)
     async with open_peers(terms, bounds, IceServers(source).find) as peers:
         yield peers
+
+
+def webrtc_media(graph: Graph, access: Access, linger: float, stack: AsyncExitStack) -> IncomingMedia | None:
+    """What publishes the cameras of clients until `stack` is closed; None where aiortc is not installed, of
+    which :func:`webrtc_peers` complains."""
+    try:
+        from rwt_webrtc import IncomingMedia  # An extra that few need.
+    except ImportError:
+        return None
+    incoming = IncomingMedia(graph, access, linger)
+    stack.callback(incoming.close)
+    return incoming
+
+
+def media_routes(
+    peers: Peers, video: WebVideoServer | None, incoming: IncomingMedia | None
+) -> tuple[Route[GraphView], ...]:
+    """The routes by which peers get and send pictures.
+
+    Args:
+        peers: that are accepted.
+        video: what encodes pictures; None where the settings name no such node.
+        incoming: what publishes the cameras of clients.
+    """
+    from rwt_webrtc import video_routes
+
+    shown = () if video is None else video_routes(peers, video)
+    taken = () if incoming is None else incoming.routes(peers)
+    return (*shown, *taken)

@@ -97,6 +97,7 @@ class Peer:
         self._association: Association | None = None
         self._ending: asyncio.Task[None] | None = None
         self._deadline: asyncio.TimerHandle | None = None
+        self._when_ended: list[Callable[[], None]] = []
         self.ufrag = ""
         self.largest = 0
         self.connected = False
@@ -243,6 +244,12 @@ class Peer:
             logger.info("a peer of %s has ended: %s", self._address or "?", reason)
             self._ending = asyncio.get_running_loop().create_task(self._end())
             self._on_closed(self)
+            for callback in self._when_ended:
+                callback()
+
+    def when_ended(self, callback: Callable[[], None]) -> None:
+        """Call `callback` once, when it has ended."""
+        self._when_ended.append(callback)
 
     async def close(self, code: int = GOING_AWAY, reason: str = "the server is going away") -> None:
         """Close its connections, then itself. A channel that is closed is no error for the other side, where
