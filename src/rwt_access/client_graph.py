@@ -538,11 +538,7 @@ class ClientGraph(GraphView):
         def send(goal_id: str, payload: Payload) -> ClientGoal:
             self.role.require("goals", name)  # It may have waited, and the role be another.
 
-            def on_gated_result(status: GoalStatus, outcome: Payload | CallFailed) -> None:
-                gate.goal_ended(name, goal_id)
-                on_result(status, outcome)
-
-            heard = replace(events, on_result=on_gated_result)
+            heard = replace(events, on_result=on_result)
             return self._shared.participant.send_goal(name, payload, heard, goal_id)
 
         return gate.send_goal(name, needed, payload, send, partial(on_result, GoalStatus.UNKNOWN))

@@ -370,6 +370,10 @@ class Participant(ABC):
         """Ask to cancel a goal of any client by its id. An unknown id is no error (ACT-07)."""
 
     @abstractmethod
+    def cancel_every_goal(self, action: str) -> None:
+        """Ask to cancel the goals of an action, whoever sent them. An unknown action is no error."""
+
+    @abstractmethod
     def close(self) -> None:
         """Close everything that this node created, and leave the graph.
 

@@ -402,24 +402,16 @@ class ClientGate:
         if gate.recorder.keeps_all and not needed:
             gate.recorder.note("allowed", "goal", action, self._actor)
 
-        def start(payload: Payload) -> ClientGoal:
-            gate.goal_runs(action, goal_id)
-            return send(goal_id, payload)
-
         if not needed:
-            return start(goal)
+            return send(goal_id, goal)
         kept = goal.detach()
         waiting = WaitingGoal(goal_id, action, refused)
 
         def ask(approval: Approval) -> None:
             waiting.asked = approval
 
-        self._ask(needed, kept, ask, lambda: waiting.send(lambda _: start(kept)), waiting.refuse)
+        self._ask(needed, kept, ask, lambda: waiting.send(lambda id: send(id, kept)), waiting.refuse)
         return waiting
-
-    def goal_ended(self, action: str, goal_id: str) -> None:
-        """A goal has its result."""
-        self._gate.goal_ended(action, goal_id)
 
     def _ask(
         self,

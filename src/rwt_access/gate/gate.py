@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from rwt_access.errors import GateRefused
@@ -87,7 +86,6 @@ class Gate:
         self._count = 0
         self._topics: dict[str, GuardedTopic] = {}
         self._checks: dict[tuple[Rule, MessageType], FieldChecks | str] = {}
-        self._goals: dict[tuple[str, str], None] = {}
         try:
             self._check_rules()
         except BaseException:
@@ -276,14 +274,6 @@ class Gate:
             self._checks[rule, type] = checks
         return checks
 
-    def goal_runs(self, action: str, goal_id: str) -> None:
-        """A client's goal was sent."""
-        self._goals[action, goal_id] = None
-
-    def goal_ended(self, action: str, goal_id: str) -> None:
-        """A client's goal has its result."""
-        self._goals.pop((action, goal_id), None)
-
     # Leases
 
     def leased(self, actor: Actor | None, name: str) -> GuardedTopic:
@@ -425,30 +415,25 @@ class Gate:
 
     def _cancel_goals(self) -> None:
         """Cancel the goals of every action that the stop is for, whoever sent them."""
-        for action, goal_id in tuple(self._goals):
-            if self._stops("goal", action):
-                self.participant.cancel_goal(action, goal_id)
         for info in self._graph.actions():
             if self._stops("goal", info.name):
-                self._cancel_all(info.name)
+                self.participant.cancel_every_goal(info.name)
+        for topic in self._graph.topics():
+            # An action of ROS 1 that the graph knows by its topics alone.
+            action, _, part = topic.name.rpartition("/")
+            if topic.type is None or (part, topic.type.name) != ("cancel", "actionlib_msgs/GoalID"):
+                continue
+            if self._stops("goal", action):
+                self._publish_once(topic.name, topic.type)
 
     def _stops(self, act: GatedAct, name: str) -> bool:
         return any(rule.settings.emergency for rule in self.rules.of(act, name))
 
-    def _cancel_all(self, action: str) -> None:
-        """Cancel an action's goals, those of the robot's own programs too, as ROS does it."""
-        registry = self._graph.registry
-        if self._graph.distro.name == "noetic":
-            topic = self._graph.topic(f"{action}/cancel")
-            if topic is not None and topic.type is not None:
-                publisher = self.participant.advertise(topic.name, topic.type)
-                publisher.publish(Payload.from_value(topic.type, {}))
-                publisher.close()
-            return
-        request = Payload.from_value(registry.service("action_msgs/CancelGoal").request, {})
-        self.participant.call_service(
-            f"{action}/_action/cancel_goal", request, partial(_log_failure, action), timeout=5.0
-        )
+    def _publish_once(self, topic: str, type: MessageType) -> None:
+        """Publish a message of defaults."""
+        publisher = self.participant.advertise(topic, type)
+        publisher.publish(Payload.from_value(type, {}))
+        publisher.close()
 
     # Leaving
 
@@ -465,8 +450,3 @@ class Gate:
     def dropped_lines(self) -> int:
         """Lines of the audit that could not be written."""
         return 0 if self._file is None else self._file.dropped
-
-
-def _log_failure(action: str, outcome: object) -> None:
-    if isinstance(outcome, Exception):
-        logger.error("the goals of %s could not be cancelled: %s", action, outcome)

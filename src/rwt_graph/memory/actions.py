@@ -138,6 +138,10 @@ class RemoteActions(Protocol):
         """Ask another process to cancel a goal by its id."""
         ...
 
+    def cancel_every(self, action: str, client: NodeResources) -> None:
+        """Ask another process to cancel all goals of an action."""
+        ...
+
 
 class MemoryGoal(ServerGoal):
     """One goal as its server sees it, and the goal's state."""
@@ -462,6 +466,15 @@ class Actions:
             goal.request_cancel()
         elif server is None and self.remote is not None:
             self.remote.cancel(action, goal_id, client)
+
+    def cancel_every(self, action: str, client: NodeResources) -> None:
+        """Ask to cancel the goals of an action, whoever sent them."""
+        server = self._servers.get(action)
+        if server is not None:
+            for goal in tuple(server.goals.values()):
+                goal.request_cancel()
+        elif self.remote is not None:
+            self.remote.cancel_every(action, client)
 
     def info(self, name: str) -> ActionInfo | None:
         """A snapshot of one action."""

@@ -126,6 +126,10 @@ class MemoryParticipant(Participant):
         """Ask to cancel a goal of any client by its id."""
         self._graph.action_table.cancel(action, goal_id, self.owner)
 
+    def cancel_every_goal(self, action: str) -> None:
+        """Ask to cancel the goals of an action, whoever sent them."""
+        self._graph.action_table.cancel_every(action, self.owner)
+
     def close(self) -> None:
         """Close everything that this node created, and leave the graph."""
         if not self._closed:

@@ -172,6 +172,21 @@ async def test_another_client_cancels_by_id(harness: Harness, server: Server, di
     assert server.heard == ["cancel"]
 
 
+async def test_all_goals_of_an_action_are_cancelled_whoever_sent_them(
+    harness: Harness, server: Server, diary: GoalDiary
+) -> None:
+    for name in ("/c", "/d"):
+        harness.graph.participant(name).send_goal("/fib", harness.goal(), diary.events)
+    await harness.settle()
+    other = harness.graph.participant("/other")
+    other.cancel_every_goal("/nope")
+    await harness.settle()
+    assert server.heard == []
+    other.cancel_every_goal("/fib")
+    await harness.settle()
+    assert server.heard == ["cancel", "cancel"]
+
+
 @pytest.mark.parametrize("how", ["registration", "participant", "replaced"])
 async def test_goals_are_lost_with_their_server(
     harness: Harness, server: Server, diary: GoalDiary, how: str

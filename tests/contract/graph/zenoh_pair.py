@@ -75,6 +75,9 @@ class SplitParticipant(Participant):
     def cancel_goal(self, action: str, goal_id: str) -> None:
         self._consumer.cancel_goal(action, goal_id)
 
+    def cancel_every_goal(self, action: str) -> None:
+        self._consumer.cancel_every_goal(action)
+
     def close(self) -> None:
         self._consumer.close()
         self._provider.close()

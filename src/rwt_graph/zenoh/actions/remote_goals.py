@@ -78,6 +78,10 @@ class ZenohActions:
             return  # No goal's id: it would cancel every goal.
         self.ask_to_cancel(action, goal_id, client, lambda _: None)
 
+    def cancel_every(self, action: str, client: NodeResources) -> None:
+        """Ask to cancel all goals of an action, without waiting for the answer."""
+        self.ask_to_cancel(action, _EVERY_GOAL, client, lambda _: None)
+
     def ask_to_cancel(
         self,
         action: str,
