@@ -13,7 +13,7 @@ PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc paper load soak fuzz mutants conformance \
+.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc paper load soak schemathesis fuzz mutants conformance \
 client-grades clean
 
 $(BIN)/python:
@@ -68,6 +68,11 @@ test: lint types web unit
 firefox: $(STAMP)-dev $(BROWSER)/node_modules/.installed tests/browser/firefox/node_modules/.installed $(PAGE)
 	BROWSER=firefox LIBGL_ALWAYS_SOFTWARE=1 xvfb-run --auto-servernum --server-args '-screen 0 1600x1200x24' \
 		$(BIN)/pytest tests/browser $(ARGS)
+
+# Requests that schemathesis makes from the OpenAPI document of a robot.
+schemathesis: $(STAMP)-dev
+	$(BIN)/python -m pip install --quiet --group schemathesis
+	PYTHONPATH=. $(BIN)/python -m tests.http.against_schemathesis --max-examples 50
 
 # What to run all the time: about a minute.
 quick: $(STAMP)-dev

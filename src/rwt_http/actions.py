@@ -338,7 +338,11 @@ class Actions:
         Query(request)
         path = request.path.rstrip("/")
         if not path.endswith("/goals"):
-            raise HttpProblem("not-found", f"goals are sent to {path}/goals")
+            allowed = "GET, DELETE" if _GOAL.search(path) else "GET"
+            raise HttpProblem(
+                "method-not-allowed", f"nothing is sent to {path}", headers={"Allow": allowed},
+                instead="goals are sent to `/api/actions/NAME/goals`",
+            )  # fmt: skip
         action = _action_of(request, len(path) - len("/goals"))
         with self._clients.client_of(request, reader) as client:
             graph = client.graph
@@ -363,7 +367,11 @@ class Actions:
         Query(request)
         found = _GOAL.search(request.path.rstrip("/"))
         if found is None:
-            raise HttpProblem("not-found", f"{request.path} is no goal: only goals can be canceled")
+            allowed = "POST" if request.path.rstrip("/").endswith("/goals") else "GET"
+            raise HttpProblem(
+                "method-not-allowed", f"{request.path} is no goal: only goals can be canceled",
+                headers={"Allow": allowed},
+            )  # fmt: skip
         action = _action_of(request, found.start())
         with self._clients.client_of(request, reader) as client:
             client.graph.require("goals", action)

@@ -129,6 +129,7 @@ class _Description:
         *,
         query: Iterable[Schema] = (),
         body: Mapping[str, object] | None = None,
+        required: bool = False,
     ) -> Schema:
         operation: Schema = {
             "operationId": self._unused(id),
@@ -139,7 +140,7 @@ class _Description:
         if parameters := list(query):
             operation["parameters"] = parameters
         if body is not None:
-            operation["requestBody"] = {"content": _written(body), "required": True}
+            operation["requestBody"] = {"content": _written(body), "required": required}
         return operation
 
     def _unused(self, id: str) -> str:
@@ -166,9 +167,9 @@ class _Description:
                 _ok(self.schemas.reference(type)),
                 query=(
                     self._seconds("wait", "wait so many seconds for the next message"),
-                    _query("throttle", {"type": "number", "minimum": 0, "maximum": 3600},
+                    _query("throttle", {"type": "number", "minimum": 0, "maximum": topics.MOST_THROTTLE},
                            "of events: seconds between two at least"),
-                    _query("queue", {"type": "integer", "minimum": 1, "maximum": 10_000},
+                    _query("queue", {"type": "integer", "minimum": 1, "maximum": topics.MOST_EVENTS},
                            "of events: how many may wait for a slow reader"),
                 ),
             ) | {_EVENTS: True}  # fmt: skip
@@ -265,7 +266,7 @@ class _Description:
         if self._role.unrestricted or self._role.globs["set_param"]:
             changed = {"204": {"description": "it was set"}}
             item["put"] = self._operation(
-                "set_parameter", "parameters", "Set a parameter", changed, body=value
+                "set_parameter", "parameters", "Set a parameter", changed, body=value, required=True
             )
             removed = {"204": {"description": "it was removed"}}
             item["delete"] = self._operation("delete_parameter", "parameters", "Remove a parameter", removed)

@@ -53,6 +53,7 @@ KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
         ),
         "not-found": Kind(404, "Nothing of that name is here", "the lists above it name what there is"),
         "no-message": Kind(404, "No message is kept", "wait for the next one with `?wait=SECONDS`"),
+        "method-not-allowed": Kind(405, "Not possible here", "use one of the methods that `Allow` names"),
         "not-acceptable": Kind(406, "Not in a form that was asked for", "accept application/json"),
         "conflict": Kind(409, "In contradiction to what is here", "use the type and policies that are here"),
         "goal-rejected": Kind(409, "The goal was rejected", "send another, or send it later"),

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 Schema = dict[str, object]
 
+_SEXTET: Final = "[A-Za-z0-9+/]"
+
 INCOMING: Final = ".Input"
 """What the name of a type's schema ends in where fields may be left out: then they take their defaults."""
 
@@ -81,10 +83,7 @@ class Schemas:
             case field_types.Time():
                 return self._time(type, incoming=incoming)
             case field_types.Octets():
-                schema: Schema = {"type": "string", "contentEncoding": "base64"}
-                if type.length is not None:
-                    schema["minLength"] = schema["maxLength"] = (type.length + 2) // 3 * 4
-                return schema
+                return {"type": "string", "contentEncoding": "base64", "pattern": _base64(type.length)}
             case field_types.Message():
                 return self.reference(type.type, incoming=incoming)
             case field_types.Array():
@@ -106,12 +105,20 @@ class Schemas:
             schema: Schema = {
                 "type": "object",
                 "properties": {key: self._of(number, incoming=incoming) for key, number in numbers},
-                "additionalProperties": False,
             }
-            if not incoming:
+            if not incoming:  # Of a time that comes, what else it has is not looked at (JSN-05).
                 schema["required"] = list(type.keys)
+                schema["additionalProperties"] = False
             self.found[name] = schema
         return {"$ref": self._place + name}
+
+
+def _base64(length: int | None) -> str:
+    """What text of so many octets looks like in padded base64 (RFC 4648 section 4); None: of any number."""
+    if length is None:
+        return f"^({_SEXTET}{{4}})*({_SEXTET}{{2}}==|{_SEXTET}{{3}}=)?$"
+    rest = ("", "{2}==", "{3}=")[length % 3]
+    return f"^({_SEXTET}{{4}}){{{length // 3}}}{_SEXTET + rest if rest else ''}$"
 
 
 def document(message: MessageType) -> Schema:

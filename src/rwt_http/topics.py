@@ -39,7 +39,12 @@ WAIT_SECONDS: Final = 5.0
 _MARK: Final = object()
 """Under which a client of the gateway advertises what it publishes on."""
 
-_MOST_EVENTS: Final = 10_000
+MOST_THROTTLE: Final = 3600.0
+"""Seconds between two events at most."""
+
+MOST_EVENTS: Final = 10_000
+"""Events that may wait for a reader at most."""
+
 _EVENTS: Final = 100
 """Events that may wait for a reader that says nothing about it."""
 
@@ -80,8 +85,10 @@ class Topics:
         media = chosen(request, (JSON, CBOR, EVENTS))
         with self._clients.client_of(request, reader) as client:
             query = Query(request, ("wait", "type", "throttle", "queue"))
+            throttle = query.seconds("throttle", 0.0, MOST_THROTTLE)
+            depth = query.count("queue", _EVENTS, MOST_EVENTS)
             if media == EVENTS:
-                return self._events(request, client, name, query)
+                return self._events(request, client, name, query.text("type"), throttle, depth)
             longest = self._settings.wait_seconds
             seconds = query.seconds("wait", min(WAIT_SECONDS, longest), longest)
             if "wait" not in query or not seconds:
@@ -120,14 +127,22 @@ class Topics:
             publisher.counts.received_bytes += len(request.body)
         return HttpResponse(status=204)
 
-    def _events(self, request: HttpRequest, client: HttpClient, name: str, query: Query) -> HttpResponse:
+    def _events(
+        self,
+        request: HttpRequest,
+        client: HttpClient,
+        name: str,
+        type: str | None,
+        throttle: float,
+        depth: int,
+    ) -> HttpResponse:
         last = request.headers.get("last-event-id", "")
         stream = TopicEvents(
             client,
             name,
-            query.text("type"),
-            throttle=query.seconds("throttle", 0.0, 3600.0),
-            depth=query.count("queue", _EVENTS, _MOST_EVENTS),
+            type,
+            throttle=throttle,
+            depth=depth,
             most_bytes=self._settings.stream_bytes,
             log=self._log,
         )

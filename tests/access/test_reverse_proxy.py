@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from http.client import HTTPSConnection
 from pathlib import Path
 
+import httpx
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
@@ -170,3 +171,114 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         assert get(port, renewed, "/robot/healthz")[0] == 200
         assert [answers(client) for client in (first, second, other)] == [True] * 3
         assert process.poll() is None
+
+
+_AT_ROOT = """
+daemon off; pid {folder}/pid; error_log {folder}/error.log; worker_processes 1;
+events {{ }}
+http {{
+  access_log off;
+  client_body_temp_path {folder}/body; proxy_temp_path {folder}/proxy; fastcgi_temp_path {folder}/fastcgi;
+  uwsgi_temp_path {folder}/uwsgi; scgi_temp_path {folder}/scgi;
+  map $http_upgrade $connection_upgrade {{ default upgrade; "" ""; }}
+  server {{
+    listen 127.0.0.1:{port};
+    location / {{
+      proxy_pass {url};
+      proxy_http_version 1.1; proxy_buffering off;
+      proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection $connection_upgrade;
+      proxy_set_header Host $http_host;
+      proxy_set_header X-Forwarded-For $proxy_add_x_forwarded_for; proxy_set_header X-Forwarded-Proto $scheme;
+    }}
+  }}
+}}
+"""
+
+_CADDY_AT_ROOT = """
+{{
+  admin off
+  auto_https off
+  storage file_system {folder}/caddy
+}}
+http://127.0.0.1:{port} {{
+  reverse_proxy {address}
+}}
+"""
+
+_CADDY_BELOW = """
+{{
+  admin off
+  auto_https off
+  storage file_system {folder}/caddy
+}}
+http://127.0.0.1:{port} {{
+  handle_path /robot/* {{
+    reverse_proxy {address} {{
+      header_up X-Forwarded-Prefix /robot
+    }}
+  }}
+}}
+"""
+
+
+def _command(kind: str, folder: Path) -> list[str]:
+    name = kind.partition(" ")[0]
+    program = shutil.which(name, path="/usr/sbin:/usr/bin:/sbin:/usr/local/sbin:/usr/local/bin")
+    if program is None:
+        pytest.skip(f"{name} is not installed (Debian has it)")
+    file = str(folder / "config")
+    if name == "nginx":
+        return [program, "-p", str(folder), "-c", file]
+    return [program, "run", "--adapter", "caddyfile", "--config", file]
+
+
+@pytest.mark.parametrize(
+    ("kind", "config", "prefix"),
+    [
+        ("nginx", _AT_ROOT, ""),
+        ("caddy", _CADDY_AT_ROOT, ""),
+        ("caddy below a path", _CADDY_BELOW, "/robot"),
+    ],
+)
+def test_resources_events_and_websockets_through_a_proxy(
+    tmp_path: Path, kind: str, config: str, prefix: str
+) -> None:
+    server = Server("ws://127.0.0.1:0", web={"enabled": False}, proxies=["127.0.0.1"])
+    with server as robot:
+        robot.publish("/label", {"data": "it is here"}, "std_msgs/String", latch=True)
+        url = server.urls[0]
+        port = free_port()
+        address = url.removeprefix("ws://")
+        file = config.format(folder=tmp_path, port=port, url=f"http://{address}", address=address)
+        (tmp_path / "config").write_text(file)
+        with subprocess.Popen(
+            _command(kind, tmp_path), stderr=subprocess.PIPE, env={"HOME": str(tmp_path)}
+        ) as proxy:
+            try:
+                _use(f"127.0.0.1:{port}", prefix)
+            finally:
+                proxy.terminate()
+                proxy.communicate(timeout=20)
+
+
+def _use(address: str, prefix: str) -> None:
+    """Use a robot behind a proxy, as soon as it listens."""
+    until = time.monotonic() + 20
+    with httpx.Client(base_url=f"http://{address}", timeout=20, trust_env=False) as client:
+        while True:
+            try:
+                topics = client.get(f"{prefix}/api").json()["topics"]
+                break
+            except httpx.ConnectError:
+                if time.monotonic() > until:
+                    raise
+                time.sleep(0.05)
+        assert topics == f"{prefix}/api/topics"
+        assert client.get(f"{topics}/label").json() == {"data": "it is here"}
+        assert client.get(f"{prefix}/api/openapi.json").json()["servers"] == [{"url": prefix or "/"}]
+        accept = {"Accept": "text/event-stream"}
+        with client.stream("GET", f"{topics}/label", headers=accept) as answer:
+            lines = answer.iter_lines()
+            assert next(lines).startswith("id: ") and next(lines) == 'data: {"data":"it is here"}'
+    with connect(f"ws://{address}{prefix}/") as robot:
+        assert answers(robot)

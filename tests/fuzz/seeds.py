@@ -60,6 +60,7 @@ def seeds(name: str) -> Iterator[bytes]:
         "names": _names,
         "admission": _admissions,
         "settings": _settings,
+        "http_resources": _resources,
         "gate": _gates,
     }[name]()
 
@@ -238,3 +239,20 @@ def _gates() -> Iterator[bytes]:
         ({"linear.w": {"max": 1}}, "geometry_msgs/Twist", {}),
     ):  # fmt: skip
         yield "\n".join([json.dumps(limits), name, *map(json.dumps, messages)]).encode()
+
+
+def _resources() -> Iterator[bytes]:
+    yield b"GET /api/topics/label\nAccept: application/cbor;q=0.5, */*;q=0.1"
+    yield b"GET /api/topics/label?wait=0.001&throttle=1&queue=2\nAccept: text/event-stream\nLast-Event-ID: 12"
+    yield b'POST /api/topics/twist\nContent-Type: application/json\n\n{"linear": {"x": 1.5}}'
+    yield b"POST /api/topics/twist\nContent-Type: application/cbor\n\n\xa1flinear\xa1ax\xfb?\xf8" + bytes(6)
+    yield b'POST /api/topics/new%2Fone?type=std_msgs/String&latch=true\n\n{"data": "\xc3\xa9"}'
+    yield b'POST /api/services/add?timeout=0.01\n\n{"a": 1, "b": -2}'
+    yield b"PUT /api/parameters/robot:speed\n\n2.5"
+    yield b"PUT /api/parameters/free\nContent-Type: application/cbor\n\n\x82\x01\xfa" + bytes(4)
+    yield b"DELETE /api/parameters/free\nIf-None-Match: *"
+    yield b'POST /api/actions/none/goals\n\n{"order": 3}'
+    yield b"DELETE /api/actions/none/goals/" + b"0a" * 16
+    yield b"GET /api/openapi.json\nAccept: text/html"
+    yield b'GET /api/types/geometry_msgs/Twist\nIf-None-Match: W/"x", "y"'
+    yield b"GET /version"

@@ -10,6 +10,7 @@ from tests.fuzz import (
     admission_targets,
     agent_targets,
     gate_targets,
+    http_targets,
     interface_targets,
     protocol_targets,
     wire_targets,
@@ -40,6 +41,7 @@ TARGETS: Mapping[str, Target] = {
         admission_targets.admission,
         admission_targets.settings,
         agent_targets.agent,
+        http_targets.http_resources,
         gate_targets.gate,
     )
 }
