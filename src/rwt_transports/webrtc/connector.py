@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import http.client
 from functools import partial
 from typing import TYPE_CHECKING, Final, Never
@@ -45,9 +44,7 @@ class DataChannelConnector:
         """
         require_asyncio()
         limits = address.limits
-        ended = anyio.Event()
-        opened: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        # Attached within the callback that reports the channel: no message can come before.
+        ended, opened = anyio.Event(), anyio.Event()
         peer = Peer(
             PeerTerms(
                 limits, ReceiveBufferPool(2 * limits.message_bytes), AddressCount(), candidates=CANDIDATES
@@ -63,9 +60,9 @@ class DataChannelConnector:
         peer.prepare()
 
         def on_open() -> None:
+            # Within the callback that reports the channel: no message can come before.
             attach(peer.link(channel), address.host, address.port)
-            if not opened.done():
-                opened.set_result(None)
+            opened.set()
 
         channel.on("open", on_open)
         offer = await peer.describe()
@@ -74,7 +71,9 @@ class DataChannelConnector:
             await peer.take_description(read_description(answer), "answer")
         except BadDescription as error:
             raise ConnectError(f"{address} answers what cannot be used: {error}") from error
-        await opened
+        await opened.wait()
+        if peer.closed:
+            raise ConnectError(f"{address}: {peer.reason}")
 
 
 def require_asyncio() -> None:
@@ -88,10 +87,9 @@ def _refuse(sink: Sink, info: PeerInfo) -> Never:
     raise Refused(403, "this side opens the channels")
 
 
-def _closed(ended: anyio.Event, opened: asyncio.Future[None], peer: Peer) -> None:
+def _closed(ended: anyio.Event, opened: anyio.Event, peer: Peer) -> None:
     ended.set()
-    if not opened.done():
-        opened.set_exception(ConnectError(f"WebRTC: {peer.reason}"))
+    opened.set()
 
 
 async def _hold(peer: Peer, ended: anyio.Event) -> None:
@@ -100,7 +98,7 @@ async def _hold(peer: Peer, ended: anyio.Event) -> None:
         await ended.wait()
     finally:
         with anyio.CancelScope(shield=True):
-            await peer.close()
+            await peer.close(1000, "closed by this side")
 
 
 def _post(address: RemoteAddress, offer: bytes) -> bytes:

@@ -8,6 +8,7 @@ settings name the servers.
 from __future__ import annotations
 
 import json
+import urllib.error
 import urllib.request
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -102,8 +103,14 @@ class IceServers:
 
 
 def _get(url: str) -> bytes:
-    with urllib.request.urlopen(url, timeout=SECONDS) as answer:  # The settings allow http and https alone.
-        body: bytes = answer.read(ANSWER_BYTES + 1)
+    try:
+        with urllib.request.urlopen(
+            url, timeout=SECONDS
+        ) as answer:  # The settings allow http and https alone.
+            body: bytes = answer.read(ANSWER_BYTES + 1)
+    except urllib.error.HTTPError as error:
+        with error:
+            raise OSError(f"it answers with HTTP status {error.code}") from None
     return body
 
 
