@@ -56,6 +56,25 @@ class InterfaceModule(ModuleType):
         return found
 
 
+#: What stands in the module of an interface beside it.
+_PARTS = {
+    "msg": (),
+    "srv": ("Request", "Response", "Event"),
+    "action": (
+        "Goal",
+        "Result",
+        "Feedback",
+        "FeedbackMessage",
+        "SendGoal",
+        "SendGoal_Request",
+        "SendGoal_Response",
+        "GetResult",
+        "GetResult_Request",
+        "GetResult_Response",
+    ),
+}
+
+
 def _interface(package: str, kind: str, name: str) -> type:
     known = classes()
     full = f"{package}/{name}"
@@ -117,7 +136,8 @@ class _Interfaces(Loader):
         module = ModuleType(spec.name)
         for name in _names(package, rest[0]):
             if module_of(name) == rest[1]:
-                setattr(module, name, _interface(package, rest[0], name))
+                for part in (name, *(f"{name}_{part}" for part in _PARTS[rest[0]])):
+                    setattr(module, part, _interface(package, rest[0], part))
         return module
 
     def exec_module(self, module: ModuleType) -> None:

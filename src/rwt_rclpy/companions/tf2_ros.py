@@ -1,0 +1,396 @@
+"""`tf2_ros` and `tf2_py`: transforms over time, on this project's own buffer."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from rwt_rclpy.clocks import timekeeper
+from rwt_rclpy.clocks.duration import Duration
+from rwt_rclpy.clocks.time import Time
+from rwt_rclpy.endpoints.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rwt_rclpy.execution.task import Future
+from rwt_rclpy.messages.loaded import classes, message_class
+from rwt_tf2 import Buffer as Frames
+from rwt_tf2.errors import ConnectivityError as NoChain
+from rwt_tf2.errors import ExtrapolationError as OutOfReach
+from rwt_tf2.errors import InvalidTransform, LookupFailed
+from rwt_tf2.feed import Feed
+from rwt_tf2.messages import read_transform, stamp_ns
+from rwt_tf2.transform import StampedTransform
+
+if TYPE_CHECKING:
+    from rwt_rclpy.nodes.node import Node
+
+
+class TransformException(Exception):  # tf2's name
+    """Base of what tf2 raises."""
+
+
+class LookupException(TransformException):
+    """A frame is not known."""
+
+
+class ConnectivityException(LookupException):
+    """Two frames belong to different trees."""
+
+
+class ExtrapolationException(LookupException):
+    """The time that was asked for is outside of what is known."""
+
+
+class InvalidArgumentException(TransformException):
+    """A transform or a frame that cannot be."""
+
+
+class TimeoutException(TransformException):
+    """It did not come in time."""
+
+
+class TypeException(Exception):  # tf2_ros's name
+    """No transformation is registered for this type."""
+
+
+class NotImplementedException(Exception):
+    """The buffer cannot do this."""
+
+
+def _ns(time: Any) -> int:
+    return time.nanoseconds if isinstance(time, Time) else stamp_ns(time)
+
+
+class TransformRegistration:
+    """Functions that transform messages, by their class; `tf2_geometry_msgs` adds some."""
+
+    _functions: dict[type, Callable[[Any, Any], Any]] = {}  # noqa: RUF012 - it is one for all
+
+    def add(self, key: type, callback: Callable[[Any, Any], Any]) -> None:
+        """Add the function of a class."""
+        self._functions[key] = callback
+
+    def get(self, key: type) -> Callable[[Any, Any], Any]:
+        """The function of a class. Raises TypeException, which says what to import."""
+        try:
+            return self._functions[key]
+        except KeyError:
+            raise TypeException(f"Type {key} is not loaded or supported: import tf2_geometry_msgs") from None
+
+
+class BufferInterface:
+    """What can be asked of a buffer."""
+
+    def __init__(self) -> None:
+        self.registration = TransformRegistration()
+
+    def transform(
+        self, object_stamped: Any, target_frame: str, timeout: Duration | None = None, new_type: Any = None
+    ) -> Any:
+        """A stamped message in another frame.
+
+        Raises:
+            TypeException: messages of its class cannot be transformed.
+            LookupException: where the frames are is not known.
+        """
+        do_transform = self.registration.get(type(object_stamped))
+        header = object_stamped.header
+        found = self.lookup_transform(target_frame, header.frame_id, Time.from_msg(header.stamp), timeout)
+        return do_transform(object_stamped, found)
+
+    def lookup_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Duration | None = None
+    ) -> Any:
+        """Where one frame is in another."""
+        raise NotImplementedException
+
+
+class Buffer(BufferInterface):
+    """Transforms of the last seconds.
+
+    Args:
+        cache_time: for how long they are kept; ten seconds by default.
+        node: offers `tf2_frames` where it is given.
+    """
+
+    def __init__(
+        self, cache_time: Duration | None = None, node: Node | None = None, qos: QoSProfile | None = None
+    ) -> None:
+        super().__init__()
+        self._frames = Frames(10_000_000_000 if cache_time is None else cache_time.nanoseconds)
+        self._feed = Feed(self._frames)
+        self._keeper = timekeeper.current()
+        self._condition = self._keeper.condition()
+        self._waiting: list[tuple[Future, Callable[[], bool], Callable[[], Any]]] = []
+        self._lock = threading.RLock()
+        if node is not None:
+            service = classes().service("tf2_msgs/FrameGraph")
+            self.frame_server = node.create_service(service, "tf2_frames", self._answer_frames)
+
+    def _answer_frames(self, request: Any, response: Any) -> Any:
+        response.frame_yaml = self.all_frames_as_yaml()
+        return response
+
+    # Filling
+
+    def set_transform(self, transform: Any, authority: str) -> None:
+        """Keep a `geometry_msgs/TransformStamped`. Raises InvalidArgumentException."""
+        self._put(transform, static=False)
+
+    def set_transform_static(self, transform: Any, authority: str) -> None:
+        """Keep one that holds for all times. Raises InvalidArgumentException."""
+        self._put(transform, static=True)
+
+    def _put(self, transform: Any, *, static: bool) -> None:
+        try:
+            with self._lock:
+                self._frames.set_transform(read_transform(transform), static=static)
+        except InvalidTransform as error:
+            raise InvalidArgumentException(str(error)) from None
+        self._new_data()
+
+    def take(self, message: Any, *, static: bool) -> None:
+        """Take a message of `/tf` or `/tf_static`; what is wrong with it is logged."""
+        with self._lock:
+            self._feed.take(message, static=static)
+        self._new_data()
+
+    def clear(self) -> None:
+        """Forget what moves."""
+        with self._lock:
+            self._frames.clear()
+
+    def _new_data(self) -> None:
+        with self._condition:
+            self._condition.notify_all()
+        for entry in tuple(self._waiting):
+            future, ready, answer = entry
+            if ready():
+                self._waiting.remove(entry)
+                future.set_result(answer())
+
+    # Asking
+
+    def can_transform(
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: Any,
+        timeout: Duration | None = None,
+        return_debug_tuple: bool = False,
+    ) -> Any:
+        """Whether a transform is known, waiting for it at most so long."""
+        self._wait(lambda: bool(self._verdict(target_frame, source_frame, time)), timeout)
+        verdict = self._verdict(target_frame, source_frame, time)
+        return (bool(verdict), verdict.reason) if return_debug_tuple else bool(verdict)
+
+    def _verdict(self, target: str, source: str, time: Any) -> Any:
+        with self._lock:
+            return self._frames.can_transform(target, source, _ns(time))
+
+    def _wait(self, ready: Callable[[], bool], timeout: Duration | None) -> None:
+        if timeout is None or timeout.nanoseconds <= 0 or ready():
+            return
+        deadline = self._keeper.steady_ns() + timeout.nanoseconds
+        with self._condition:
+            while not ready() and self._keeper.steady_ns() < deadline:
+                self._keeper.wait(self._condition, deadline)
+
+    def lookup_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Duration | None = None
+    ) -> Any:
+        """Where `source_frame` is in `target_frame`, as `geometry_msgs/TransformStamped`.
+
+        Args:
+            time: of which moment; `Time()` for the latest that is known.
+            timeout: how long to wait for it; a spin in another thread brings it.
+
+        Raises:
+            LookupException: a frame is not known.
+            ConnectivityException: nothing joins the two.
+            ExtrapolationException: not of that time.
+        """
+        self._wait(lambda: bool(self._verdict(target_frame, source_frame, time)), timeout)
+        with self._lock, _as_tf2():
+            return _message(self._frames.lookup_transform(target_frame, source_frame, _ns(time)))
+
+    def lookup_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Duration | None = None,
+    ) -> Any:
+        """Where `source_frame` was at one time in `target_frame` at another, over a frame that stays.
+
+        Raises:
+            LookupException: as :meth:`lookup_transform`.
+        """
+        arguments = (target_frame, _ns(target_time), source_frame, _ns(source_time), fixed_frame)
+        self._wait(lambda: bool(self._frames.can_transform_full(*arguments)), timeout)
+        with self._lock, _as_tf2():
+            return _message(self._frames.lookup_transform_full(*arguments))
+
+    def can_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Duration | None = None,
+        return_debug_tuple: bool = False,
+    ) -> Any:
+        """Whether :meth:`lookup_transform_full` has an answer."""
+        arguments = (target_frame, _ns(target_time), source_frame, _ns(source_time), fixed_frame)
+        self._wait(lambda: bool(self._frames.can_transform_full(*arguments)), timeout)
+        with self._lock:
+            verdict = self._frames.can_transform_full(*arguments)
+        return (bool(verdict), verdict.reason) if return_debug_tuple else bool(verdict)
+
+    def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Future:
+        """A future that is done as soon as the transform is known."""
+        future = Future()
+
+        def ready() -> bool:
+            return bool(self._verdict(target_frame, source_frame, time))
+
+        if ready():
+            future.set_result(True)
+        else:
+            self._waiting.append((future, ready, lambda: True))
+        return future
+
+    async def lookup_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Any:
+        """:meth:`lookup_transform` in a coroutine."""
+        await self.wait_for_transform_async(target_frame, source_frame, time)
+        return self.lookup_transform(target_frame, source_frame, time)
+
+    def get_latest_common_time(self, source_frame: str, dest_frame: str) -> Time:
+        """The latest time of which both are known. Raises LookupException."""
+        with self._lock, _as_tf2():
+            return Time(nanoseconds=self._frames.latest_common_time(dest_frame, source_frame))
+
+    def all_frames_as_yaml(self) -> str:
+        """Every frame, as YAML."""
+        with self._lock:
+            return self._frames.all_frames_as_yaml()
+
+    def all_frames_as_string(self) -> str:
+        """Every frame, for people."""
+        with self._lock:
+            return self._frames.tree()
+
+
+BufferCore = Buffer
+
+
+class _as_tf2:
+    """Raises tf2's exceptions for the buffer's."""
+
+    def __enter__(self) -> None:
+        """Nothing to prepare."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, NoChain):
+            raise ConnectivityException(str(error)) from None
+        if isinstance(error, OutOfReach):
+            raise ExtrapolationException(str(error)) from None
+        if isinstance(error, LookupFailed):
+            raise LookupException(str(error)) from None
+
+
+def _message(stamped: StampedTransform) -> Any:
+    message: Any = message_class("geometry_msgs/TransformStamped")()
+    message.header.stamp = Time(nanoseconds=max(0, stamped.stamp_ns)).to_msg()
+    message.header.frame_id = stamped.parent
+    message.child_frame_id = stamped.child
+    moved, turned = message.transform.translation, message.transform.rotation
+    moved.x, moved.y, moved.z = map(float, stamped.transform.translation)
+    turned.x, turned.y, turned.z, turned.w = map(float, stamped.transform.rotation)
+    return message
+
+
+_STATIC = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_STATIC_HISTORY = QoSProfile(
+    depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL, history=HistoryPolicy.KEEP_LAST
+)
+
+
+class TransformListener:
+    """Fills a buffer from `/tf` and `/tf_static`.
+
+    Args:
+        buffer: what is filled.
+        node: subscribes.
+        spin_thread: whether a thread of its own spins the node.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        node: Node,
+        *,
+        spin_thread: bool = False,
+        qos: QoSProfile | int = 100,
+        static_qos: QoSProfile = _STATIC_HISTORY,
+        tf_topic: str = "/tf",
+        tf_static_topic: str = "/tf_static",
+    ) -> None:
+        from rwt_rclpy.execution.callback_groups import ReentrantCallbackGroup
+
+        self.buffer = buffer
+        self.node = node
+        self.group = ReentrantCallbackGroup()
+        message = message_class("tf2_msgs/TFMessage")
+        self.tf_sub = node.create_subscription(
+            message, tf_topic, lambda each: buffer.take(each, static=False), qos, callback_group=self.group
+        )
+        self.tf_static_sub = node.create_subscription(
+            message,
+            tf_static_topic,
+            lambda each: buffer.take(each, static=True),
+            static_qos,
+            callback_group=self.group,
+        )
+        if spin_thread:
+            from rwt_rclpy.execution.executors import SingleThreadedExecutor
+
+            self.executor = SingleThreadedExecutor(context=node.context)
+            self.executor.add_node(node)
+            self.dedicated_listener_thread = threading.Thread(target=self.executor.spin, daemon=True)
+            self.dedicated_listener_thread.start()
+
+    def unregister(self) -> None:
+        """Fill it no more."""
+        if hasattr(self, "executor"):
+            self.executor.shutdown()
+        self.node.destroy_subscription(self.tf_sub)
+        self.node.destroy_subscription(self.tf_static_sub)
+
+
+class TransformBroadcaster:
+    """Publishes on `/tf`."""
+
+    def __init__(self, node: Node, qos: QoSProfile | int = 100) -> None:
+        self.pub_tf = node.create_publisher(message_class("tf2_msgs/TFMessage"), "/tf", qos)
+
+    def sendTransform(self, transform: Any) -> None:  # tf2_ros's name
+        """Publish one `geometry_msgs/TransformStamped`, or several."""
+        transforms = list(transform) if isinstance(transform, (list, tuple)) else [transform]
+        self.pub_tf.publish(message_class("tf2_msgs/TFMessage")(transforms=transforms))
+
+
+class StaticTransformBroadcaster:
+    """Publishes on `/tf_static`, where late listeners get all that was sent."""
+
+    def __init__(self, node: Node, qos: QoSProfile | None = None) -> None:
+        self.pub_tf = node.create_publisher(message_class("tf2_msgs/TFMessage"), "/tf_static", qos or _STATIC)
+        self._sent: dict[str, Any] = {}
+
+    def sendTransform(self, transform: Any) -> None:  # tf2_ros's name
+        """Publish one `geometry_msgs/TransformStamped`, or several, with all before them."""
+        for each in transform if isinstance(transform, (list, tuple)) else [transform]:
+            self._sent[each.child_frame_id] = each
+        self.pub_tf.publish(message_class("tf2_msgs/TFMessage")(transforms=list(self._sent.values())))

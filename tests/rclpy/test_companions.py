@@ -1,0 +1,158 @@
+"""tf2_ros, message_filters, rosidl_runtime_py, sensor_msgs_py, cv_bridge and the index of packages."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from rwt_rclpy.companions import ament_index_python, cv_bridge, message_filters, rosidl_runtime_py
+from rwt_rclpy.companions import sensor_msgs_py as clouds
+from rwt_rclpy.messages.loaded import message_class
+
+if TYPE_CHECKING:
+    from rwt_rclpy.middleware.link import VirtualDomain
+
+
+def stamped(seconds: float) -> Any:
+    message: Any = message_class("geometry_msgs/PointStamped")()
+    message.header.stamp.sec = int(seconds)
+    message.header.stamp.nanosec = round((seconds % 1) * 1e9)
+    return message
+
+
+def test_transforms_travel_and_move_points(rclpy_graph: VirtualDomain) -> None:
+    import rclpy
+    import tf2_geometry_msgs  # noqa: F401 - it registers what points are transformed by
+    import tf2_ros
+
+    node = rclpy.create_node("frames")
+    buffer = tf2_ros.Buffer()
+    tf2_ros.TransformListener(buffer, node)
+    transform: Any = message_class("geometry_msgs/TransformStamped")()
+    transform.header.frame_id, transform.child_frame_id = "map", "base"
+    transform.transform.translation.x = 2.0
+    transform.transform.rotation.z = transform.transform.rotation.w = math.sqrt(0.5)
+    tf2_ros.StaticTransformBroadcaster(node).sendTransform(transform)
+    waiting = buffer.wait_for_transform_async("map", "base", rclpy.time.Time())
+    rclpy.spin_until_future_complete(node, waiting, timeout_sec=5.0)
+    assert waiting.done() and buffer.can_transform("map", "base", rclpy.time.Time())
+    point = stamped(0)
+    point.header.frame_id, point.point.x = "base", 1.0
+    moved = buffer.transform(point, "map")
+    assert (moved.header.frame_id, moved.point.x, moved.point.y) == (
+        "map",
+        pytest.approx(2.0),
+        pytest.approx(1.0),
+    )
+    with pytest.raises(tf2_ros.LookupException, match="nowhere"):
+        buffer.lookup_transform("map", "nowhere", rclpy.time.Time())
+
+
+def test_messages_of_the_same_time_come_together() -> None:
+    first, second = message_filters.SimpleFilter(), message_filters.SimpleFilter()
+    together: list[Any] = []
+    message_filters.TimeSynchronizer([first, second], 5).registerCallback(lambda *pair: together.append(pair))
+    for seconds in (1, 2, 3):
+        first.signalMessage(stamped(seconds))
+    second.signalMessage(stamped(2))
+    second.signalMessage(stamped(2.5))
+    assert [one.header.stamp.sec for one, _ in together] == [2] and len(together) == 1
+
+
+def test_messages_of_about_the_same_time_come_together() -> None:
+    first, second = message_filters.SimpleFilter(), message_filters.SimpleFilter()
+    together: list[Any] = []
+    synchronizer = message_filters.ApproximateTimeSynchronizer([first, second], 5, 0.1)
+    synchronizer.registerCallback(lambda *pair: together.append(pair))
+    first.signalMessage(stamped(1.0))
+    second.signalMessage(stamped(1.2))
+    second.signalMessage(stamped(1.05))
+    assert len(together) == 1 and together[0][1].header.stamp.nanosec == 50_000_000
+    with pytest.raises(ValueError, match="without a header"):
+        first.signalMessage(message_class("std_msgs/String")())
+
+
+def test_the_cache_finds_by_time() -> None:
+    from rwt_rclpy.clocks.time import Time
+
+    source = message_filters.SimpleFilter()
+    cache = message_filters.Cache(source, 2)
+    for seconds in (1, 2, 3):
+        source.signalMessage(stamped(seconds))
+    assert cache.getElemBeforeTime(Time(seconds=1.5)) is None
+    assert cache.getElemAfterTime(Time(seconds=1.5)).header.stamp.sec == 2
+    assert (
+        len(cache.getInterval(Time(seconds=2), Time(seconds=3))) == 2
+        and cache.getLast().header.stamp.sec == 3
+    )
+
+
+def test_messages_from_and_to_dictionaries() -> None:
+    twist: Any = message_class("geometry_msgs/Twist")()
+    rosidl_runtime_py.set_message_fields(twist, {"linear": {"x": 1}, "angular": [0, 0, 2]})
+    assert (twist.linear.x, twist.angular.z) == (1.0, 2.0)
+    assert rosidl_runtime_py.message_to_ordereddict(twist)["linear"] == {"x": 1.0, "y": 0.0, "z": 0.0}
+    assert rosidl_runtime_py.message_to_yaml(twist).startswith("linear:\n  x: 1.0\n")
+    assert rosidl_runtime_py.message_to_csv(twist) == "1.0,0.0,0.0,0.0,0.0,2.0"
+    with pytest.raises(AttributeError, match="no field 'up'"):
+        rosidl_runtime_py.set_message_fields(twist, {"up": 1})
+    path: Any = message_class("nav_msgs/Path")()
+    later = rosidl_runtime_py.set_message_fields(
+        path, {"header": "auto", "poses": [{"pose": {"position": {"x": 1}}}]}, expand_header_auto=True
+    )
+    later[0](message_class("builtin_interfaces/Time")(sec=5))
+    assert path.poses[0].pose.position.x == 1.0 and path.header.stamp.sec == 5
+
+
+def test_interfaces_by_name() -> None:
+    assert rosidl_runtime_py.get_message("std_msgs/msg/String") is message_class("std_msgs/String")
+    assert rosidl_runtime_py.is_service(rosidl_runtime_py.get_service("std_srvs/srv/SetBool"))
+    assert rosidl_runtime_py.is_action(rosidl_runtime_py.get_action("example_interfaces/action/Fibonacci"))
+    for wrong, error in (
+        ("String", ValueError),
+        ("std_msgs/msg/Strin", AttributeError),
+        ("no_msgs/msg/String", ModuleNotFoundError),
+    ):
+        with pytest.raises(error):
+            rosidl_runtime_py.get_interface(wrong)
+
+
+def test_clouds_as_arrays_and_back() -> None:
+    header = message_class("std_msgs/Header")(frame_id="lidar")
+    points = np.array([[1, 2, 3], [4, np.nan, 6]], np.float32)
+    cloud = clouds.create_cloud_xyz32(header, points)
+    assert (cloud.width, cloud.height, cloud.point_step) == (2, 1, 12)
+    assert np.array_equal(clouds.read_points_numpy(cloud), points, equal_nan=True)
+    assert (
+        clouds.read_points_list(cloud, ["x", "z"], skip_nans=True) == [(1.0, 3.0)]
+        or len(clouds.read_points(cloud, ["x", "y"], skip_nans=True)) == 1
+    )
+    with pytest.raises(AssertionError, match="no field w"):
+        clouds.read_points(cloud, ["w"])
+
+
+def test_images_as_arrays_and_back() -> None:
+    bridge = cv_bridge.CvBridge()
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    message = bridge.cv2_to_imgmsg(pixels, "bgr8")
+    assert (message.height, message.width, message.step) == (2, 4, 12)
+    assert np.array_equal(bridge.imgmsg_to_cv2(message), pixels)
+    assert np.array_equal(bridge.imgmsg_to_cv2(message, "rgb8"), pixels[..., ::-1])
+    depth = np.arange(8, dtype=np.uint16).reshape(2, 4)
+    assert np.array_equal(bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(depth)), depth)
+    with pytest.raises(cv_bridge.CvBridgeError):
+        bridge.imgmsg_to_cv2(message, "mono8")
+
+
+def test_packages_are_found_where_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "share/robot").mkdir(parents=True)
+    (tmp_path / "share/robot/package.xml").write_text("<package><name>robot</name></package>")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert ament_index_python.get_package_share_directory("robot") == str(tmp_path / "share/robot")
+    with pytest.raises(ament_index_python.PackageNotFoundError, match="no folder of package 'other'"):
+        ament_index_python.get_package_prefix("other")
