@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -169,6 +170,8 @@ class RosFinder(MetaPathFinder):
             return None
         installed = _installed(top)
         if installed is not None:
+            if not _has_interfaces(installed):
+                return None  # A package of programs that shares its name with one of interfaces.
             raise MixedInstallation(
                 f"the package {top} is installed at {installed.origin}, and rclpy is not: install or source"
                 " all of ROS, or take this folder off PYTHONPATH",
@@ -193,6 +196,12 @@ def _installed(name: str) -> ModuleSpec | None:
     except (ImportError, ValueError):
         return None
     return None if spec is None or spec.origin is None else spec
+
+
+def _has_interfaces(spec: ModuleSpec) -> bool:
+    """Whether an installed package has classes of messages, services or actions."""
+    folders = spec.submodule_search_locations or ()
+    return any((Path(folder) / kind).is_dir() for folder in folders for kind in KINDS)
 
 
 _finder = RosFinder()

@@ -73,6 +73,10 @@ _RCLPY: Final = {
 MODULES: Final = {
     **{f"rclpy.{name}" if name else "rclpy": f"{_HERE}.{place}" for name, place in _RCLPY.items()},
     "rosidl_parser": f"{_HERE}.messages.slot_types",
+    "rosidl_adapter": f"{_HERE}.companions.rosidl_adapter",
+    "rosidl_adapter.parser": f"{_HERE}.companions.rosidl_adapter",
+    "ros2node": f"{_HERE}.companions.ros2node",
+    "ros2node.api": f"{_HERE}.companions.ros2node",
     "rosidl_runtime_py": f"{_HERE}.companions.rosidl_runtime_py",
     "rosidl_runtime_py.convert": f"{_HERE}.companions.rosidl_runtime_py",
     "rosidl_runtime_py.set_message": f"{_HERE}.companions.rosidl_runtime_py",

@@ -91,7 +91,7 @@ def test_an_installed_ros_is_not_put_aside(tmp_path: Path) -> None:
 
 
 def test_half_a_ros_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "std_msgs").mkdir()
+    (tmp_path / "std_msgs/msg").mkdir(parents=True)
     (tmp_path / "std_msgs/__init__.py").write_text("")
     done = ran("-c", "import rwt_rclpy; rwt_rclpy.install(); import std_msgs.msg", cwd=tmp_path)
     assert "MixedInstallation" in done.stderr and "source all of ROS" in done.stderr.replace("\n", " ")

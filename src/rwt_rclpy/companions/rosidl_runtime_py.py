@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import array
+import tempfile
 from collections import OrderedDict
 from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -281,10 +284,31 @@ def _bare(found: dict[str, list[str]]) -> dict[str, list[str]]:
 
 
 def get_interface_path(interface_name: str) -> str:
-    """The file of an interface: there is none, the text is in the registry. Raises LookupError."""
-    raise LookupError(
-        f"{interface_name}: interfaces have no files here; `rwt interface show` prints their texts"
-    )
+    """A file with the text of an interface, which is removed when the program ends.
+
+    Raises:
+        LookupError: there is no such interface.
+    """
+    package, kind, name = interface_name.split("/")
+    known = classes().registry
+    full = f"{package}/{name}"
+    if kind == "srv":
+        service = known.service(full)
+        parts = [service.request, service.response]
+    elif kind == "action":
+        action = known.action(full)
+        parts = [action.goal, action.result, action.feedback]
+    else:
+        parts = [known.message(full)]
+    path = Path(_folder().name) / package / kind / f"{name}.{kind}"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n---\n".join(part.definition.text for part in parts), "utf-8")
+    return str(path)
+
+
+@cache
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="interfaces_")
 
 
 __path__: list[str] = []

@@ -159,7 +159,8 @@ class MessageClasses:
         if kind == "srv" or (kind == "action" and short.endswith(("_SendGoal", "_GetResult"))):
             with_parts = short.endswith(("_Request", "_Response", "_Event"))
             return self.message(short) if with_parts else self.service(short)
-        if kind == "action" and not short.endswith(("_Goal", "_Result", "_Feedback", "_FeedbackMessage")):
+        parts = ("_Goal", "_Result", "_Feedback", "_FeedbackMessage", "_Request", "_Response")
+        if kind == "action" and not short.endswith(parts):
             return self.action(short)
         return self.message(short)
 
