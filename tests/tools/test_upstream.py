@@ -138,9 +138,9 @@ def test_without_a_name_it_lists_what_there_is(capsys: pytest.CaptureFixture[str
 def test_every_client_that_was_tried_is_on_the_list_and_can_be_run_or_says_why() -> None:
     known = read_suites()
     assert known.keys() == {
-        "roslibjs", "roslibpy-ros1", "roslibpy-ros2", "rosbridge-suite", "rosbridge2cpp", "rosbridgecpp",
-        "java_rosbridge", "jrosbridge", "roslibgo", "rosbridge-net", "vizanti", "ffmpeg", "opencv",
-        "keyboardteleopjs", "nav2djs", "mjpegcanvasjs",
+        "roslibjs", "roslibpy-ros1", "roslibpy-ros2", "rosbridge-suite", "rosbridge-library", "rosbridge2cpp",
+        "rosbridgecpp", "java_rosbridge", "jrosbridge", "roslibgo", "rosbridge-net", "vizanti", "ffmpeg",
+        "opencv", "keyboardteleopjs", "nav2djs", "mjpegcanvasjs",
     }  # fmt: skip
     for suite in known.values():
         assert bool(suite.run) is not bool(suite.by_hand)

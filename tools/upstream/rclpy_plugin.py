@@ -1,4 +1,4 @@
-"""A pytest plugin that lets a suite import rclpy, with the folders of interfaces that ``RWT_INTERFACES`` names."""
+"""A pytest plugin that lets a suite import rclpy, with the interfaces that ``RWT_INTERFACES`` names."""
 
 from __future__ import annotations
 
