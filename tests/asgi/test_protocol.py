@@ -17,7 +17,7 @@ from rwt_transports.asgi.messages import (
     CLOSE,
     FRAMING,
     TEXT,
-    MessageCutter,
+    KindCutter,
     close_bytes,
     close_of,
 )
@@ -248,8 +248,8 @@ def test_messages_keep_their_boundaries_however_they_are_cut() -> None:
     assert data == b"".join(part for frame in frames for part in map(bytes, FRAMING.pieces(frame)))
     for size in (1, 3, 7, 2000):
         pieces = [data[at : at + size] for at in range(0, len(data), size)]
-        cutter = MessageCutter(lambda: pieces.pop(0) if pieces else None)  # noqa: B023 - used in this turn
+        cutter = KindCutter(lambda: pieces.pop(0) if pieces else None)  # noqa: B023 - used in this turn
         expected = [(TEXT, b"a"), (BINARY, b""), (BINARY, b"b" * 1000 + b"c")]
-        assert [cutter.next() for _ in range(4)] == [*expected, None]
+        assert [cutter.next_of_kind() for _ in range(4)] == [*expected, None]
     assert close_of(close_bytes(1001, "é" * 100))[1] == "é" * 61
     assert CLOSE not in (TEXT, BINARY)

@@ -6,7 +6,6 @@ outbox may join messages, and cut large ones, as for every other driver.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from struct import Struct
 from typing import Final
@@ -16,6 +15,7 @@ from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.whole_messages import MessageCutter
 
 HEADER: Final = Struct(">BI")
 """The kind of a message, and its size in bytes."""
@@ -123,49 +123,20 @@ def asgi_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
     return AsgiWire(events, limits.message_bytes)
 
 
-class MessageCutter:
-    """Takes the messages apart that a connection has for its driver.
+class KindCutter(MessageCutter):
+    """Takes the messages apart that a connection has for its driver, and tells their kinds."""
 
-    Args:
-        take: gives the next bytes of the connection, None when there are none for now.
-    """
+    __slots__ = ("_kind",)
 
-    __slots__ = ("_header", "_size", "_take", "_waiting")
-
-    def __init__(self, take: Callable[[], Buffer | None]) -> None:
-        self._take = take
-        self._waiting: deque[memoryview] = deque()
-        self._size = 0
-        self._header: tuple[int, int] | None = None
-
-    def next(self) -> tuple[int, bytes] | None:
-        """The next message and its kind; None where none is whole, or there is none."""
-        if self._header is None:
+    def next_of_kind(self) -> tuple[int, bytes] | None:
+        """The kind of the next message, and the message; None where none is whole, or there is none."""
+        if self._wanted < 0:
             header = self._read(HEADER.size)
             if header is None:
                 return None
-            self._header = HEADER.unpack(header)
-        kind, size = self._header
-        data = self._read(size)
+            self._kind, self._wanted = HEADER.unpack(header)
+        data = self._read(self._wanted)
         if data is None:
             return None
-        self._header = None
-        return kind, data
-
-    def _read(self, count: int) -> bytes | None:
-        while self._size < count:
-            data = self._take()
-            if data is None:
-                return None
-            self._waiting.append(memoryview(data))
-            self._size += len(data)
-        self._size -= count
-        pieces = []
-        while count:
-            first = self._waiting.popleft()
-            if len(first) > count:
-                self._waiting.appendleft(first[count:])
-                first = first[:count]
-            pieces.append(first)
-            count -= len(first)
-        return b"".join(pieces)
+        self._wanted = -1
+        return self._kind, data

@@ -5,7 +5,7 @@ from __future__ import annotations
 import anyio
 
 from rwt_transports.api import DriverCallbacks
-from rwt_transports.asgi.messages import BINARY, CLOSE, HEADER, TEXT, MessageCutter, close_bytes, close_of
+from rwt_transports.asgi.messages import BINARY, CLOSE, HEADER, TEXT, KindCutter, close_bytes, close_of
 from rwt_transports.asgi.types import Receive, Send
 from rwt_transports.websocket.close_codes import NO_STATUS, may_travel
 
@@ -93,11 +93,11 @@ class AsgiLink:
                 return
 
     async def _write(self) -> None:
-        cutter = MessageCutter(self._callbacks.take)
+        cutter = KindCutter(self._callbacks.take)
         while not self._closing:
             await self._awake.wait()
             self._awake = anyio.Event()
-            while (message := cutter.next()) is not None:
+            while (message := cutter.next_of_kind()) is not None:
                 kind, data = message
                 if kind == CLOSE:
                     await self._say_goodbye(*close_of(data))
