@@ -29,6 +29,9 @@ PROGRAMS = {
     "roslibpy": [sys.executable, str(HERE / "roslibpy_program.py")],
 }
 
+#: What speaks another protocol than rosbridge.
+OTHER_PROGRAMS = {"foxglove": ["node", str(NODE / "foxglove.mjs")]}
+
 #: Seconds; a scenario gives up earlier by itself and says why.
 _LINE_LIMIT = 25.0
 
@@ -122,7 +125,7 @@ class Program:
         self.name = name
         self.url = url
         self._scenario = ""
-        self._process = _Process([*PROGRAMS[name], url], log)
+        self._process = _Process([*{**PROGRAMS, **OTHER_PROGRAMS}[name], url], log)
 
     def start(self, scenario: str) -> None:
         self._scenario = scenario
