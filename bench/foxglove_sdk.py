@@ -1,11 +1,15 @@
 """Foxglove's SDK as a peer: its server, and a callback that puts each message of a client on a channel.
 
 The SDK is written in Rust and checks nothing; what a client publishes goes to the subscribers as it came.
+
+    python -m bench.foxglove_sdk                                 one channel of Twists in JSON
+    python -m bench.foxglove_sdk /topic sensor_msgs/Image        one channel in CDR, of a type of ROS 2
 """
 
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 
 import foxglove
@@ -13,6 +17,7 @@ from foxglove.websocket import Capability, Client, ServerListener
 
 from bench.dialects import FOXGLOVE_CHANNEL
 from bench.messages import twists
+from rwt_interfaces.registry import Registry
 
 BACKLOG = 1 << 16
 """Messages that may wait for a client: none of a window is dropped."""
@@ -29,17 +34,27 @@ class Echo(ServerListener):
         self._log(data)
 
 
+def _channel(topic: str = "", type: str = "") -> foxglove.Channel:
+    if not topic:
+        return foxglove.Channel(twists().topic, schema={"type": "object"})
+    registry = Registry()
+    message = registry.message(type)
+    text = registry.full_text(message).encode()
+    schema = foxglove.Schema(name=registry.type_name(message), encoding="ros2msg", data=text)
+    return foxglove.Channel(topic, schema=schema, message_encoding="cdr")
+
+
 def main() -> None:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    channel = foxglove.Channel(twists().topic, schema={"type": "object"})
+    channel = _channel(*sys.argv[1:])
     if channel.id() != FOXGLOVE_CHANNEL:
         raise SystemExit(f"the channel has the id {channel.id()}, not {FOXGLOVE_CHANNEL}")
     server = foxglove.start_server(
         port=0,
         capabilities=[Capability.ClientPublish],
-        supported_encodings=["json"],
+        supported_encodings=["cdr", "json"],
         server_listener=Echo(channel),
         message_backlog_size=BACKLOG,
     )

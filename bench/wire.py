@@ -56,7 +56,7 @@ class FrameCounter:
 
     def feed(self, data: bytearray, end: int) -> None:
         """Take `data[:end]`."""
-        if self.keep is None and self._skip:
+        if self._skip:  # Of a message that began before any were kept.
             if end < self._skip:
                 self._skip -= end
                 return

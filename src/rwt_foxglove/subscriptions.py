@@ -11,8 +11,8 @@ from rwt_delivery.flow_rules import rules_as_published
 from rwt_delivery.throttle import Room, Throttle
 from rwt_foxglove.errors import NotPossible
 from rwt_foxglove.replies import Notice
-from rwt_foxglove.wire.server_messages import message_data
-from rwt_protocol.transport import DropReason
+from rwt_foxglove.wire.server_messages import message_data, message_head, message_tail
+from rwt_protocol.transport import DropReason, Frame
 
 if TYPE_CHECKING:
     from rwt_access.client_graph import ClientGraph
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rwt_foxglove.wire.client_messages import Subscription
     from rwt_interfaces.payload import Form
     from rwt_protocol.payloads import Sample
-    from rwt_protocol.transport import Frame
 
 
 class MessageEncoding:
@@ -35,16 +34,29 @@ class MessageEncoding:
     name: Final = "foxglove"
     form: Form = "serialised"
 
-    @staticmethod
-    def publish_encoder(subscription_id: str) -> Callable[[Sample], Frame]:
+    def __init__(self) -> None:
+        self._sample: Sample | None = None
+        self._tail = b""
+
+    def publish_encoder(self, subscription_id: str) -> Callable[[Sample], Frame]:
         """An encoder for the samples of one topic, for subscriptions of that id."""
         id = int(subscription_id)
+        head = message_head(id)
 
         def encode(sample: Sample) -> Frame:
-            return message_data(id, sample.stamp_ns, sample.payload.serialised_parts())
+            if sample is not self._sample:
+                parts = sample.payload.serialised_parts()
+                if len(parts) > 1 or len(parts[0]) > _SMALL:
+                    return message_data(id, sample.stamp_ns, parts)
+                # Viewers with ids of their own are asked for one after the other.
+                self._sample, self._tail = sample, message_tail(sample.stamp_ns, parts[0])
+            return Frame(head + self._tail, binary=True)
 
         return encode
 
+
+_SMALL: Final = 4096
+"""Bytes of a message that are copied for each id, since that costs less than to hand over parts."""
 
 ENCODING: Final = MessageEncoding()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import math
+import struct
 from collections.abc import AsyncIterator, Iterator, Mapping
 from typing import Any
 
@@ -22,6 +23,7 @@ from rwt_access.graph_view import GraphView
 from rwt_access.settings.gate import GateRule
 from rwt_bridge import Bridge
 from rwt_delivery.shared_graph import SharedGraph
+from rwt_foxglove.gateway import FoxgloveGateway
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.api import GoalEvents, Graph
 from rwt_graph.clock import SimulatedClock
@@ -35,6 +37,7 @@ from rwt_nodes.rosapi import DISCLOSURES
 from rwt_nodes.video import WebVideoServer
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse
 from tests.bridge.recording_client import Client
+from tests.foxglove.viewer import Viewer
 
 pytestmark = pytest.mark.asyncio_only
 
@@ -452,3 +455,44 @@ async def test_metrics_are_for_those_who_may_subscribe_to_every_topic(graph: Mem
         access = _access(graph, {"subscribe": globs})
         reader = GraphView(graph, access.admission.roles["guest"], access.nobody.work)
         assert reader.sees_every_topic is shown, globs
+
+
+# -- gateways ----------------------------------------------------------------------------------------------
+
+
+def _visit(graph: MemoryGraph, word: str) -> list[Any]:
+    """What a guest hears who asks Foxglove's gateway for everything, and for what is called `word`."""
+    viewer = Viewer(FoxgloveGateway(graph, _access(graph, GUEST)))
+    heard = viewer.heard()
+    viewer.say("subscribeConnectionGraph")
+    viewer.say("subscribe", subscriptions=[{"id": id, "channelId": id} for id in range(1, 200)])
+    for id in range(1, 200):
+        viewer.say_raw(struct.pack("<BIII", 2, id, 1, 4) + b"json{}", binary=True)
+    names = [f"/{word}_node.{word}_param", f"/{word}_param"]
+    viewer.say("getParameters", parameterNames=names, id="p")
+    viewer.say("subscribeParameterUpdates", parameterNames=[])
+    for topic in (f"/{word}_topic", f"/{word}_heard"):
+        viewer.advertise(topic, "std_msgs/String")
+    return [*heard, *viewer.heard()]
+
+
+@pytest.mark.anyio
+async def test_viewers_of_foxgloves_protocol_hear_nothing_of_what_is_hidden(graph: MemoryGraph) -> None:
+    assert HIDDEN not in str(_visit(graph, "open"))
+    for word in (HIDDEN, ABSENT):
+        said = str(_visit(graph, word))
+        # A refusal names what was asked for, and nothing else.
+        assert HIDDEN not in said.replace(f"/{HIDDEN}_topic", "").replace(f"/{HIDDEN}_heard", "")
+
+
+@pytest.mark.anyio
+async def test_to_viewers_what_is_hidden_is_as_what_is_not_there(graph: MemoryGraph) -> None:
+    hidden, absent = (
+        [each for each in _visit(graph, word) if _is_of_viewer(each)] for word in (HIDDEN, ABSENT)
+    )
+    assert str(hidden).replace(HIDDEN, ABSENT) == str(absent)
+
+
+def _is_of_viewer(said: Any) -> bool:
+    """Whether it is no serverInfo, in which a session's id is, and no time of day."""
+    return isinstance(said, dict) and said["op"] in ("status", "advertise", "advertiseServices")

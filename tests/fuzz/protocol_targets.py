@@ -128,14 +128,18 @@ _watch = _NoInternalErrors(logging.ERROR)
 _registry = Registry()
 
 
-def bridge(data: bytes) -> None:
-    """Frames from two clients of one bridge, with another client's topic, service and action to hit; 0x1e
-    ends a frame, and 0x1f too and changes the client."""
-    logger = logging.getLogger("rwt.bridge")
+def no_internal_errors(logger: logging.Logger) -> None:
+    """Fail from now on for what is logged as the server's own fault."""
     if _watch not in logger.handlers:
         logger.addHandler(_watch)
         logger.propagate = False
         logger.setLevel(logging.ERROR)
+
+
+def bridge(data: bytes) -> None:
+    """Frames from two clients of one bridge, with another client's topic, service and action to hit; 0x1e
+    ends a frame, and 0x1f too and changes the client."""
+    no_internal_errors(logging.getLogger("rwt.bridge"))
     clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
     graph = MemoryGraph(registry=_registry, clock=clock)
     made = Bridge(graph, Settings(max_message_size=100_000))

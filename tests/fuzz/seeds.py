@@ -16,6 +16,7 @@ from rwt_interfaces.payload import Payload
 from rwt_protocol.transport import Frame
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES
 from tests.fuzz.admission_targets import TOKEN
+from tests.fuzz.foxglove_targets import conversations
 from tests.fuzz.interface_targets import TYPES
 from tests.protocol.wire_examples import EXAMPLES
 from tests.transports.rfc6455 import compression
@@ -49,6 +50,7 @@ def seeds(name: str) -> Iterator[bytes]:
         "bson": _documents,
         "deflate": _compressed,
         "bridge": _bridges,
+        "foxglove": lambda: iter(conversations()),
         "picture": _pictures,
         "websocket": _websockets,
         "json_stream": _streams,

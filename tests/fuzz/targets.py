@@ -9,6 +9,7 @@ from pathlib import Path
 from tests.fuzz import (
     admission_targets,
     agent_targets,
+    foxglove_targets,
     gate_targets,
     http_targets,
     interface_targets,
@@ -25,6 +26,7 @@ TARGETS: Mapping[str, Target] = {
         protocol_targets.bson,
         protocol_targets.picture,
         protocol_targets.bridge,
+        foxglove_targets.foxglove,
         wire_targets.websocket,
         wire_targets.deflate,
         wire_targets.json_stream,

@@ -125,6 +125,8 @@ def status(level: Level, message: str, id: str | None = None) -> Frame:
 
 
 _MESSAGE: Final = Layout("<BIQ").pack
+_HEAD: Final = Layout("<BI").pack
+_STAMP: Final = Layout("<Q").pack
 _TIME: Final = Layout("<BQ").pack
 _RESPONSE: Final = Layout("<BIII").pack
 _ASSET: Final = Layout("<BIBI").pack
@@ -134,6 +136,16 @@ _STATE: Final = Layout("<BBQfBI").pack
 def message_data(subscription_id: int, time_ns: int, payload: Sequence[Buffer]) -> Frame:
     """A message of a channel, its payload spliced in uncopied."""
     return Frame(_MESSAGE(MESSAGE_DATA, subscription_id, time_ns), *payload, binary=True)
+
+
+def message_head(subscription_id: int) -> bytes:
+    """What a message of a subscription begins with; :func:`message_tail` follows."""
+    return _HEAD(MESSAGE_DATA, subscription_id)
+
+
+def message_tail(time_ns: int, payload: Buffer) -> bytes:
+    """What is the same of a message for all subscriptions."""
+    return _STAMP(time_ns) + payload
 
 
 def time(time_ns: int) -> Frame:
