@@ -23,7 +23,7 @@ from rwt_interfaces.serialise.long_strings import (
     string_of,
     substituted,
 )
-from rwt_interfaces.serialise.splice import SplicedMessage, json_of_text, long_text, put
+from rwt_interfaces.serialise.splice import LONG_TEXT, SplicedMessage, json_of_text, long_text, put
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
@@ -158,7 +158,9 @@ class Payload:
                 codec.check(string.text)
             except REJECTIONS:
                 return cls._around_string(message_type, string, now)
-            return cls(message_type, raw, None, string)
+            payload = cls(message_type, raw, None, string)
+            payload.is_long = bool(string.unescaped) and len(string.content) >= LONG_TEXT
+            return payload
         if len(raw) < 4 * PIECE:
             try:
                 codec.check(raw)
@@ -332,10 +334,13 @@ class Payload:
                 if self._json is None and self._json_parts is None:
                     self._json_parts = yield from self._text_in_steps()
                 continue
-            if not has_lists:
-                continue  # There a text stands as it is.
             name = self.type.registry.distro.serialisation if form == "serialised" else form
-            if (self._forms is None or name not in self._forms) and self._apart() is None:
+            if self._forms is not None and name in self._forms:
+                continue
+            spliced = self._apart()
+            if spliced is not None:
+                yield from spliced.octets_in_steps()
+            elif has_lists:  # A text of a program stands there as it is.
                 apart = None
                 if self._message is None and (self._json is not None or self._json_parts is not None):
                     apart = self.type.json.long_arrays.apart(self.json())

@@ -407,3 +407,16 @@ def test_half_a_letter_is_refused_as_utf_8_refuses_it(text: str) -> None:
     assert has_lone_surrogate(text)
     with pytest.raises(InvalidMessage):
         Payload.from_value(REGISTRIES[2].message("std_msgs/String"), {"data": text})
+
+
+def test_a_long_text_with_escapes_is_made_binary_in_steps() -> None:
+    kind = REGISTRIES[2].message("std_msgs/String")
+    text = 'é\n"' * splice.LONG_TEXT
+    raw = json.dumps({"data": text}, ensure_ascii=False, separators=(",", ":")).encode()
+    payload = Payload.from_json(kind, raw)
+    assert payload.is_long
+    assert list(payload.prepare(("json",))) == []
+    assert len(list(payload.prepare(("cbor", "serialised")))) >= len(text) >> 16
+    assert cbor2.loads(payload.cbor()) == {"data": text}
+    assert kind.deserialise(payload.serialised()).data == text  # type: ignore[attr-defined]  # a String
+    assert not Payload.from_json(kind, json.dumps({"data": "x" * len(text)}).encode()).is_long

@@ -167,6 +167,16 @@ class SplicedMessage:
             self._octets = pybase64.b64decode(self._content, validate=True)
         return self._octets
 
+    def octets_in_steps(self) -> Steps[None]:
+        """Make the :attr:`octets` of a text with escapes in steps."""
+        if self._octets is None and self._unescaped:
+            pieces: list[bytes] = []
+            for text in self._unescaped:
+                for start in range(0, len(text), _TEXT_STEP):
+                    pieces.append(text[start : start + _TEXT_STEP].encode())
+                    yield
+            self._octets = b"".join(pieces)
+
     @property
     def kept_size(self) -> int:
         """About how many bytes the content takes, in the forms that it has now."""
