@@ -327,6 +327,7 @@ class Payload:
         """Make forms of a message with long lists or a long text in steps; forms that exist already take
         none."""
         has_lists = self.type.json.has_arrays
+        text: SplicedMessage | None = None
         for form in forms:
             if form == "json":
                 if self._json is None and self._json_parts is None and has_lists:
@@ -340,13 +341,24 @@ class Payload:
             spliced = self._apart()
             if spliced is not None:
                 yield from spliced.octets_in_steps()
-            elif has_lists:  # A text of a program stands there as it is.
+            elif not has_lists:
+                text = text or self._text_apart()
+                if text is not None:
+                    yield from text.octets_in_steps()
+                    made = text.binary(*self.type.binary_encoder(name))
+                    self._forms = {**(self._forms or {}), name: made}
+            else:
                 apart = None
                 if self._message is None and (self._json is not None or self._json_parts is not None):
                     apart = self.type.json.long_arrays.apart(self.json())
                 short, lists = apart or (self.value(), {})
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
+
+    def _text_apart(self) -> SplicedMessage | None:
+        message = self._message
+        place = None if message is None else long_text(self.type, message)
+        return None if place is None else SplicedMessage.from_text(self.value(), place)
 
     def _text_in_steps(self) -> Steps[Parts | None]:
         message = self._message

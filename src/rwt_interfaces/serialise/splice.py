@@ -150,6 +150,13 @@ class SplicedMessage:
                 return cls(place.put(message, pybase64.b64decode(token)), place, token, None, octets)
         return None
 
+    @classmethod
+    def from_text(cls, message: msgspec.Struct, place: Place) -> SplicedMessage:
+        """Of a message in Python with a long text in one place, for :meth:`binary` forms alone."""
+        text: str = place.fetch(message)
+        token = token_for_text(len(text))
+        return cls(place.put(message, token.decode()), place, token, None, None, (text,))
+
     @property
     def content(self) -> RawText:
         """The content as it is in JSON, between quotes; octets are encoded once."""
