@@ -134,8 +134,8 @@ class LogRate(logging.Filter):
 
 @contextmanager
 def bounded_log() -> Iterator[None]:
-    """Bound within the block how many lines each place of this project, and of asyncio, writes, whichever
-    handlers a program has for them.
+    """Bound within the block how many lines each place of this project, of asyncio and of the SDK for agents
+    writes, whichever handlers a program has for them.
 
     The loggers are those that there are when the block begins. The lines of a robot's own program, whose
     loggers have names of their own, are not touched.
@@ -155,4 +155,4 @@ def bounded_log() -> Iterator[None]:
             logger.removeFilter(rate)
 
 
-_OWN: Final = re.compile(r"(?:rwt|rwt_\w+|asyncio)(?:\.|$)")
+_OWN: Final = re.compile(r"(?:rwt|rwt_\w+|asyncio|mcp)(?:\.|$)")

@@ -104,8 +104,8 @@ def epilog(example: str, json: str) -> str:
     return f"example:\n{examples}\n\n--json prints:\n{shape}"
 
 
-def add_robot_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of every verb that talks to a robot."""
+def add_robot_options(parser: argparse.ArgumentParser, *, json: bool = True) -> None:
+    """Add the options of every verb that talks to a robot; without `json` for what prints nothing."""
     group = parser.add_argument_group(_ROBOT_OPTIONS)
     group.add_argument(
         "--url", metavar="URL", help=f"where it is (default ${URL_VARIABLE}, or {DEFAULT_URL})"
@@ -123,7 +123,8 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
         help=f"how long to wait for the connection and each answer (default {USUAL_TIMEOUT:g}; for a"
         " message no limit)",
     )
-    group.add_argument("--json", action="store_true", help="print JSON, for programs")
+    if json:
+        group.add_argument("--json", action="store_true", help="print JSON, for programs")
 
 
 def add_tls_options(to: argparse._ActionsContainer) -> None:

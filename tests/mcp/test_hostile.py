@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from rwt import Server
+from rwt import Server, Settings
 from tests.mcp.agents import OPEN, agent_at, done, refused, served, until, url_of
 from tests.mcp.robots import small_robot
-from tests.mcp.test_gateway import INITIALIZE, post
+from tests.mcp.test_gateway import GUARDED, GUEST, INITIALIZE, PILOT, post
 
 pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
 
@@ -126,3 +126,16 @@ async def test_those_who_hang_up_at_once_leave_nothing() -> None:
 
 def _listeners(server: Server) -> int:
     return len(getattr(server.graph.topic("/tf"), "subscribers", ()))
+
+
+async def test_refusals_do_not_flood_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    async with served(Settings.model_validate(GUARDED)) as server:
+        url = url_of(server)
+        _, text = await asyncio.to_thread(post, url, INITIALIZE, {"Authorization": f"Bearer {PILOT}"})
+        session = text.partition("\n")[0]
+        stolen = {"Authorization": f"Bearer {GUEST}", "Mcp-Session-Id": session}
+        for _ in range(150):
+            assert (await asyncio.to_thread(post, url, INITIALIZE, stolen))[0] == 404
+    lines = [record for record in caplog.records if "credential does not match" in record.getMessage()]
+    assert 0 < len(lines) < 150

@@ -42,7 +42,7 @@ def add_mcp_command(commands: Commands) -> None:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_robot_options(parser)
+    add_robot_options(parser, json=False)
     parser.add_argument("--robot", dest="url", metavar="URL", help="the same as --url")
     parser.add_argument(
         "--act",
