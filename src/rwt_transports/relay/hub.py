@@ -553,7 +553,8 @@ def hub_routes(hub: Hub, metrics_page: MetricsPage | None = None) -> Routes:
     routes.get("/healthz", lambda request: _health(hub))
     if metrics_page is not None:
         routes.get("/metrics", lambda request: _metrics(hub, metrics_page))
-    routes.get("/*", hub.page)
+    for method in ("GET", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"):
+        routes.add("/*", hub.page, method)
     return routes
 
 

@@ -8,9 +8,9 @@ arrives the hub gives it one of these and says so in a first text message, the *
 From then on every message of the connection is the client's or for the client, until either side closes.
 
 A request for a page takes a connection in the same way. Its assignment has ``request`` in place of
-``client``, with ``method``, ``path``, ``query``, ``prefix``, ``address`` and ``headers``; the robot answers
-with a head, ``{"status": 200, "content_type": "…", "headers": {…}}``, and the body
-(:mod:`rwt_transports.relay.pages`).
+``client``, with ``method``, ``path``, ``query``, ``prefix``, ``address``, ``headers`` and, where there is
+one, ``body`` in base64; the robot answers with a head,
+``{"status": 200, "content_type": "…", "headers": {…}}``, and the body (:mod:`rwt_transports.relay.pages`).
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ class _Request(msgspec.Struct):
     prefix: str = ""
     address: str = ""
     headers: dict[str, str] = {}
+    body: bytes | msgspec.UnsetType = msgspec.UNSET
 
 
 class _Assignment(msgspec.Struct, omit_defaults=True):
@@ -85,7 +86,8 @@ def encode_assignment(client: PeerInfo, path: str) -> bytes:
 def encode_request(request: HttpRequest, path: str, prefix: str) -> bytes:
     """The assignment of a request for a page at `path`, which the hub shows below `prefix`."""
     headers = dict(request.headers)
-    asked = _Request(request.method, path, request.query, prefix, request.address, headers)
+    body = request.body or msgspec.UNSET
+    asked = _Request(request.method, path, request.query, prefix, request.address, headers, body)
     return msgspec.json.encode(_Assignment(request=asked))
 
 
@@ -104,7 +106,10 @@ def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
         return PeerInfo(TRANSPORT, client.address, client.port, client.path, client.headers)
     if asked is None:
         raise BadAssignment("expected the assignment of a client as the first message")
-    return HttpRequest(asked.method, asked.path, asked.query, asked.headers, b"", asked.address, asked.prefix)
+    body = b"" if asked.body is msgspec.UNSET else asked.body
+    return HttpRequest(
+        asked.method, asked.path, asked.query, asked.headers, body, asked.address, asked.prefix
+    )
 
 
 def encode_head(status: int, content_type: str, headers: dict[str, str]) -> bytes:
