@@ -11,6 +11,8 @@ from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+import anyio
+
 from rwt.observability.prometheus import CONTENT_TYPE
 from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from rwt_access.access import Access
     from rwt_access.graph_view import GraphView
     from rwt_bridge.bridge import Bridge
+    from rwt_delivery.turns import Turns
     from rwt_transports.http import Handler, HttpExtension, HttpRequest
 
 _PAGE = """<!doctype html>
@@ -82,7 +85,14 @@ def routes(
     routes = Routes()
     methods: dict[str, list[str]] = {}
     for route in (Route("/role", _role, Audience.ADMITTED), *brought, *own):
-        page = guarded(bridge.access, route.page, route.audience, loopback=loopback, refusal=route.refusal)
+        page = guarded(
+            bridge.access,
+            route.page,
+            route.audience,
+            loopback=loopback,
+            refusal=route.refusal,
+            turns=bridge.turns,
+        )
         routes.add(route.path, page, route.method)
         methods.setdefault(route.path, []).append(route.method)
     for path, allowed in methods.items():
@@ -124,9 +134,11 @@ def guarded(
     *,
     loopback: bool = True,
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text,
+    turns: Turns | None = None,
 ) -> Handler:
     """A page that only its audience gets, as the graph's reader that the request proves to be, and that is
-    refused for a while to addresses that cause too much work.
+    refused for a while to addresses that cause too much work. Where the turn of the event loop has seen as
+    much work as one may, the page waits for one of its own.
 
     Unless the page is for anybody, scripts of other origins may read the answer where their page may connect
     by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials). Elsewhere
@@ -166,14 +178,33 @@ def guarded(
                 raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
         except Refused as refused:
             return refusal(request, refused)
+        if turns is not None and turns.is_full:
+            return _in_turn(turns, partial(answer_now, request, reader))
+        return answer_now(request, reader)
+
+    def answer_now(request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
         monotonic = reader.clock.monotonic
         began = monotonic()
         try:
             return page(request, reader)
         finally:
-            reader.work.add(monotonic() - began, "pages")
+            seconds = monotonic() - began
+            reader.work.add(seconds, "pages")
+            if turns is not None:
+                turns.note(seconds)
 
     return handler
+
+
+async def _in_turn(
+    turns: Turns, answer: Callable[[], HttpResponse | Awaitable[HttpResponse]]
+) -> HttpResponse:
+    """Answer in a turn of the event loop of its own, after those who wait already."""
+    turn = anyio.Event()
+    turns.wait(turn.set)
+    await turn.wait()
+    answered = answer()
+    return answered if isinstance(answered, HttpResponse) else await answered
 
 
 def _with_headers(answer: HttpResponse, headers: Mapping[str, str]) -> HttpResponse:
@@ -236,10 +267,11 @@ async def _with_others(own: HttpResponse, gather: Gather) -> HttpResponse:
 
 
 def _rows(pairs: Iterable[tuple[str, str]]) -> str:
-    rows = (
-        f"<tr><td><code>{html.escape(name)}</code><td>{html.escape(type_name)}" for name, type_name in pairs
-    )
-    return "".join(rows) or "<tr><td>none"
+    # Escaped all at once: there may be thousands. A name of the graph has no white space.
+    rows = html.escape("\n".join(f"{name} {type_name}" for name, type_name in pairs))
+    if not rows:
+        return "<tr><td>none"
+    return f"<tr><td><code>{rows}".replace(" ", "</code><td>").replace("\n", "<tr><td><code>")
 
 
 def _role(request: HttpRequest, reader: GraphView) -> HttpResponse:

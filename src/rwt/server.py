@@ -40,6 +40,7 @@ from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError
 from rwt_access.tls import renew_server_tls, server_tls
 from rwt_bridge.bridge import GATEWAY_NODE, Bridge
+from rwt_bridge.loading import NumpyLoading
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.program.node import Node
@@ -415,7 +416,7 @@ class Server:
             middleware.insert(0, start_script(graph, self._script, settings, nodes))
         access = Access(graph, settings, DISCLOSURES)
         stack.callback(access.close)
-        bridge = Bridge(graph, settings, access)
+        bridge = Bridge(graph, settings, access, NumpyLoading())
         stack.callback(bridge.close)
         gateways = self._start_gateways(access, http, stack)
         extensions: list[HttpExtension[GraphView]] = [*http, *(gateway.http for gateway in gateways)]

@@ -30,6 +30,7 @@ from rwt_protocol.session import Session, WireLimits
 
 if TYPE_CHECKING:
     from rwt_access.roles import Role
+    from rwt_bridge.loading import NumpyLoading
     from rwt_bridge.settings import BridgeSettings
     from rwt_graph.api import Graph, Participant, Publisher
     from rwt_graph.clock import Clock
@@ -67,13 +68,21 @@ class Bridge:
         graph: the robot.
         settings: see above.
         access: see above; None for one of the bridge's own, which knows of no service what it reveals.
+        loading: what loads numpy beside the event loop; None to load it where it is needed.
 
     Raises:
         SettingsError: a file that the settings name cannot be used, or a package is missing.
     """
 
-    def __init__(self, graph: Graph, settings: BridgeSettings, access: Access | None = None) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        settings: BridgeSettings,
+        access: Access | None = None,
+        loading: NumpyLoading | None = None,
+    ) -> None:
         self.settings = settings
+        self.loading = loading
         self.access = access or Access(graph, settings)
         self._owns_access = access is None
         self.shared = SharedGraph(

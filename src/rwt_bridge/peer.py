@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from rwt_access.errors import AccessError
 from rwt_access.quotas import RateLimit
+from rwt_bridge.loading import LARGE
 from rwt_bridge.ops.actions import Actions
 from rwt_bridge.ops.services import Services
 from rwt_bridge.ops.topics import Topics
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from rwt_access.client_graph import ClientGraph
     from rwt_access.credentials import Rosauth
     from rwt_access.roles import Role
+    from rwt_bridge.loading import NumpyLoading
     from rwt_bridge.ops import actions, services
     from rwt_bridge.ops.actions import OrphanedGoals
     from rwt_bridge.ops.offers import Offers
@@ -60,6 +62,7 @@ class Gateway(Protocol):
     service_offers: Offers[services.Asked]
     action_offers: Offers[actions.Accepted]
     turns: Turns
+    loading: NumpyLoading | None
 
     def encoding_of(self, compression: str) -> Encoding:
         """How a client that asks for `compression` gets its samples."""
@@ -104,6 +107,7 @@ class Peer(TakesTurns[_Waiting]):
         self.sink = sink
         self.messages = 0
         self.graph = graph
+        self._loading = bridge.loading
         self._unfinished: Op | None = None
         self._session = session
         self._dispatch = bridge.dispatcher.dispatch
@@ -136,6 +140,9 @@ class Peer(TakesTurns[_Waiting]):
             self._received = received
             self._turn_began = self._worked
             self._needs_turn = self._is_beyond
+        if len(data) > LARGE and self._loading is not None and self._loading.holds_up(data, binary):
+            self._wait((data if type(data) is bytes else bytes(data), binary))
+            return
         if (
             self._is_held
             or self._needs_turn
@@ -259,6 +266,15 @@ class Peer(TakesTurns[_Waiting]):
             self.messages += 1
             if self._may_send(now):
                 self._do(what)
+
+    def _is_held_up(self, what: _Waiting) -> bool:
+        """Whether what has waited for a turn waits for numpy, too."""
+        return (
+            self._loading is not None
+            and isinstance(what, tuple)
+            and not isinstance(what, _Work)
+            and self._loading.holds_up(*what)
+        )
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         """A message is too large to be taken from the wire. It is refused if its head tells what it is, and

@@ -20,6 +20,8 @@ SHARE: Final = 0.003
 FULL: Final = 5 * SHARE
 """Seconds of one turn that all clients together may take, small messages by themselves left out."""
 
+_LATER_SECONDS: Final = 0.005
+
 
 class Turns:
     """One turn of the event loop after the other.
@@ -59,6 +61,10 @@ class Turns:
         """Call `work` in a turn of its own, after those who wait already. What it raises is logged."""
         self._line.append(work)
         self._begin()
+
+    def later(self, ask: Callable[[], None]) -> None:
+        """Call `ask` after a while, to ask for a turn again."""
+        self._clock.call_later(_LATER_SECONDS, ask)
 
     def _begin(self) -> None:
         if not self._is_begun:
@@ -181,8 +187,15 @@ class TakesTurns(ABC, Generic[T]):
             self._work.note_wait()
         self._turns.wait(self._go_on)
 
+    def _is_held_up(self, what: T) -> bool:
+        """Whether what has waited for a turn has to wait for something else, too."""
+        return False
+
     def _go_on(self) -> None:
         """Take this turn's share of what waits."""
+        if self._waiting and self._is_held_up(self._waiting[0]):
+            self._turns.later(self._ask_for_turn)
+            return
         waiting, self._waiting = self._waiting, deque()
         self._turn_began = self._worked
         try:

@@ -34,6 +34,8 @@ _SEQUENCE_PATH = ("header", "seq")
 #: Bytes that Python needs for an object beside what it holds, and for a number in a list.
 _OBJECT = 56
 _NUMBER = 32
+#: Bytes of a list's items beyond which what they hold is not counted: it is far more than may be kept.
+_ENOUGH = 1 << 26
 #: What :meth:`Payload.prepare` makes: JSON, CBOR, or the distribution's own serialisation.
 Form = Literal["json", "cbor", "serialised"]
 #: ROS time in nanoseconds.
@@ -87,7 +89,7 @@ class Payload:
         """
         if len(raw) >= LARGE:
             return finished(cls.from_json_in_steps(message_type, raw, now))
-        return cls._wholly(message_type, raw, now or time.time_ns)
+        return finished(cls._wholly(message_type, raw, now or time.time_ns))
 
     @classmethod
     def from_exact_json(cls, message_type: MessageType, raw: bytes) -> Payload | None:
@@ -139,7 +141,9 @@ class Payload:
             codec.check(raw)
         except REJECTIONS:
             return None
-        return cls(message_type, raw, None)
+        payload = cls(message_type, raw, None)
+        payload.is_long = codec.has_arrays
+        return payload
 
     @classmethod
     def from_json_in_steps(
@@ -170,7 +174,9 @@ class Payload:
                 return cls(message_type, raw, None)
         taken = yield from codec.long_arrays.take(raw, now)
         if taken is None:
-            return cls._wholly(message_type, raw, now)
+            payload = yield from cls._wholly(message_type, raw, now)
+            payload.is_long = codec.has_arrays
+            return payload
         payload = cls(message_type, raw if taken.is_exact else None, taken.value())
         if not taken.is_exact:
             payload._json_parts = taken.json_parts(codec.encode)
@@ -178,13 +184,19 @@ class Payload:
         return payload
 
     @classmethod
-    def _wholly(cls, message_type: MessageType, raw: RawText, now: Now) -> Payload:
+    def _wholly(cls, message_type: MessageType, raw: RawText, now: Now) -> Steps[Payload]:
+        """Take a message that cannot be looked at in pieces: its checks are the steps, none of which others
+        have to wait for together with the next."""
         try:
             message_type.json.check(raw)
         except REJECTIONS:
+            yield
             with suppress(*REJECTIONS):
                 return cls(message_type, None, message_type.complete_quickly(raw, now))
-            return cls(message_type, None, message_type.decode_leniently(parse(raw), now))
+            yield
+            parsed = parse(raw)
+            yield
+            return cls(message_type, None, message_type.decode_leniently(parsed, now))
         return cls(message_type, raw, None)
 
     @classmethod
@@ -237,7 +249,8 @@ class Payload:
         except REJECTIONS:
             payload = cls(message_type, None, message_type.decode_leniently(value, now or time.time_ns))
         message = payload._known()
-        payload.is_long = (codec.has_arrays and codec.long_arrays.has_long_lists(message)) or (
+        holds_list = message_type.holds_long_list if codec.has_arrays else None
+        payload.is_long = (holds_list is not None and holds_list(message)) or (
             bool(message_type.text_places) and long_text(message_type, message) is not None
         )
         return payload
@@ -514,7 +527,13 @@ def _size_of(value: object) -> int:
         fields = value.__struct_fields__
         return _OBJECT + sum(_size_of(getattr(value, name)) for name in fields)
     if isinstance(value, list):
-        numbers = value and isinstance(value[0], (int, float))
-        return _OBJECT + (_NUMBER * len(value) if numbers else sum(map(_size_of, value)))
+        if not value or isinstance(value[0], (int, float)):
+            return _OBJECT + _NUMBER * len(value)
+        least = _OBJECT * (len(value) + 1)
+        if least > _ENOUGH:
+            return least
+        if isinstance(value[0], (bytes, str)):
+            return least + sum(map(len, value))
+        return _OBJECT + sum(map(_size_of, value))
     nbytes = getattr(value, "nbytes", _NUMBER)
     return nbytes if isinstance(nbytes, int) else _NUMBER

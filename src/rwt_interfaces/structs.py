@@ -10,7 +10,7 @@ from __future__ import annotations
 import keyword
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
@@ -185,6 +185,14 @@ class MessageType:
                     encoder = packed.compile_step_encoder(self, packed.ROS1)
             self._step_encoders[form] = encoder
         return encoder
+
+    @cached_property
+    def holds_long_list(self) -> Callable[[Any], bool] | None:
+        """Tells whether a message of this type holds a list so long that it is encoded in steps; None if none
+        can."""
+        from rwt_interfaces.serialise.long_lists import compile_test
+
+        return compile_test(self)
 
     @cached_property
     def to_cbor(self) -> Callable[[msgspec.Struct], bytes]:

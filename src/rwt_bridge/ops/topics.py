@@ -16,7 +16,7 @@ from rwt_interfaces.payload import Payload
 from rwt_interfaces.validation.missing_fields import missing_fields
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
-from rwt_protocol.payloads import RawJson
+from rwt_protocol.payloads import Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_access.client_graph import ClientGraph, ClientPublisher
@@ -80,7 +80,7 @@ class Topics:
         if publisher is None or op.qos is not None:
             publisher = self._new_publisher(op)
         raw = op.msg
-        if isinstance(raw, RawJson) and len(raw.data) >= IN_STEPS:
+        if raw.size >= IN_STEPS:
             return self._publish_in_steps(op, raw, publisher.type)
         payload = payload_of(publisher.type, raw, "publish.msg", self._now)
         self._publish(op, publisher, payload)
@@ -111,8 +111,13 @@ class Topics:
         publisher.publish(payload)
         return True
 
-    def _publish_in_steps(self, op: Publish, raw: RawJson, type: MessageType) -> Steps:
-        payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
+    def _publish_in_steps(self, op: Publish, raw: Encodable, type: MessageType) -> Steps:
+        if isinstance(raw, RawJson):
+            payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
+        else:
+            yield  # To read it was a step.
+            payload = payload_of(type, raw, "publish.msg", self._now)
+            yield
         # Meanwhile the client's role or the topic may have become another.
         publisher = self._publishers.get(op.topic) or self._new_publisher(op)
         if publisher.type is not type:

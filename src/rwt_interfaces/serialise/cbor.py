@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.long_lists import holds_long_lists, long_items
 from rwt_interfaces.serialise.long_strings import FEW, Chunks, JoinedParts, Parts, Steps, chunks_of
 from rwt_interfaces.validation.numbers import little_endian
 
@@ -117,7 +118,9 @@ def compile_steps(message: MessageType) -> Callable[[msgspec.Struct, Chunks], St
             if fetch is None:
                 continue
             leaf = fetch(value)
-            if isinstance(field_type, field_types.Array) and (path in apart or len(leaf) > FEW):
+            if isinstance(field_type, field_types.Array) and (
+                path in apart or len(leaf) > FEW or holds_long_lists(field_type, leaf)
+            ):
                 is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
                 chunks = apart.get(path) or chunks_of(leaf, is_numbers)
                 yield from _long_array(parts, chunks, field_type.element)
@@ -132,13 +135,20 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
     items = JoinedParts()
     count = 0
     encode = _encoder(element)
+    is_long = long_items(element)
     for chunk in chunks:
         count += len(chunk)
-        items.append(
-            little_endian(chunk, element.code)
-            if isinstance(element, field_types.Int | field_types.Float)
-            else b"".join([encode(item) for item in chunk])
-        )
+        if isinstance(element, field_types.Int | field_types.Float):
+            items.append(little_endian(chunk, element.code))
+        elif is_long is None or not isinstance(element, field_types.Message):
+            items.append(b"".join([encode(item) for item in chunk]))
+        else:
+            for item in chunk:
+                if is_long(item):
+                    for part in (yield from element.type.step_encoder("cbor")(item, {})):
+                        items.append(part)
+                else:
+                    items.append(encode(item))
         yield
     if isinstance(element, field_types.Int | field_types.Float):
         if element.name not in ("uint8", "char"):

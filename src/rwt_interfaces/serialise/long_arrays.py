@@ -259,7 +259,7 @@ _NOT_EXACT: Final = TakenMessage(False, None, ())
 class LongArrays:
     """Takes messages of one type apart from their long arrays."""
 
-    __slots__ = ("_fields", "_members", "_message", "_slots", "_taken")
+    __slots__ = ("_members", "_message", "_slots", "_taken")
 
     def __init__(self, message: MessageType) -> None:
         self._message = message
@@ -273,7 +273,6 @@ class LongArrays:
             )
         ).decode
         self._taken: dict[_Path, _Items] = {}
-        self._fields: tuple[tuple[_Path, _Items], ...] | None = None
 
     def take(
         self, raw: RawText, now: Callable[[], int], *, completes: bool = True
@@ -361,13 +360,6 @@ class LongArrays:
         for parts_of_list, other in zip(lists, others, strict=True):
             found += (*parts_of_list, other)
         return tuple(found)
-
-    def has_long_lists(self, message: msgspec.Struct) -> bool:
-        """Whether a list of a message is so long that it is encoded in steps."""
-        fields = self._fields
-        if fields is None:
-            fields = self._fields = tuple(self._long_fields((), ()))
-        return any(len(_at(message, path)) > FEW for path, items in fields if not items.are_octets)
 
     def _long_fields(self, order: _Order, path: _Path) -> Iterator[tuple[_Path, _Items]]:
         """The fields that may hold long lists."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
+from rwt_interfaces.serialise.long_lists import holds_long_lists, long_items
 from rwt_interfaces.serialise.long_strings import FEW, Chunks, Steps, chunks_of
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
 from rwt_interfaces.validation.numbers import little_endian
@@ -49,7 +50,7 @@ def compile_steps(message: MessageType, rules: WireRules) -> Callable[[bytearray
         for step, path, fetch, field_type in steps:
             if fetch is None or not isinstance(field_type, field_types.Array):
                 step(out, value)
-            elif path in apart or len(fetch(value)) > FEW:
+            elif path in apart or len(fetch(value)) > FEW or holds_long_lists(field_type, fetch(value)):
                 is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
                 chunks = apart.get(path) or chunks_of(fetch(value), is_numbers)
                 yield from _long_array(out, chunks, field_type, rules)
@@ -76,10 +77,16 @@ def _long_array(
             yield
     else:
         write = _writer(element, rules)
+        is_long = long_items(element)
+        in_steps = None
         for chunk in chunks:
             count += len(chunk)
             for item in chunk:
-                write(out, item)
+                if is_long is not None and isinstance(element, field_types.Message) and is_long(item):
+                    in_steps = in_steps or compile_steps(element.type, rules)
+                    yield from in_steps(out, item, {})
+                else:
+                    write(out, item)
             yield
     if field_type.length is None:
         LENGTH.pack_into(out, place - LENGTH.size, count)

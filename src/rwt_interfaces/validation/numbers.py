@@ -7,7 +7,7 @@ import struct
 import sys
 from functools import lru_cache
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import msgspec
 
@@ -123,6 +123,10 @@ def _one_by_one(value: Any, type: field_types.Int | field_types.Float) -> list[A
     return numbers
 
 
+_MOST_WIDENED: Final = 1 << 24
+"""Bytes of an array of numbers more than twice as wide as they came: to fill more takes too long."""
+
+
 def is_numpy_array(value: object) -> bool:
     """Whether the value is a numpy array, found out without importing numpy."""
     # Another thread may be halfway through importing it, and no value is of a class that is not there yet.
@@ -148,6 +152,10 @@ def array_from_numpy(value: Any, type: field_types.Int | field_types.Float | fie
     if code == "f" and not np.can_cast(value.dtype, target):
         finite = value[np.isfinite(value)]
         _refuse_outside(value, finite.size and float(np.abs(finite).max()) > field_types.FLOAT32_LIMIT, type)
+    if target.itemsize > 2 * value.dtype.itemsize and value.size * target.itemsize > _MOST_WIDENED:
+        raise InvalidMessage(
+            "", f"expected {type} elements, got {value.size} of {value.dtype}: send so many as {target}"
+        )
     copy = np.array(value, dtype=target, order="C", copy=True).reshape(-1)
     copy.setflags(write=False)
     return copy

@@ -32,7 +32,11 @@ class VisibleTopics:
 
     def of_types(self, *types: str) -> list[str]:
         """The topics of these types, two-part names, sorted."""
-        return sorted(topic.name for topic in self._graph.topics() if self.type_of(topic.name) in types)
+        return sorted(
+            topic.name
+            for topic in self._graph.topics()
+            if topic.type is not None and topic.type.name in types and self.reader.may_subscribe(topic.name)
+        )
 
     def type_of(self, topic: str) -> str | None:
         """A topic's type by its two-part name; None for one that is hidden, not there, or without a type."""

@@ -181,7 +181,7 @@ class _Stream(BytesIO):
             _TooMuchStructure: the library has read more small pieces than it may.
         """
         if size is not None and size <= _READ_SIZE:
-            self.left -= size
+            self.left -= size if size > 1 else 2  # Each takes its time, however small it is.
             if self.left < 0:
                 raise _TooMuchStructure
         return super().read(size)

@@ -3,27 +3,37 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+from contextlib import ExitStack
 
 from tests.faults.attacks.attacked import attacked_server, suffer
 from tests.faults.attacks.attacker import ATTACKS
 
 
 def main() -> None:
-    """Print a line for each attack, each on a server of its own."""
+    """Print a line for each attack."""
     parser = argparse.ArgumentParser(prog="python -m tests.faults.attacks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="an attack; all by default")
     parser.add_argument("--distro", default="jazzy", choices=("jazzy", "noetic"))
     parser.add_argument("--role", default="admin", help="of everybody (default admin)")
+    parser.add_argument("--apart", action="store_true", help="each on a server of its own")
+    parser.add_argument(
+        "--trace", type=float, metavar="MS", help="print where the event loop is once it is held for so long"
+    )
     options = parser.parse_args()
-    for name in options.names or ATTACKS:
-        with attacked_server(options.distro, options.role) as server:
-            damage = suffer(name, server)
-        sys.stdout.write(
-            f"{name:<24}{damage.waited * 1000:6.0f} ms {damage.grown:6.0f} MiB {damage.logged:8} bytes logged"
-            f"   (undisturbed {damage.undisturbed * 1000:.0f} ms)\n"
-        )
-        sys.stdout.flush()
+    if options.trace:
+        os.environ["HOLDS_TO_TRACE"] = str(options.trace / 1000)
+    with ExitStack() as stack:
+        server = None
+        for name in options.names or ATTACKS:
+            if server is None or options.apart:
+                stack.close()
+                server = stack.enter_context(attacked_server(options.distro, options.role))
+            sys.stdout.write(f"{name:<24} {suffer(name, server)}\n")
+            sys.stdout.flush()
+            if options.trace:
+                sys.stdout.write(server.log.read_text())
 
 
 if __name__ == "__main__":

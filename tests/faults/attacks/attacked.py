@@ -3,6 +3,7 @@ both."""
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import subprocess
@@ -15,31 +16,49 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Final
 
-from tests.processes import ROOT, free_port, rwt_command
+from tests.faults.attacks.watched_server import Look
+from tests.processes import ROOT, free_port
 
 MIB: Final = 1 << 20
 
 ADDRESS_SPACE: Final = 4096 * MIB
 """Beyond it the server's allocations fail."""
 
+LINGER: Final = 1
+"""Seconds after which the server forgets publishers that have left: less than by default, which is waited
+for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waits:
+    """What an ordinary client waits for an answer at most.
+
+    Attributes:
+        seconds: by the clock on the wall.
+        ran: for which the server's event loop ran meanwhile, whatever else the machine did.
+    """
+
+    seconds: float
+    ran: float
+
 
 @dataclass(slots=True)
 class Attacked:
-    """A server, and an ordinary client of it."""
+    """A server, an ordinary client of it, and who attacks it."""
 
-    process: subprocess.Popen[bytes]
-    port: int
-    distro: str
+    process: subprocess.Popen[str]
     log: Path
     ordinary: subprocess.Popen[str]
+    attacker: subprocess.Popen[str]
     undisturbed: float = 0.0
 
-    def worst_wait(self) -> float:
-        """Seconds that the ordinary client waited for an answer at most, since it was asked the last time."""
-        assert self.ordinary.stdin is not None and self.ordinary.stdout is not None
-        self.ordinary.stdin.write("\n")
-        self.ordinary.stdin.flush()
-        return float(self.ordinary.stdout.readline())
+    def waits(self) -> Waits:
+        """What the ordinary client waited at most, since it was asked the last time."""
+        return Waits(*map(float, _asked(self.ordinary).split()))
+
+    def look(self) -> Look:
+        """What the server tells of itself."""
+        return Look(**json.loads(_asked(self.process)))
 
     def memory(self, which: str = "VmRSS") -> float:
         """MiB."""
@@ -56,14 +75,27 @@ class Attacked:
         return len(os.listdir(f"/proc/{self.process.pid}/fd"))
 
 
-@contextmanager
-def _piped(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A program of this package, until the end of its input."""
-    command = [sys.executable, "-m", f"tests.faults.attacks.{module}", *arguments]
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}"}
-    process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+def _asked(process: subprocess.Popen[str], line: str = "") -> str:
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(f"{line}\n")
+    process.stdin.flush()
+    return process.stdout.readline()
+
+
+def _begun(module: str, *arguments: str, log: IO[bytes] | None = None) -> subprocess.Popen[str]:
+    own = {name: value for name, value in os.environ.items() if not name.startswith("RWT_")}
+    return subprocess.Popen(
+        [sys.executable, "-m", f"tests.faults.attacks.{module}", *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=log,
+        text=True,
+        env={**own, "PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}"},
     )
+
+
+@contextmanager
+def _piped(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
     try:
         yield process
     finally:
@@ -75,41 +107,39 @@ def _piped(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 def attacked_server(distro: str, role: str) -> Iterator[Attacked]:
     """A server of which everybody has that role, with an ordinary client."""
     port = free_port()
-    with tempfile.NamedTemporaryFile(suffix=".log") as log:
-        process = _serve(port, distro, role, log)
-        try:
-            resource.prlimit(process.pid, resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
-            with _piped("ordinary_client", str(port)) as ordinary:
-                attacked = Attacked(process, port, distro, Path(log.name), ordinary)
-                attacked.worst_wait()  # answered once it is connected
-                time.sleep(0.5)
-                attacked.undisturbed = attacked.worst_wait()
-                yield attacked
-        finally:
-            process.kill()
-            process.communicate()
+    with (
+        tempfile.NamedTemporaryFile(suffix=".log") as log,
+        _piped(_served(port, distro, role, log)) as process,
+    ):
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("listening on ")
+        resource.prlimit(process.pid, resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
+        with (
+            _piped(_begun("ordinary_client", str(port), str(process.pid))) as ordinary,
+            _piped(_begun("attacker", str(port), distro)) as attacker,
+        ):
+            attacked = Attacked(process, Path(log.name), ordinary, attacker)
+            attacked.waits()  # answered once it is connected
+            time.sleep(0.5)
+            attacked.undisturbed = attacked.waits().seconds
+            yield attacked
 
 
-def _serve(port: int, distro: str, role: str, log: IO[bytes]) -> subprocess.Popen[bytes]:
-    own = {name: value for name, value in os.environ.items() if not name.startswith("RWT_")}
-    process = subprocess.Popen(
-        rwt_command(
-            "serve",
-            f"ws://127.0.0.1:{port}",
-            "--distro",
-            distro,
-            "--set",
-            f"auth.default_role={role}",
-            "--set",
-            'proxies=["127.0.0.1"]',
-        ),
-        stdout=subprocess.PIPE,
-        stderr=log,
-        env={**own, "PYTHONPATH": str(ROOT / "src")},
+def _served(port: int, distro: str, role: str, log: IO[bytes]) -> subprocess.Popen[str]:
+    settings = (
+        f"auth.default_role={role}",
+        'proxies=["127.0.0.1"]',  # so that attackers may come from elsewhere
+        f"unregister_timeout={LINGER}",
     )
-    assert process.stdout is not None
-    assert process.stdout.readline().startswith(b"listening on ")
-    return process
+    return _begun(
+        "watched_server",
+        "serve",
+        f"ws://127.0.0.1:{port}",
+        "--distro",
+        distro,
+        *(argument for setting in settings for argument in ("--set", setting)),
+        log=log,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,46 +147,58 @@ class Damage:
     """What an attack has done.
 
     Attributes:
-        waited: seconds that the ordinary client waited at most.
-        undisturbed: the same while nobody attacked.
+        waits: of the ordinary client.
+        undisturbed: seconds that it waits at most while nobody attacks.
         grown: MiB by which the server grew at most.
         logged: bytes that it wrote to its log.
         files: that were open before.
-        memory: MiB that it used before.
+        before: what was seen of the server before.
+        after: what was seen of it just after.
     """
 
-    waited: float
+    waits: Waits
     undisturbed: float
     grown: float
     logged: int
     files: int
-    memory: float
+    before: Look
+    after: Look
+
+    @property
+    def slowness(self) -> float:
+        """How many times longer than a quiet one the processor takes for something."""
+        return max(self.before.slowness, self.after.slowness)
+
+    @property
+    def held(self) -> float:
+        """Seconds of a quiet processor for which the event loop was held at a time, at most."""
+        return self.after.held / self.slowness
+
+    @property
+    def ran(self) -> float:
+        """Seconds of a quiet processor for which the event loop ran while the ordinary client waited, at
+        most."""
+        return self.waits.ran / self.slowness
 
     def __str__(self) -> str:
-        waited = f"waited {self.waited * 1000:.0f} ms ({self.undisturbed * 1000:.0f} undisturbed)"
-        return f"{waited}, grown by {self.grown:.0f} MiB, logged {self.logged} bytes"
+        return (
+            f"held {self.held * 1000:4.0f} ms, {self.ran * 1000:4.0f} ms run in a wait of"
+            f" {self.waits.seconds * 1000:4.0f} ms (undisturbed {self.undisturbed * 1000:.0f} ms),"
+            f" grown by {self.grown:.0f} MiB, logged {self.logged} bytes, slowness {self.slowness:.1f}"
+        )
 
 
 def suffer(attack: str, server: Attacked) -> Damage:
-    """Attack a server, and wait until the attacker has gone."""
-    if attack == "expensive_videos":
-        _run("small_video", server)  # loads the libraries, which are not what is measured
-    server.worst_wait()
-    before, files, logged = server.memory(), server.files(), server.log.stat().st_size
+    """Attack a server, and kill the attacker."""
+    before, files, logged = server.look(), server.files(), server.log.stat().st_size
+    memory = server.memory()
     server.forget_peak()
-    with _piped("attacker", str(server.port), attack, server.distro) as attacker:
-        _await_end(attacker)
-        waited = server.worst_wait()
-        grown = server.memory("VmHWM") - before
+    server.waits()
+    outcome = _asked(server.attacker, attack)
+    assert outcome == "done\n", (attack, outcome)
+    waits = server.waits()
+    grown = server.memory("VmHWM") - memory
+    after = server.look()
+    assert _asked(server.attacker) == "gone\n"
     written = server.log.stat().st_size - logged
-    return Damage(waited, server.undisturbed, grown, written, files, before)
-
-
-def _run(attack: str, server: Attacked) -> None:
-    with _piped("attacker", str(server.port), attack, server.distro) as attacker:
-        _await_end(attacker)
-
-
-def _await_end(attacker: subprocess.Popen[str]) -> None:
-    assert attacker.stdout is not None
-    assert attacker.stdout.readline() == "done\n"
+    return Damage(waits, server.undisturbed, grown, written, files, before, after)

@@ -1,24 +1,30 @@
-"""A client that attacks, in a process of its own: `python -m tests.faults.attacks.attacker PORT NAME DISTRO`.
+"""Clients that attack, each in a process of its own: `python -m tests.faults.attacks.attacker PORT DISTRO`.
 
-It does for a second what the attack of that name does, prints a line, and stays connected until its input
-ends.
+For each line that it reads, the name of an attack, it lets a new process do that for a while, prints a line,
+and lets the process stay connected until the next line, which is empty: then it is killed.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
+import os
+import signal
 import socket
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice, repeat
-from typing import Final
+from typing import Final, NoReturn
 
 from tests.faults.blocking_client import BlockingClient
 from tests.transports.rfc6455.frames import BINARY, TEXT, frame
 
-SECONDS: Final = 1.0
+SECONDS: Final = 0.6
+"""For which most attacks last."""
+
 LARGEST: Final = 9_900_000
 """Bytes of a message that the server takes by default."""
 
@@ -595,12 +601,37 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
 
 
 def main() -> None:
-    """Attack, say so, and wait."""
-    port, name = int(sys.argv[1]), sys.argv[2]
-    ATTACKS[name](Attacker(port))
-    sys.stdout.write("done\n")
+    """Attack by what is read; with the input's end the attacker is gone."""
+    port = int(sys.argv[1])
+    attacking = 0
+    for line in sys.stdin:
+        name = line.strip()
+        if name:
+            attacking = os.fork()
+            if not attacking:
+                _attack(port, name)
+        else:
+            os.kill(attacking, signal.SIGKILL)
+            os.waitpid(attacking, 0)
+            _say("gone")
+
+
+def _say(word: str) -> None:
+    sys.stdout.write(f"{word}\n")
     sys.stdout.flush()
-    sys.stdin.read()
+
+
+def _attack(port: int, name: str) -> NoReturn:
+    """Attack, say so, and wait for the end."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: gone with the process that waits for it
+    try:
+        ATTACKS[name](Attacker(port))
+        _say("done")
+    except Exception:
+        traceback.print_exc()
+        _say("failed")
+    while True:
+        signal.pause()
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""An ordinary client in a process of its own: `python -m tests.faults.attacks.ordinary_client PORT`.
+"""An ordinary client in a process of its own: `python -m tests.faults.attacks.ordinary_client PORT PID`.
 
-It calls a service every 20 ms. For each line that it reads it prints the worst wait for an answer since the
-line before, in seconds.
+It calls a service every 20 ms. For each line that it reads it prints, in seconds since the line before, the
+worst wait for an answer, and the most time that the server's event loop (the first thread of the process PID)
+ran during one wait.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import select
 import sys
 import time
+from pathlib import Path
 from typing import Final
 
 from tests.faults.blocking_client import BlockingClient
@@ -20,19 +22,25 @@ def main() -> None:
     """Runs until nothing more can be read."""
     with BlockingClient(int(sys.argv[1])) as client:
         client.socket.settimeout(60.0)
-        worst = 0.0
+        schedule = Path(f"/proc/{sys.argv[2]}/task/{sys.argv[2]}/schedstat")
+
+        def ran() -> float:
+            return int(schedule.read_text().split()[0]) / 1e9
+
+        worst = worst_ran = 0.0
         while True:
-            begin = time.monotonic()
+            begin, ran_before = time.monotonic(), ran()
             client.ask_something()
             now = time.monotonic()
             worst = max(worst, now - begin)
+            worst_ran = max(worst_ran, ran() - ran_before)
             readable, _, _ = select.select([sys.stdin], [], [], max(0.0, begin + _PAUSE - now))
             if readable:
                 if not sys.stdin.readline():
                     return
-                sys.stdout.write(f"{worst}\n")
+                sys.stdout.write(f"{worst} {worst_ran}\n")
                 sys.stdout.flush()
-                worst = 0.0
+                worst = worst_ran = 0.0
 
 
 if __name__ == "__main__":

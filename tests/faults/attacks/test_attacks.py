@@ -1,7 +1,12 @@
 """Attacks on a server in a process of its own, with default settings and bounded memory.
 
-What must hold of each, whatever its client does: an ordinary client is answered soon, the server's memory,
-open files and log are bounded, and all is given back when the attacker has left.
+What must hold of each, whatever its client does: the event loop is never held long, an ordinary client is
+answered soon, the server's memory, open files and log are bounded, and all is given back when the attacker
+has left.
+
+Time is the time for which the loop's thread ran, so that other work on the machine does not count, and it is
+in proportion to what the machine takes for a fixed piece of work. One server stands all attacks of its
+distribution and role, one after the other: what one leaves behind would be seen in the next.
 """
 
 from __future__ import annotations
@@ -19,21 +24,34 @@ from tests.faults.attacks.attacker import ATTACKS
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="memory and open files are read from /proc"),
-    pytest.mark.timeout(240),
+    pytest.mark.timeout(180),
+    pytest.mark.alone,
 ]
 
 VIEWER, ADMIN = 150, 400
 """MiB by which a client may make the server grow: one that only looks, and one with every right."""
 
-GIVEN_BACK: Final = 200
-"""MiB of which the allocator may still hold some for later when the attacker has left."""
+LEFT: Final = 10
+"""MiB that may be in use more when the attacker has left: classes of the types that it named, libraries."""
 
-LOG_BYTES: Final = 300_000
+LEFT_OBJECTS: Final = 150
+"""Thousands of small objects of which the same is true."""
+
+LOG_BYTES: Final = 100_000
 """Of one attack."""
 
-SOON: Final = 3.0
-"""Seconds in which an ordinary client is answered while a server is attacked, or else twenty times what it
-waits at most while nobody attacks: other work on the machine makes everything wait."""
+HELD: Final = 0.05
+"""Seconds for which the event loop is held at a time, at most."""
+
+SOON: Final = 0.1
+"""Seconds for which it runs before an ordinary client is answered, at most."""
+
+PATIENCE: Final = 10.0
+"""Seconds in which an ordinary client is answered, whatever else the machine does."""
+
+TRIES: Final = 3
+"""Runs of which the best counts, where one held the loop too long: chance only adds to what an attack
+costs."""
 
 OF_VIEWERS: Final = frozenset(
     {"rosapi_flood", "many_in_a_frame", "fragments_left_open", "colliding_keys", "empty_maps",
@@ -44,13 +62,8 @@ OF_VIEWERS: Final = frozenset(
 )  # fmt: skip
 """Attacks for which no right is needed beyond looking."""
 
-KEEPING: Final = frozenset(
-    {"throttled_queue", "endless_depth", "latched_topics", "lingering_publishers", "endless_goals",
-     "unanswered_calls", "parameters", "spellings", "long_ids", "long_goal_ids", "long_names_to_offer",
-     "unread_answers", "half_messages", "pieces_of_a_frame", "forms_of_what_is_kept", "feedback_flood",
-     "lists_of_many", "pages_again", "large_description"}
-)  # fmt: skip
-"""Attacks that leave something behind for a while, as they may: each has a server of its own."""
+SETTING: Final = frozenset({"parameters", "large_description"})
+"""Attacks that set parameters, which stay: each has a server of its own."""
 
 TWICE: Final = frozenset(
     {"parameters", "rosapi_flood", "many_in_a_frame", "spellings", "defaults", "incomplete_poses",
@@ -69,8 +82,7 @@ distributions where that makes a difference."""
 
 @pytest.fixture(scope="module")
 def server_of() -> Iterator[Callable[[str, str], Attacked]]:
-    """The server of a distribution and a role, for the attacks after which nothing is kept: one at a time,
-    since its ordinary client never rests."""
+    """The server of a distribution and a role: one at a time, since its ordinary client never rests."""
     with ExitStack() as stack:
         present: dict[tuple[str, str], Attacked] = {}
 
@@ -88,7 +100,7 @@ def server_of() -> Iterator[Callable[[str, str], Attacked]]:
 def test_a_server_under_attack(
     attack: str, distro: str, role: str, server_of: Callable[[str, str], Attacked]
 ) -> None:
-    if attack in KEEPING:
+    if attack in SETTING:
         with attacked_server(distro, role) as server:
             _check(attack, server)
     else:
@@ -96,17 +108,26 @@ def test_a_server_under_attack(
 
 
 def _check(attack: str, server: Attacked) -> None:
-    damage = suffer(attack, server)
-    _given_back(server, damage)
-    assert damage.waited < max(20 * damage.undisturbed, SOON), damage
-    assert damage.grown < (VIEWER if attack in OF_VIEWERS else ADMIN), damage
-    assert damage.logged < LOG_BYTES, damage
+    for number in range(1, TRIES + 1):
+        damage = suffer(attack, server)
+        _given_back(server, damage)
+        assert damage.waits.seconds < PATIENCE, damage
+        assert damage.grown < (VIEWER if attack in OF_VIEWERS else ADMIN), damage
+        assert damage.logged < LOG_BYTES, damage
+        is_quick = damage.held < HELD and damage.ran < SOON
+        assert is_quick or number < TRIES, damage
+        if is_quick:
+            return
 
 
 def _given_back(server: Attacked, damage: Damage) -> None:
-    """Wait until the attacker's connections are closed, and its memory is free."""
-    deadline = time.monotonic() + 25.0  # Publishers linger for ten seconds.
-    while (still := server.files()) > damage.files or server.memory() > damage.memory + GIVEN_BACK:
-        assert time.monotonic() < deadline, f"{still} open files, {server.memory():.0f} MiB"
-        time.sleep(0.02)
-    server.worst_wait()
+    """Wait until the attacker's connections are closed, and what the server kept for it is free."""
+    deadline = time.monotonic() + 30.0
+    while True:
+        now, files = server.look(), server.files()
+        used, objects = now.used - damage.before.used, now.objects - damage.before.objects
+        if files <= damage.files and used < LEFT and objects < LEFT_OBJECTS:
+            return
+        left = f"{files - damage.files} open files, {used:.1f} MiB, {objects:.0f} thousand objects are left"
+        assert time.monotonic() < deadline, left
+        time.sleep(0.05)

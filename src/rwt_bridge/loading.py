@@ -1,0 +1,61 @@
+"""Loading numpy beside the event loop: it takes a tenth of a second, which nobody is to wait for but who
+needs it."""
+
+from __future__ import annotations
+
+import re
+import sys
+import threading
+from importlib import import_module
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from rwt_protocol.transport import Buffer
+
+LARGE: Final = 64 * 1024
+"""Bytes of a message up to which numpy does nothing for it."""
+
+_NUMBERS: Final = re.compile(rb"\xd8[\x41-\x57]")
+"""The tag of a typed array in CBOR that is not one of octets (RFC 8746)."""
+
+_MANY_BRACKETS: Final = 64 * 1024
+
+
+class NumpyLoading:
+    """Loads numpy in a thread when the first message comes that needs it.
+
+    Attributes:
+        is_over: whether no message has to wait any more.
+    """
+
+    def __init__(self) -> None:
+        self._thread: threading.Thread | None = None
+        self.is_over = False
+
+    def holds_up(self, data: Buffer, binary: bool) -> bool:
+        """Whether a message waits until numpy is there."""
+        if self.is_over or len(data) <= LARGE:
+            return False
+        if self._thread is None:
+            if "numpy" in sys.modules:
+                self.is_over = True
+                return False
+            if not _needs_numpy(bytes(data), binary):
+                return False
+            self._thread = threading.Thread(target=_load, name="numpy", daemon=True)
+            self._thread.start()
+        self.is_over = not self._thread.is_alive()
+        return not self.is_over
+
+
+def _load() -> None:
+    try:
+        import_module("numpy")
+    except ImportError:
+        return  # Who needs it is told so.
+
+
+def _needs_numpy(data: bytes, binary: bool) -> bool:
+    if binary:
+        return _NUMBERS.search(data) is not None
+    return data.count(b"[") + data.count(b"{") > _MANY_BRACKETS

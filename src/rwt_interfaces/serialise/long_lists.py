@@ -1,0 +1,52 @@
+"""Which messages hold lists so long that they are encoded in steps, in their fields or further inside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+from rwt_interfaces import field_types
+from rwt_interfaces.serialise.long_strings import FEW
+
+if TYPE_CHECKING:
+    from rwt_interfaces.field_types import FieldType
+    from rwt_interfaces.structs import MessageType
+
+_IsLong = Callable[[Any], bool]
+
+
+def compile_test(message: MessageType) -> _IsLong | None:
+    """A function that tells whether a message of that type holds a long list; None if none of them can."""
+    lists = [(attrgetter(path), long_items(array.element)) for path, array in _lists(message, "")]
+    if not lists:
+        return None
+
+    def holds_one(value: Any) -> bool:
+        for fetch, is_long in lists:
+            items = fetch(value)
+            if len(items) > FEW or (is_long is not None and any(map(is_long, items))):
+                return True
+        return False
+
+    return holds_one
+
+
+def long_items(element: FieldType) -> _IsLong | None:
+    """Tells whether an item of a list holds a long list; None if no such item can."""
+    return element.type.holds_long_list if isinstance(element, field_types.Message) else None
+
+
+def holds_long_lists(array: field_types.Array, items: Iterable[Any]) -> bool:
+    """Whether an item of that list holds a long list."""
+    is_long = long_items(array.element)
+    return is_long is not None and any(map(is_long, items))
+
+
+def _lists(message: MessageType, prefix: str) -> Iterator[tuple[str, field_types.Array]]:
+    """The fields whose lists may be long, by the path of attributes to them."""
+    for slot in message.slots:
+        if isinstance(slot.type, field_types.Message):
+            yield from _lists(slot.type.type, f"{prefix}{slot.attribute}.")
+        elif isinstance(slot.type, field_types.Array) and slot.type.length is None:
+            yield prefix + slot.attribute, slot.type
