@@ -20,7 +20,7 @@ from rwt_program.errors import CallFailed, NotFound, ParameterRejected, Provider
 from rwt_program.goals import GoalStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Sequence
+    from collections.abc import Callable, Hashable, Iterator, Sequence
 
     from rwt_access.disclosure import Disclosures, OutcomeFilter
     from rwt_access.gate.client_gate import ClientGate, GatedPublisher, Needed
@@ -370,6 +370,12 @@ class ClientGraph(GraphView):
             self._subscriptions.pop().end()
         self._shared.release(fanout)
 
+    def late_sends(self, topic: str) -> Iterator[None]:
+        """What is still to be done of the samples of a topic, to be sent to its readers, in steps."""
+        fanout = self._shared.fanouts.get(topic)
+        if fanout is not None:
+            yield from fanout.late.steps()
+
     def startup_samples(self, fanout: Fanout) -> tuple[Sample, ...]:
         """The samples of the first second of the publisher of a topic that is subscribed (ADV-08)."""
         return self._shared.publishers.startup_samples(fanout.topic)
@@ -610,17 +616,26 @@ class ClientGraph(GraphView):
 
     # Leaving
 
-    def close(self) -> None:
-        """Give back publishers, services and actions, and forget the calls under way (DIS-02 … DIS-05)."""
-        for topic, marks in tuple(self._advertised.items()):
-            self._release(topic, tuple(marks))
-        for service in tuple(self._services):
-            self.withdraw_service(service)
-        for action in tuple(self._actions):
-            self.withdraw_action(action)
-        for call in self._calls:
-            call.cancel()
-        self._calls.clear()
+    def leave(self) -> None:
+        """Give back what it alone may use, and charge to its address what else it has, until that is given
+        back."""
         if self._gate is not None:
             self._gate.close()
         self._quotas.leave()
+
+    def close(self) -> Iterator[None]:
+        """Give back publishers, services and actions, and forget the calls under way (DIS-02 … DIS-05): one
+        in each step."""
+        for service in tuple(self._services):
+            self.withdraw_service(service)
+            yield
+        for action in tuple(self._actions):
+            self.withdraw_action(action)
+            yield
+        for topic, marks in tuple(self._advertised.items()):
+            self._release(topic, tuple(marks))
+            yield
+        for call in tuple(self._calls):
+            call.cancel()
+            yield
+        self._calls.clear()

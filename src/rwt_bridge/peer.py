@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from rwt_access.errors import AccessError
@@ -298,20 +299,35 @@ class Peer(TakesTurns[_Waiting]):
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: give back everything (DIS-01 … DIS-07)."""
         self._end_turns()
-        now = self._monotonic()
-        self.topics.close()
-        self.services.close()
-        self.actions.close()
-        self.graph.close()
+        self.graph.leave()
         self._bridge.left(self)
-        self._worked += self._monotonic() - now
-        self._count_work()
+        self._give_back(self._belongings())
         left_out = self.replies.log_lines_left_out
         if left_out:
             reason += f" ({left_out} lines about it were left out)"
         self._bridge.access.audit.write(
             logging.INFO, "client %d left: %d %s", self.number, code, reason, client=self.number
         )
+
+    def _belongings(self) -> Steps:
+        """Give back everything that the client has, one thing in each step."""
+        yield from self.services.close()
+        yield from self.actions.close()
+        yield from self.topics.close()
+        yield from self.graph.close()
+
+    def _give_back(self, steps: Steps) -> None:
+        """Take steps for this turn's share, and the rest of them in later turns: who leaves may have much."""
+        self._began = self._monotonic()
+        self._turn_began = self._worked
+        try:
+            for _ in steps:
+                if self._turns.is_full or not self._has_time():
+                    self._turns.wait(partial(self._give_back, steps))
+                    return
+        finally:
+            self._worked += self._monotonic() - self._began
+            self._count_work()
 
     @property
     def rosauth(self) -> Rosauth | None:

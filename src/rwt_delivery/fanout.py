@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
+from rwt_delivery.late import LateSends
 from rwt_graph.errors import TypeConflict
 from rwt_protocol.transport import Burst, Frame
 
@@ -48,11 +49,9 @@ class SampleEncoding(Protocol):
 
 logger = logging.getLogger(__name__)
 
-SHARE: Final = 0.0015
-"""Seconds of one turn of the event loop in which a sample's forms are made; the rest waits its turn."""
-
 _MOST_LATE: Final = 8
-"""Samples of one topic that wait for their forms; if there are more, they are made at once."""
+"""Samples of one topic that wait for their frames; if there are more, those of the oldest are made at
+once."""
 
 
 class _Encoded:
@@ -73,6 +72,15 @@ class _Encoded:
         counts.bytes += self._frame.size
         return self._frame
 
+    def send(self, take: Callable[[Frame], None]) -> None:
+        """Give the frame to `take`: at once if it is made quickly and nothing of the topic waits, else when
+        it is made."""
+        late = self._channel.late
+        if late.is_busy or (self._frame is None and self._channel.is_slow(self.sample)):
+            late.add(self._channel.prepare(self.sample), lambda: take(self.frame()))
+        else:
+            take(self.frame())
+
 
 class EncodedStream:
     """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
@@ -85,6 +93,7 @@ class EncodedStream:
             after :meth:`settle`.
         form: what is encoded from.
         steps: makes the frame of a sample in steps, before it is delivered; None where that is quick.
+        late: sends what takes long to encode, of all channels of the topic.
     """
 
     def __init__(
@@ -92,9 +101,11 @@ class EncodedStream:
         encode: Encode,
         counts: EncodingCounts,
         monotonic: Callable[[], float],
+        late: LateSends,
         form: Form = "json",
     ) -> None:
         self._encode = encode
+        self.late = late
         self.steps: Callable[[Sample], Iterator[None]] | None = getattr(encode, "steps", None)
         self._monotonic = monotonic
         self._sent_at = float("-inf")
@@ -158,6 +169,22 @@ class EncodedStream:
         """The frame of one sample, made now."""
         self.counts.encodes += 1
         return self._encode(sample)
+
+    def is_slow(self, sample: Sample) -> bool:
+        """Whether the frame of a sample is made in steps."""
+        return sample.payload.is_long or self.steps is not None
+
+    def prepare(self, sample: Sample) -> Iterator[None]:
+        """Make what takes long of the frame of a sample, in steps."""
+        if sample.payload.is_long:
+            yield from sample.payload.prepare({self.form})
+        if self.steps is not None:
+            yield from self.steps(sample)
+
+    def deliver_but_to(self, newer: Collection[object], sample: Sample) -> None:
+        """Send one sample through every gate but those."""
+        self._end_burst()
+        self._offer(_Encoded(self, sample), [gate for gate in self._gates if gate not in newer])
 
     def deliver(self, sample: Sample) -> None:
         """Send one sample through every gate."""
@@ -239,6 +266,11 @@ class SampleStream:
     def settle(self) -> None:
         """Nothing is counted here."""
 
+    def deliver_but_to(self, newer: Collection[object], sample: Sample) -> None:
+        """Hand one sample on, unless it takes part for less long."""
+        if self not in newer:
+            self.deliver(sample)
+
     def deliver(self, sample: Sample) -> None:
         """Hand one sample on."""
         try:
@@ -252,6 +284,7 @@ class Fanout:
 
     Attributes:
         counts: what is counted of the topic; up to date after :meth:`settle`.
+        late: sends what takes long to encode.
     """
 
     def __init__(
@@ -271,8 +304,10 @@ class Fanout:
         self._streams: list[SampleStream] = []
         self._active: tuple[EncodedStream | SampleStream, ...] = ()
         self._is_stepped = False
-        self._late: deque[tuple[Sample, Iterator[None]]] = deque()
-        self._goes_on = False
+        self.late = LateSends(clock)
+        self._late_samples = 0
+        self._number = 0  # of samples that were late
+        self._joined: dict[object, int] = {}  # after the sample of that number, which is late
         self.subscription: Subscription = participant.subscribe(topic, self._deliver, type)
 
     @property
@@ -304,7 +339,8 @@ class Fanout:
 
     def join(self, gate: Gate, name: str, encoding: SampleEncoding) -> EncodedStream:
         """Add a gate to the channel of that spelling and encoding."""
-        self._catch_up()  # What it missed is replayed to it.
+        if self._late_samples:
+            self._joined[gate] = self._number  # Of what came before, it is sent what is replayed to it.
         key = (name, encoding.name)
         channel = self._channels.get(key)
         if channel is None:
@@ -312,6 +348,7 @@ class Fanout:
                 encoding.publish_encoder(name),
                 self.counts.encoding(encoding.name),
                 self._clock.monotonic,
+                self.late,
                 encoding.form,
             )
             self._note_channels()
@@ -323,6 +360,7 @@ class Fanout:
         key = (name, encoding.name)
         channel = self._channels[key]
         channel.remove(gate)
+        self._joined.pop(gate, None)
         if not channel:
             del self._channels[key]
             self._note_channels()
@@ -330,8 +368,9 @@ class Fanout:
     def take_samples(self, take: Callable[[Sample], None]) -> SampleStream:
         """Have `take` called with each sample from now on, without a frame being made for it; those that the
         topic keeps are in `subscription.history()`."""
-        self._catch_up()
         stream = SampleStream(take)
+        if self._late_samples:
+            self._joined[stream] = self._number
         self._streams.append(stream)
         self._note_channels()
         return stream
@@ -339,6 +378,7 @@ class Fanout:
     def end_samples(self, stream: SampleStream) -> None:
         """End what :meth:`take_samples` began."""
         self._streams.remove(stream)
+        self._joined.pop(stream, None)
         self._note_channels()
 
     def _note_channels(self) -> None:
@@ -347,51 +387,43 @@ class Fanout:
 
     def close(self) -> None:
         """Leave the graph's topic."""
-        self._late.clear()
+        self.late.clear()
         self.subscription.close()
 
     def _deliver(self, sample: Sample) -> None:
-        if sample.payload.is_long or self._late or self._is_stepped:
-            self._prepare(sample)
+        if sample.payload.is_long or self._is_stepped or self.late.is_busy:
+            self._send_late(sample)
             return
         for channel in self._active:
             channel.deliver(sample)
 
-    def _prepare(self, sample: Sample) -> None:
-        """Deliver a sample that takes long to encode, and what comes behind it: when its forms are made."""
-        self._late.append((sample, self._steps(sample)))
-        if len(self._late) > _MOST_LATE:
-            self._catch_up()
-        elif not self._goes_on:
-            self._go_on()
+    def _send_late(self, sample: Sample) -> None:
+        """Deliver a sample that takes long to encode, and what comes behind it, when its forms are made."""
+        self._late_samples += 1
+        self._number += 1
+        self.late.add(self._steps(sample), partial(self._send, sample, self._number))
+        while self._late_samples > _MOST_LATE:
+            self.late.finish_first()
 
     def _steps(self, sample: Sample) -> Iterator[None]:
         channels = [channel for channel in self._active if channel.is_open]
-        if sample.payload.is_long:
-            yield from sample.payload.prepare({channel.form for channel in channels})
-        for channel in channels:
-            if channel.steps is not None:
-                yield from channel.steps(sample)
+        try:
+            if sample.payload.is_long:
+                yield from sample.payload.prepare({channel.form for channel in channels})
+            for channel in channels:
+                if channel.steps is not None:
+                    yield from channel.steps(sample)
+        except Exception:
+            self._late_samples -= 1  # It is not sent.
+            raise
 
-    def _go_on(self) -> None:
-        """Make forms for as long as a turn's share, and the rest in later turns."""
-        self._goes_on = False
-        until = self._clock.monotonic() + SHARE
-        while self._late:
-            sample, steps = self._late[0]
-            for _ in steps:
-                if self._clock.monotonic() > until:
-                    self._goes_on = True
-                    self._clock.call_later(0.0, self._go_on)
-                    return
-            self._late.popleft()
-            self._send(sample)
-
-    def _catch_up(self) -> None:
-        """Deliver at once what is late."""
-        while self._late:
-            self._send(self._late.popleft()[0])
-
-    def _send(self, sample: Sample) -> None:
+    def _send(self, sample: Sample, number: int) -> None:
+        self._late_samples -= 1
+        newer = [gate for gate, after in self._joined.items() if after >= number]
+        if not self._late_samples:
+            self._joined.clear()
         for channel in self._active:
-            channel.deliver(sample)
+            if newer:
+                channel.deliver_but_to(newer, sample)
+            else:
+                channel.deliver(sample)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_protocol.fragments import cut
@@ -31,8 +32,8 @@ class Encoded(Protocol):
     def sample(self) -> Sample:
         """The sample itself."""
 
-    def frame(self) -> Frame:
-        """The frame to send; asked for each time one is sent."""
+    def send(self, take: Callable[[Frame], None]) -> None:
+        """Give the frame to `take`, now or when it is made; asked for each time one is sent."""
 
 
 class Gate(Protocol):
@@ -91,8 +92,8 @@ class Throttle:
     """
 
     __slots__ = (
-        "_clock", "_deadline", "_expired", "_flow", "_last", "_lifespan_ns", "_piece", "_queue", "_room",
-        "_throttle", "_timer", "_withheld",
+        "_clock", "_deadline", "_expired", "_flow", "_is_closed", "_last", "_lifespan_ns", "_piece", "_queue",
+        "_room", "_throttle", "_timer", "_withheld",
     )  # fmt: skip
 
     def __init__(
@@ -115,6 +116,7 @@ class Throttle:
         self._queue: deque[tuple[Encoded, int]] = deque(maxlen=0)
         self._last = float("-inf")
         self._timer: Timer | None = None
+        self._is_closed = False
 
     @property
     def is_open(self) -> bool:
@@ -199,7 +201,8 @@ class Throttle:
         return encoded
 
     def close(self) -> None:
-        """Drop what is queued (THR-07)."""
+        """Drop what is queued, and what is being encoded (THR-07)."""
+        self._is_closed = True
         self._stop_timer()
         while self._queue:
             self._pop()
@@ -218,8 +221,11 @@ class Throttle:
             self._expired(DropReason.LIFESPAN)
             return
         self._last = self._clock.monotonic()
-        frame = encoded.frame()
-        self._flow.send_message(frame.pieces(self._piece, cut) if self._piece else (frame,), expires_ns)
+        encoded.send(partial(self._send_frame, expires_ns))
+
+    def _send_frame(self, expires_ns: int, frame: Frame) -> None:
+        if not self._is_closed:
+            self._flow.send_message(frame.pieces(self._piece, cut) if self._piece else (frame,), expires_ns)
 
     def _expiry(self, sample: Sample) -> int:
         """The end of the publisher's lifespan or of the subscriber's, whichever is sooner; 0: never."""

@@ -53,6 +53,11 @@ class HeapTimer(Timer):
             self.heap.count_cancelled()
 
 
+_SHARE: Final = 0.005
+"""Seconds of one turn of the event loop in which timers are run that are due; the others wait for the
+next."""
+
+
 class TimerHeap:
     """Timers in the order they are due; those due together run in the order they were made."""
 
@@ -213,9 +218,12 @@ class SteadyClock(Clock):
         try:
             while True:
                 now = self.monotonic()
-                # Bounded by `now`, so that a timer that re-arms itself at once cannot hold the loop.
+                # Bounded by `now`, so that a timer that re-arms itself at once cannot hold the loop, and in
+                # time, so that thousands that are due together cannot.
                 while self._timers.next_due() <= now:
                     self._timers.run_next()
+                    if self.monotonic() - now > _SHARE:
+                        break
                 due = self._timers.next_due()
                 wake = self._wake = anyio.Event()
                 self._asleep_until = due

@@ -187,6 +187,7 @@ class Payload:
     def _wholly(cls, message_type: MessageType, raw: RawText, now: Now) -> Steps[Payload]:
         """Take a message that cannot be looked at in pieces: its checks are the steps, none of which others
         have to wait for together with the next."""
+        yield
         try:
             message_type.json.check(raw)
         except REJECTIONS:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rwt_bridge.reply import Replies
     from rwt_graph.api import ClientGoal, ServerGoal
     from rwt_interfaces.structs import ActionType
+    from rwt_protocol.dispatcher import Steps
 
 _OUTCOMES: Final = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
 
@@ -326,13 +327,15 @@ class Actions:
             raise Refused(f"{op}: this client does not advertise {action}")
         raise Refused(f"{op}: no goal of {action} runs under id {id!r}", level="warning")
 
-    def close(self) -> None:
+    def close(self) -> Steps:
         """Let the goals run on; they can still be cancelled from the same address (ACT-19)."""
         for name in tuple(self._provided):
             self._forget(name)
-        for goal in self._sent:
+            yield
+        for goal in tuple(self._sent):
             goal.orphan()
             self._orphans.add(goal, self._address)
+            yield
 
 
 class _HasActions(Protocol):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import ServiceCall
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
+    from rwt_protocol.dispatcher import Steps
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:
@@ -130,10 +131,11 @@ class Services:
         if provided is not None:
             self._offers.remove(provided)
 
-    def close(self) -> None:
+    def close(self) -> Steps:
         """Forget what the client offered; it is withdrawn with the client's graph (DIS-04)."""
         for name in tuple(self._provided):
             self._forget(name)
+            yield
 
     def answer(self, op: ServiceResponse) -> None:
         """Hand a provider's answer to the caller; only the provider itself may give it (SVP-03 … SVP-08).

@@ -123,6 +123,7 @@ class Topics:
         if publisher.type is not type:
             payload = payload_of(publisher.type, raw, "publish.msg", self._now)
         self._publish(op, publisher, payload)
+        yield from self._graph.late_sends(publisher.topic)
 
     def _publish(self, op: Publish, publisher: ClientPublisher, payload: Payload) -> None:
         counts = publisher.counts
@@ -173,8 +174,9 @@ class Topics:
                 subscription.close()
                 del self._subscriptions[name]
 
-    def subscribe(self, op: Subscribe) -> None:
-        """Let samples of a topic flow to the client (SUB-01 … SUB-14)."""
+    def subscribe(self, op: Subscribe) -> Steps | None:
+        """Let samples of a topic flow to the client (SUB-01 … SUB-14); to encode large kept ones takes
+        steps."""
         encoding = self._encoding_of(op.compression)
         subscription = self._subscriptions.get(op.topic)
         is_new = subscription is None or not subscription.has(op.id)
@@ -188,6 +190,7 @@ class Topics:
                 self._graph, self._replies, op.topic, fanout, self._room
             )
         subscription.put(op, encoding)
+        return fanout.late.steps() if fanout.late.is_busy else None
 
     def _check_spellings(self, fanout: Fanout, name: str) -> None:
         """Refuse one more spelling of a topic than a client needs: each is a stream of its own (PUB-09)."""
@@ -207,10 +210,11 @@ class Topics:
         if subscription.is_empty:
             del self._subscriptions[op.topic]
 
-    def close(self) -> None:
+    def close(self) -> Steps:
         """End the subscriptions; what is published ends with the client's graph (DIS-01)."""
-        for subscription in self._subscriptions.values():
-            subscription.close()
+        while self._subscriptions:
+            self._subscriptions.popitem()[1].close()
+            yield
 
 
 def _lacks(op: Advertise | Publish) -> Lacks | None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from tests.faults.attacks.watched_server import Look
-from tests.processes import ROOT, free_port
+from tests.processes import LONGEST, ROOT, free_port
 
 MIB: Final = 1 << 20
 
@@ -153,7 +153,7 @@ class Damage:
         logged: bytes that it wrote to its log.
         files: that were open before.
         before: what was seen of the server before.
-        after: what was seen of it just after.
+        after: what was seen of it when the attacker had left.
     """
 
     waits: Waits
@@ -198,7 +198,11 @@ def suffer(attack: str, server: Attacked) -> Damage:
     assert outcome == "done\n", (attack, outcome)
     waits = server.waits()
     grown = server.memory("VmHWM") - memory
-    after = server.look()
     assert _asked(server.attacker) == "gone\n"
+    deadline = time.monotonic() + LONGEST
+    while server.files() > files:
+        assert time.monotonic() < deadline, f"{server.files() - files} files stay open"
+        time.sleep(0.02)
+    after = server.look()
     written = server.log.stat().st_size - logged
     return Damage(waits, server.undisturbed, grown, written, files, before, after)
