@@ -7,6 +7,7 @@ of seconds: where the loop's thread is, once it has held it for so long, goes to
 
 from __future__ import annotations
 
+import asyncio
 import ctypes
 import gc
 import json
@@ -17,6 +18,7 @@ import threading
 import time
 import traceback
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from rwt_cli import main
@@ -99,18 +101,42 @@ def _answer() -> None:
         sys.stdout.flush()
 
 
-def _trace(seconds: float, loop_thread: int) -> None:
-    seen = (0, 0.0)
+def _trace(seconds: float, loop_thread: int, native: int) -> None:
+    schedule = Path(f"/proc/self/task/{native}/schedstat")
+    looks, began = 0, 0.0
     while True:
         time.sleep(seconds / 10)
-        looks, now = _WatchedSelector.looks, time.monotonic()
-        if looks != seen[0] or looks < 10:  # It is being begun.
-            seen = (looks, now)
-        elif now - seen[1] > seconds and (frame := sys._current_frames().get(loop_thread)):
+        ran = int(schedule.read_text().split()[0]) / 1e9
+        if looks != _WatchedSelector.looks or looks < 10:  # It is being begun.
+            looks, began = _WatchedSelector.looks, ran
+        elif ran - began > seconds and (frame := sys._current_frames().get(loop_thread)):
             lines = traceback.format_stack(frame)
             if "in select" not in lines[-1]:
-                sys.stderr.write(f"held for {(now - seen[1]) * 1000:.0f} ms\n{''.join(lines[-12:])}")
+                sys.stderr.write(f"held for {(ran - began) * 1000:.0f} ms\n{''.join(lines[-12:])}")
                 sys.stderr.flush()
+
+
+def _time_callbacks(seconds: float) -> None:
+    """Log each callback of the loop that takes longer."""
+    run = asyncio.Handle._run
+
+    def timed(handle: asyncio.Handle) -> None:
+        began = time.thread_time()
+        run(handle)
+        if (took := time.thread_time() - began) > seconds:
+            sys.stderr.write(f"{took * 1000:.0f} ms in {handle!r}\n")
+            sys.stderr.flush()
+
+    def collecting(phase: str, info: dict[str, int]) -> None:
+        nonlocal began
+        if phase == "start":
+            began = time.thread_time()
+        elif (took := time.thread_time() - began) > seconds:
+            sys.stderr.write(f"{took * 1000:.0f} ms in a garbage collection: {info}\n")
+
+    began = 0.0
+    gc.callbacks.append(collecting)
+    asyncio.Handle._run = timed  # type: ignore[method-assign]
 
 
 def _watch() -> None:
@@ -118,7 +144,9 @@ def _watch() -> None:
     threading.Thread(target=_answer, daemon=True).start()
     seconds = float(os.environ.get("HOLDS_TO_TRACE", "0"))
     if seconds:
-        threading.Thread(target=_trace, args=(seconds, threading.get_ident()), daemon=True).start()
+        _time_callbacks(seconds / 2)
+        own = threading.get_ident(), threading.get_native_id()
+        threading.Thread(target=_trace, args=(seconds, *own), daemon=True).start()
 
 
 if __name__ == "__main__":
