@@ -175,6 +175,11 @@ class Damage:
         return self.after.held / self.slowness
 
     @property
+    def collected(self) -> float:
+        """Seconds of a quiet processor that the longest garbage collection took."""
+        return self.after.collected / self.slowness
+
+    @property
     def ran(self) -> float:
         """Seconds of a quiet processor for which the event loop ran while the ordinary client waited, at
         most."""
@@ -184,6 +189,7 @@ class Damage:
         return (
             f"held {self.held * 1000:4.0f} ms, {self.ran * 1000:4.0f} ms run in a wait of"
             f" {self.waits.seconds * 1000:4.0f} ms (undisturbed {self.undisturbed * 1000:.0f} ms),"
+            f" collected for {self.collected * 1000:.0f} ms,"
             f" grown by {self.grown:.0f} MiB, logged {self.logged} bytes, slowness {self.slowness:.1f}"
         )
 

@@ -32,13 +32,16 @@ class Look:
     """What is seen of a server.
 
     Attributes:
-        held: CPU seconds of the loop's thread between two looks at its sockets, at most, since it was asked.
+        held: CPU seconds of the loop's thread between two looks at its sockets, at most, since it was asked;
+            those of Python's garbage collector are counted apart.
+        collected: CPU seconds of the longest collection in that thread.
         used: MiB that are in use, as far as the C library knows: what it holds for later is left out.
         objects: how many small objects there are, in thousands.
         slowness: how many times longer the processor takes for something than a quiet one, at least 1.
     """
 
     held: float
+    collected: float
     used: float
     objects: float
     slowness: float
@@ -49,6 +52,7 @@ class _WatchedSelector(selectors.DefaultSelector):
     the machine does not count."""
 
     held = 0.0
+    collected = 0.0
     returned = 0.0
     looks = 0
 
@@ -92,11 +96,12 @@ def _answer() -> None:
         yardstick = min(_yardstick() for _ in range(2))
         look = Look(
             _WatchedSelector.held,
+            _WatchedSelector.collected,
             _used(),
             sys.getallocatedblocks() / 1000,
             max(1.0, yardstick / QUIET_YARDSTICK),
         )
-        _WatchedSelector.held = 0.0
+        _WatchedSelector.held = _WatchedSelector.collected = 0.0
         sys.stdout.write(json.dumps(asdict(look)) + "\n")
         sys.stdout.flush()
 
@@ -116,6 +121,23 @@ def _trace(seconds: float, loop_thread: int, native: int) -> None:
                 sys.stderr.flush()
 
 
+def _set_collections_apart(loop_thread: int) -> None:
+    """Do not count the time of collections as time for which the loop is held."""
+    begun: list[float] = []
+
+    def collecting(phase: str, info: dict[str, int]) -> None:
+        if threading.get_ident() != loop_thread:
+            return
+        if phase == "start":
+            begun.append(time.thread_time())
+        elif begun:
+            took = time.thread_time() - begun.pop()
+            _WatchedSelector.returned += took
+            _WatchedSelector.collected = max(_WatchedSelector.collected, took)
+
+    gc.callbacks.append(collecting)
+
+
 def _time_callbacks(seconds: float) -> None:
     """Log each callback of the loop that takes longer."""
     run = asyncio.Handle._run
@@ -127,19 +149,11 @@ def _time_callbacks(seconds: float) -> None:
             sys.stderr.write(f"{took * 1000:.0f} ms in {handle!r}\n")
             sys.stderr.flush()
 
-    def collecting(phase: str, info: dict[str, int]) -> None:
-        nonlocal began
-        if phase == "start":
-            began = time.thread_time()
-        elif (took := time.thread_time() - began) > seconds:
-            sys.stderr.write(f"{took * 1000:.0f} ms in a garbage collection: {info}\n")
-
-    began = 0.0
-    gc.callbacks.append(collecting)
-    asyncio.Handle._run = timed  # type: ignore[method-assign]
+    asyncio.Handle._run = timed  # type: ignore[method-assign, assignment]
 
 
 def _watch() -> None:
+    _set_collections_apart(threading.get_ident())
     selectors.DefaultSelector = _WatchedSelector  # type: ignore[misc]  # what asyncio makes its loops with
     threading.Thread(target=_answer, daemon=True).start()
     seconds = float(os.environ.get("HOLDS_TO_TRACE", "0"))
