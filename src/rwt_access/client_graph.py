@@ -623,9 +623,15 @@ class ClientGraph(GraphView):
             self._gate.close()
         self._quotas.leave()
 
-    def close(self) -> Iterator[None]:
+    def close(self) -> None:
+        """Leave, and give back everything at once."""
+        self.leave()
+        for _ in self.close_in_steps():
+            pass
+
+    def close_in_steps(self) -> Iterator[None]:
         """Give back publishers, services and actions, and forget the calls under way (DIS-02 … DIS-05): one
-        in each step."""
+        in each step, after :meth:`leave`."""
         for service in tuple(self._services):
             self.withdraw_service(service)
             yield

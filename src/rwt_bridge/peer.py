@@ -314,7 +314,7 @@ class Peer(TakesTurns[_Waiting]):
         yield from self.services.close()
         yield from self.actions.close()
         yield from self.topics.close()
-        yield from self.graph.close()
+        yield from self.graph.close_in_steps()
 
     def _give_back(self, steps: Steps) -> None:
         """Take steps for this turn's share, and the rest of them in later turns: who leaves may have much."""

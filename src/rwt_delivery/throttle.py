@@ -26,7 +26,7 @@ def _refuse(_burst: Burst) -> bool:
 
 
 class Encoded(Protocol):
-    """A sample on its way out. `frame` encodes it when first asked, once for all gates of a channel."""
+    """A sample on its way out, encoded when it is first sent, once for all gates of a channel."""
 
     @property
     def sample(self) -> Sample:
