@@ -91,6 +91,17 @@ class WireEvents(Protocol):
         """No message follows. `agreed`: both sides have said so; otherwise the peer broke the protocol."""
 
 
+@runtime_checkable
+class Holding(Protocol):
+    """A wire that can stop in the midst of what it was fed."""
+
+    def hold(self) -> None:
+        """Hand over no message more until :meth:`go_on`."""
+
+    def go_on(self) -> None:
+        """Hand over what has come meanwhile."""
+
+
 class Wire(Protocol):
     """One connection's protocol: bytes in, messages out; a frame in, bytes out. Does no I/O and reads no
     clock."""

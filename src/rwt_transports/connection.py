@@ -12,7 +12,16 @@ from typing import Protocol
 import anyio
 
 from rwt_protocol.transport import Accept, Buffer, Endpoint, PeerInfo
-from rwt_transports.api import DriverCallbacks, FlowControlled, Framing, Link, OversizeAware, Wire, WireEvents
+from rwt_transports.api import (
+    DriverCallbacks,
+    FlowControlled,
+    Framing,
+    Holding,
+    Link,
+    OversizeAware,
+    Wire,
+    WireEvents,
+)
 from rwt_transports.background import TaskStarter
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http import EVERY_NAME, NO_PROXIES, Hosts, Proxies
@@ -188,6 +197,7 @@ class Connection:
         "_ending",
         "_endpoint",
         "_heard",
+        "_holding",
         "_link",
         "_pinged",
         "_port",
@@ -213,6 +223,8 @@ class Connection:
             if terms is None
             else deflate_server(terms, self, limits, state.buffers)
         )
+        wire: object = self._wire
+        self._holding = wire if isinstance(wire, Holding) else None
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
         self.take: Callable[[], Buffer | None] = self.outbox.take
         self.take_pieces: Callable[[], Sequence[Buffer]] = self.outbox.take_pieces
@@ -307,10 +319,17 @@ class Connection:
     def pause(self) -> None:
         """Take nothing more from the peer for now."""
         self._link.pause()
+        if self._holding is not None:
+            self._holding.hold()
 
     def resume(self) -> None:
         """Read from the peer again."""
         self._link.resume()
+        if self._holding is not None:
+            try:
+                self._holding.go_on()
+            except Exception:
+                self._broken_inside()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
         """Call `callback` once everything sent has been taken."""

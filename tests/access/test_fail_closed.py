@@ -117,7 +117,10 @@ OWN = {
     "take_role",
     "withdraw_refused",
     "keep",
+    "late_sends",
+    "leave",
     "close",
+    "close_in_steps",
 }
 """What concerns nothing but what the client itself holds already."""
 

@@ -206,9 +206,9 @@ class WebSocketWire:
     """
 
     __slots__ = (
-        "_buffers", "_closing", "_ended", "_events", "_head", "_max_size", "_parts", "_parts_binary",
-        "_plain", "_server", "_skip", "_skip_last", "_skipping", "_staged", "_strict", "_tail", "_whole",
-        "message",
+        "_buffers", "_closing", "_ended", "_events", "_head", "_is_held", "_max_size", "_parts",
+        "_parts_binary", "_plain", "_server", "_skip", "_skip_last", "_skipping", "_staged", "_strict", "_tail",
+        "_whole", "message",
     )  # fmt: skip
 
     def __init__(
@@ -238,6 +238,7 @@ class WebSocketWire:
         self._skip_last = False  # that frame ends its message
         self._closing = False
         self._ended = False
+        self._is_held = False  # reads nothing more than it has begun
 
     @property
     def framing(self) -> Framing:
@@ -313,6 +314,9 @@ class WebSocketWire:
             self._tail = b""
         end = len(data)
         while position < end and not self._ended:
+            if self._is_held:
+                self._tail = data[position:]
+                return
             if self._skip:
                 position = self._skip_some(data, position, end)
                 continue

@@ -130,6 +130,7 @@ def _served(port: int, distro: str, role: str, log: IO[bytes]) -> subprocess.Pop
         f"auth.default_role={role}",
         'proxies=["127.0.0.1"]',  # so that attackers may come from elsewhere
         f"unregister_timeout={LINGER}",
+        "deflate=shared",  # so that attackers may compress
     )
     return _begun(
         "watched_server",

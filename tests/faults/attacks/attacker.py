@@ -6,16 +6,21 @@ and lets the process stay connected until the next line, which is empty: then it
 
 from __future__ import annotations
 
+import base64
 import ctypes
 import json
+import math
 import os
 import signal
 import socket
+import struct
 import sys
 import threading
 import time
 import traceback
+import zlib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from itertools import islice, repeat
 from typing import Final, NoReturn
 
@@ -538,6 +543,73 @@ def empty_names(attacker: Attacker) -> None:
     attacker.send(b'{"op":"publish",' + kind + b',"msg":{"name":[' + names + b'""]}}' for _ in range(100))
 
 
+def names_in_cbor(attacker: Attacker) -> None:
+    """Millions of names, for somebody who wants them in CBOR."""
+    kind = "sensor_msgs/JointState"
+    Attacker(attacker.port, {"op": "subscribe", "topic": "/joints", "type": kind, "compression": "cbor"})
+    names = b'"",' * (LARGEST // 3 - 100)
+    head = b'{"header":{"stamp":{"sec":1,"nanosec":2},"frame_id":""},"name":[' + names
+    msg = head + b'""],"position":[],"velocity":[],"effort":[]}'
+    op = b'{"op":"publish","topic":"/joints","type":"sensor_msgs/JointState","msg":' + msg + b"}"
+    attacker.send(op for _ in range(3))
+
+
+def values_in_cdr(attacker: Attacker) -> None:
+    """Hundreds of thousands of pairs within one item of a list, for readers of CBOR and CDR."""
+    kind = {"topic": "/diagnostics", "type": "diagnostic_msgs/DiagnosticArray"}
+    for compression in ("cbor", "cbor-raw"):
+        Attacker(attacker.port, {"op": "subscribe", **kind, "compression": compression})
+    pairs = b",".join([b'{"key":"","value":""}'] * (LARGEST // 24))
+    status = b'{"level":0,"name":"","message":"","hardware_id":"","values":[' + pairs + b"]}"
+    msg = b'{"header":{"stamp":{"sec":1,"nanosec":2},"frame_id":""},"status":[' + status + b"]}"
+    names = json.dumps(kind)[1:-1].encode()
+    op = b'{"op":"publish",' + names + b',"msg":' + msg + b"}"
+    attacker.send(op for _ in range(3))
+
+
+def every_type(attacker: Attacker) -> None:
+    """Topics of all types that there are, each of which is compiled."""
+    from rwt_interfaces.registry import Registry
+
+    kinds = [name for name in Registry().names("msg") if "/" in name]
+
+    def messages() -> Messages:
+        for kind in kinds:
+            topic = {"topic": f"/of/{kind}", "type": kind}
+            for compression in ("cbor", "cbor-raw"):
+                yield {"op": "subscribe", **topic, "compression": compression}
+            yield {"op": "publish", **topic, "msg": {}}
+
+    attacker.send(messages(), 4 * SECONDS)
+
+
+def deflate_bombs(attacker: Attacker) -> None:
+    """Messages of megabytes in compressed frames of a few kilobytes."""
+    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
+    text = b'{"op":"publish","topic":"/a","type":"std_msgs/String","msg":{"data":"' + b"x" * (LARGEST - 99)
+    packed = packer.compress(text + b'"}}') + packer.flush(zlib.Z_SYNC_FLUSH)
+    bomb = bytearray(frame(TEXT, packed[:-4], key=bytes(4)))
+    bomb[0] |= 0x40
+    wants = (b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover",)
+    compressing = Attacker(attacker.port, headers=wants)
+    compressing.send_raw(bytes(bomb) * 20)
+
+
+def picture_bombs(attacker: Attacker) -> None:
+    """Messages of megabytes in pictures of a few kilobytes."""
+    side = math.isqrt(LARGEST // 3)
+    text = b'{"op":"publish","topic":"/a","type":"std_msgs/String","msg":{"data":"'
+    rows = text.ljust(side * side * 3 - 3, b"x") + b'"}}'
+    lines = b"".join(b"\x00" + rows[start : start + side * 3] for start in range(0, len(rows), side * 3))
+    head = struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(lines, 9)), (b"IEND", b""))
+    picture = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
+    )
+    attacker.send(_ops("png", data=base64.b64encode(picture).decode()))
+
+
 # -- the rest ----------------------------------------------------------------------------------------------
 
 
@@ -562,19 +634,39 @@ def expensive_videos(attacker: Attacker) -> None:
     _watch(attacker, 16, "width=1280&height=720")
 
 
+def mjpeg_flood(attacker: Attacker) -> None:
+    """As many different streams of pictures as there may be, large and of the best quality."""
+    _watch(attacker, 60, "width=1920&height=1080", "type=mjpeg&quality=100")
+
+
+def snapshots_again(attacker: Attacker) -> None:
+    """Pictures of ever new sizes, many asked for before the first answer is read."""
+    _watch(attacker, 1, "width=64&height=48", "type=mjpeg")
+    over, number = time.monotonic() + SECONDS, 0
+    while time.monotonic() < over:
+        with socket.create_connection(("127.0.0.1", attacker.port), 5) as reader:
+            for _ in range(20):
+                number += 1
+                query = f"topic=/picture&width={1000 + number % 900}&height=1000&quality=100"
+                reader.sendall(f"GET /snapshot?{query} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+            reader.settimeout(0.1)
+            with suppress(OSError):
+                reader.recv(1 << 20)
+
+
 def small_video(attacker: Attacker) -> None:
     """One small video, with which the server loads its libraries."""
     _watch(attacker, 1, "width=64&height=48")
 
 
-def _watch(attacker: Attacker, viewers: int, size: str) -> None:
+def _watch(attacker: Attacker, viewers: int, size: str, kind: str = "") -> None:
     picture = {"width": 320, "height": 240, "step": 960, "encoding": "rgb8", "data": "AAAA" * 76_800}
     publish = _ops("publish", topic="/picture", type="sensor_msgs/Image", msg=picture)
     attacker.send(islice(publish, 1))
     for number in range(viewers):
         viewer = socket.create_connection(("127.0.0.1", attacker.port), 5)
-        kind = "type=h264&preset=medium" if number % 2 else "type=vp8&quality=good"
-        query = f"topic=/picture&gop={number + 1}&{size}&{kind}"
+        wanted = kind or ("type=h264&preset=medium" if number % 2 else "type=vp8&quality=good")
+        query = f"topic=/picture&gop={number + 1}&{size}&{wanted}"
         viewer.sendall(f"GET /stream?{query} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
         _held.append(viewer)
     attacker.send(publish)
@@ -595,7 +687,8 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         empty_maps, nested_arrays, deep_json, deep_payload, many_in_a_member, constants, long_numbers,
         defaults, incomplete_poses, empty_names, parameters, refusals, services_again, small_video,
         expensive_videos, lists_of_many, offers_again, everything_subscribed, come_and_go, pages_again,
-        pictures_of_text, large_description, many_connections,
+        pictures_of_text, large_description, many_connections, names_in_cbor, values_in_cdr, every_type,
+        deflate_bombs, picture_bombs, mjpeg_flood, snapshots_again,
     )
 }  # fmt: skip
 """Each attack by its name."""
