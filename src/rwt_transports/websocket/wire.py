@@ -207,8 +207,8 @@ class WebSocketWire:
 
     __slots__ = (
         "_buffers", "_closing", "_ended", "_events", "_head", "_is_held", "_max_size", "_parts",
-        "_parts_binary", "_plain", "_server", "_skip", "_skip_last", "_skipping", "_staged", "_strict", "_tail",
-        "_whole", "message",
+        "_parts_binary", "_plain", "_server", "_skip", "_skip_last", "_skipping", "_staged", "_strict",
+        "_tail", "_whole", "message",
     )  # fmt: skip
 
     def __init__(
