@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import anyio
 import pytest
 
 from rwt.pages import guarded
@@ -13,7 +14,7 @@ from rwt.settings.models import Settings
 from rwt_access.access import Access
 from rwt_access.quotas import Work
 from rwt_bridge.bridge import Bridge
-from rwt_delivery.turns import SHARE
+from rwt_delivery.turns import SHARE, Turns
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
@@ -242,6 +243,31 @@ def test_pages_are_counted_and_refused_beyond_the_rate() -> None:
     assert ask(ADDRESS).status == 200
     assert server.access.work.refused == 1
     assert server.access.work.seconds["pages"] == pytest.approx(8 * 0.2)
+
+
+@pytest.mark.anyio
+async def test_a_page_waits_for_a_turn_that_is_not_full() -> None:
+    server = Server()
+    turns = Turns(server.clock)
+    handler = guarded(
+        server.access, lambda request, reader: HttpResponse(b"page"), Audience.ADMITTED, turns=turns
+    )
+    request = HttpRequest("GET", "/", address=ADDRESS)
+    assert isinstance(handler(request), HttpResponse)
+    turns.note(1.0)
+    waiting = handler(request)
+    assert not isinstance(waiting, HttpResponse)
+    answers: list[HttpResponse] = []
+
+    async def wait() -> None:
+        answers.append(await waiting)
+
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(wait)
+        await anyio.wait_all_tasks_blocked()
+        assert not answers
+        server.clock.advance(0.0)
+    assert answers[0].body == b"page"
 
 
 def test_messages_and_pages_are_one_account() -> None:
