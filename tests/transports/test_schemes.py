@@ -5,7 +5,7 @@ import ssl
 import pytest
 
 from rwt_transports import BadUrl
-from rwt_transports.schemes import SCHEMES, parse_listen_url
+from rwt_transports.schemes import SCHEMES, parse_connect_url, parse_listen_url
 
 
 @pytest.mark.parametrize(
@@ -59,6 +59,9 @@ def test_bad_urls_say_what_is_wrong_and_what_is_right(url: str, says: str) -> No
 def test_every_example_is_good() -> None:
     tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     for name, scheme in SCHEMES.items():
+        if scheme.wire is None:
+            assert parse_connect_url(scheme.example).name == name
+            continue
         parsed = parse_listen_url(scheme.example, tls)
         assert parsed.name == name
         assert parsed.address.tls is (tls if scheme.tls else None)
