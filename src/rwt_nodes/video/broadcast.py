@@ -263,6 +263,13 @@ class Broadcast:
         self.wake()
 
     async def _run(self) -> None:
+        try:
+            await self._make_pictures()
+        finally:
+            # Here and not when garbage is collected: an encoder may hold a hundred megabytes.
+            self._encoder = self._newest = self._last = self._shown = None
+
+    async def _make_pictures(self) -> None:
         while not self._over:
             payload = self._newest
             if payload is None or not any(viewer.can_accept for viewer in self.viewers):

@@ -35,10 +35,6 @@ LEFT: Final = 24
 """MiB that may be in use more when the attacker has left: receive buffers, and classes of the types it
 named."""
 
-LEFT_BY_VIDEO: Final = 700
-"""The same where videos were made: libraries, and encoders of which some stay until the next video is asked
-for."""
-
 LEFT_OBJECTS: Final = 150
 """Thousands of small objects of which the same is true."""
 
@@ -123,7 +119,7 @@ def test_a_server_under_attack(
 def _check(attack: str, server: Attacked) -> None:
     for number in range(1, TRIES + 1):
         damage = suffer(attack, server)
-        _given_back(server, damage, LEFT_BY_VIDEO if "video" in attack else LEFT)
+        _given_back(server, damage)
         assert damage.waits.seconds < PATIENCE, damage
         assert damage.grown < (VIEWER if attack in OF_VIEWERS else ADMIN), damage
         assert damage.logged < LOG_BYTES, damage
@@ -135,13 +131,13 @@ def _check(attack: str, server: Attacked) -> None:
             return
 
 
-def _given_back(server: Attacked, damage: Damage, most: float) -> None:
+def _given_back(server: Attacked, damage: Damage) -> None:
     """Wait until the attacker's connections are closed, and what the server kept for it is free."""
     deadline = time.monotonic() + 30.0
     while True:
         now, files = server.look(), server.files()
         used, objects = now.used - damage.before.used, now.objects - damage.before.objects
-        if files <= damage.files and used < most and objects < LEFT_OBJECTS:
+        if files <= damage.files and used < LEFT and objects < LEFT_OBJECTS:
             return
         left = f"{files - damage.files} open files, {used:.1f} MiB, {objects:.0f} thousand objects are left"
         assert time.monotonic() < deadline, left
