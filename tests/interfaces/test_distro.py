@@ -16,6 +16,7 @@ SRC = Path(__file__).parents[2] / "src"
 REPORTS = {
     "rwt/pages.py": "the index page names it",
     "rwt_cli/commands/bag/recording.py": "`rwt bag info` prints it",
+    "rwt_http/gateway.py": "`/version` and the page of the API name it",
     "rwt_client/blocking.py": "rosapi's question",
     "rwt_client/connection.py": "what a program knows of its robot beforehand",
     "rwt_client/robot.py": "finds the distribution from rosapi's answer",
