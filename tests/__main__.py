@@ -144,6 +144,8 @@ def main() -> int:
     if "--" in given:
         given, further = given[: given.index("--")], given[given.index("--") + 1 :]
     options = parser.parse_args(given)
+    # A shell that runs this in the background has Ctrl-C ignored, by all that the tests start, too.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     beside, alone = programs(options.paths)
     outcomes: list[Outcome] = []
 
