@@ -5,9 +5,8 @@ from __future__ import annotations
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
-import sniffio
-
 from rwt_access.settings import SettingsError
+from rwt_transports.background import runs_asyncio
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -39,11 +38,10 @@ async def webrtc_peers(
         SettingsError: aiortc is not installed, the event loop is not asyncio's, or a server's URL cannot be
             used.
     """
-    library = sniffio.current_async_library()
-    if library != "asyncio":
+    if not runs_asyncio():
         raise SettingsError(
-            f"`webrtc.enabled`: aiortc runs on asyncio alone, and this event loop is {library}: leave out "
-            "--trio, or webrtc"
+            "`webrtc.enabled`: aiortc runs on asyncio alone, and this event loop is another, such as trio's:"
+            " start the server on asyncio, or leave webrtc out"
         )
     try:
         from rwt_transports.webrtc.credentials import IceServers, IceSource  # An extra that few need.

@@ -1,7 +1,8 @@
-"""Tasks beside a block of code."""
+"""Tasks beside a block of code, and on which event loop they are."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import TypeVarTuple, Unpack
@@ -10,6 +11,15 @@ import anyio
 from anyio.abc import TaskGroup
 
 Arguments = TypeVarTuple("Arguments")
+
+
+def runs_asyncio() -> bool:
+    """Whether the running event loop is one of asyncio's, uvloop's included."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
 
 
 class TaskStarter:

@@ -59,7 +59,7 @@ async def test_a_server_without_it_says_what_is_missing() -> None:
 @pytest.mark.anyio
 @pytest.mark.parametrize("anyio_backend", ["trio"])
 async def test_trio_is_refused_by_name() -> None:
-    with pytest.raises(SettingsError, match="asyncio alone, and this event loop is trio"):
+    with pytest.raises(SettingsError, match="asyncio alone, and this event loop is another"):
         async with Server("ws://127.0.0.1:0", webrtc=WEBRTC):
             pass
     async with Server("ws://127.0.0.1:0") as server:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final, Never
 
 import anyio
 import anyio.to_thread
-import sniffio
 
+from rwt_transports.background import runs_asyncio
 from rwt_transports.errors import ConnectError, Refused
 from rwt_transports.http import is_local
 from rwt_transports.limits import AddressCount
@@ -78,9 +78,10 @@ class DataChannelConnector:
 
 def require_asyncio() -> None:
     """Raise ConnectError where the event loop is not asyncio's, on which alone aiortc runs."""
-    library = sniffio.current_async_library()
-    if library != "asyncio":
-        raise ConnectError(f"WebRTC needs asyncio (aiortc runs on nothing else), and this is {library}")
+    if not runs_asyncio():
+        raise ConnectError(
+            "WebRTC needs asyncio (aiortc runs on nothing else), and this event loop is another"
+        )
 
 
 def _refuse(sink: Sink, info: PeerInfo) -> Never:
