@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
 
 import pytest
+
+ROOT = Path(__file__).parents[1]
+
+THROUGH_OTHERS = {"annotated-types", "pydantic-core", "mcp-types"}
+"""What comes with a dependency that speaks of it in its own interface: pydantic, and the SDK for agents."""
+
+NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest"}
+"""What only checkers have, the suite beside the project, and what the plugin is for."""
 
 PACKAGES = {
     "rwt_interfaces": {"rwt_protocol", "rwt_graph", "rwt_transports", "anyio", "asyncio", "numpy", "cbor2"},
@@ -32,3 +45,35 @@ def test_alone(package: str) -> None:
     program = f"import {package}, sys; print(' '.join(name for name in sys.modules if '.' not in name))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not PACKAGES[package] & set(done.stdout.split())
+
+
+def _imported(file: Path) -> set[str]:
+    """The top-level names that a module imports, wherever it does."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found.add(node.module)
+    return {name.partition(".")[0] for name in found}
+
+
+def test_what_is_imported_is_declared() -> None:
+    """A name that only a development dependency brings along breaks everybody else's installation."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wanted = [
+        *project["dependencies"],
+        *(each for extra in project["optional-dependencies"].values() for each in extra),
+    ]
+    declared = {
+        re.split(r"[\[<>=;~! ]", each)[0].lower().replace("_", "-") for each in wanted
+    } | THROUGH_OTHERS
+    own = {folder.name for folder in (ROOT / "src").iterdir()}
+    distributions = packages_distributions()
+    undeclared = {
+        f"{file.relative_to(ROOT)}: {name}"
+        for file in (ROOT / "src").rglob("*.py")
+        for name in _imported(file) - own - sys.stdlib_module_names - NOT_TO_INSTALL
+        if not {each.lower().replace("_", "-") for each in distributions.get(name, [name])} & declared
+    }
+    assert undeclared == set()
