@@ -138,7 +138,7 @@ def main() -> int:
         description=__doc__,
         epilog="example: python -m tests --processes 4 tests/bridge tests/access -- -x",
     )
-    parser.add_argument("--processes", type=int, default=2, help="programs that run beside each other [2]")
+    parser.add_argument("--processes", type=int, default=3, help="programs that run beside each other [3]")
     parser.add_argument("paths", nargs="*", type=Path, default=[TESTS], help="files and folders [all]")
     given, further = sys.argv[1:], []
     if "--" in given:

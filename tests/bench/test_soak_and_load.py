@@ -21,7 +21,7 @@ def run(*arguments: str) -> str:
 
 
 def test_clients_that_come_and_go_leave_nothing_behind() -> None:
-    printed = run("bench.soak", "--seconds", "8")
+    printed = run("bench.soak", "--seconds", "20")
     assert "in the handshake" in printed and "in a call, reset" in printed
 
 
