@@ -49,7 +49,7 @@ def test_alone(package: str) -> None:
 
 def _imported(file: Path) -> set[str]:
     """The top-level names that a module imports, wherever it does."""
-    found = set()
+    found: set[str] = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
