@@ -41,13 +41,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error("a file is missing")
     try:
         if rwt_rclpy.install(given.interfaces) == "ros":
-            print("rwt_rclpy: ROS is installed, and its own rclpy runs", file=sys.stderr)  # noqa: T201
+            print("rwt_rclpy: ROS is installed, and its own rclpy runs", file=sys.stderr)  # noqa: T201 - it is a command
         if given.module:
             run_module(given.module, given.program)
         else:
             run_file(Path(given.program[0]), given.program[1:])
     except RobotError as error:
-        print(f"rwt_rclpy: {error}", file=sys.stderr)  # noqa: T201
+        print(f"rwt_rclpy: {error}", file=sys.stderr)  # noqa: T201 - it is a command
         return 2
     return 0
 

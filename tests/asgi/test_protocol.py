@@ -175,7 +175,7 @@ async def test_a_stream_ends_when_its_reader_goes(server: Server) -> None:
     socket = Socket(scope("http", "/api/topics/kept", headers=accept))
     socket.feed(type="http.request")
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]
+        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # plain dicts
         await socket.until(lambda sent: b'"x"' in b"".join(event.get("body", b"") for event in sent))
         bridge = next(node for node in server.graph.nodes() if node.name == "/http_bridge")
         assert bridge.subscribing == ("/kept",)
@@ -188,7 +188,7 @@ async def test_a_stream_ends_when_its_reader_goes(server: Server) -> None:
 async def test_a_websocket_is_opened_used_and_closed(server: Server) -> None:
     socket = Socket(scope("websocket", subprotocols=["other", "rwt"]))
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]
+        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # plain dicts
         socket.feed(type="websocket.connect")
         socket.feed(type="websocket.receive", text='{"op": "call_service", "service": "/none", "id": "1"}')
         socket.feed(type="websocket.receive", bytes=b'{"op": "call_service", "service": "/none", "id": "2"}')
@@ -205,7 +205,7 @@ async def test_a_slow_reader_holds_up_its_own_outbox_alone(server: Server) -> No
     socket = Socket(scope("websocket"))
     talker = server.node("it").advertise("/talk", "std_msgs/String")
     async with anyio.create_task_group() as tasks:
-        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]
+        tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # plain dicts
         socket.feed(type="websocket.connect")
         socket.feed(type="websocket.receive", text='{"op": "subscribe", "topic": "/talk"}')
         while not talker.subscriber_count:  # noqa: ASYNC110 - the server is what is waited for

@@ -149,7 +149,7 @@ def _time_callbacks(seconds: float) -> None:
             sys.stderr.write(f"{took * 1000:.0f} ms in {handle!r}\n")
             sys.stderr.flush()
 
-    asyncio.Handle._run = timed  # type: ignore[method-assign, assignment]
+    asyncio.Handle._run = timed  # type: ignore[method-assign, assignment]  # it is watched
 
 
 def _watch() -> None:
