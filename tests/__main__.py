@@ -144,8 +144,10 @@ def main() -> int:
     if "--" in given:
         given, further = given[: given.index("--")], given[given.index("--") + 1 :]
     options = parser.parse_args(given)
-    # A shell that runs this in the background has Ctrl-C ignored, by all that the tests start, too.
+    # In a shell's background Ctrl-C is ignored, and under nohup a hangup, by all that the tests start, too.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, lambda *_: None)
     beside, alone = programs(options.paths)
     outcomes: list[Outcome] = []
 
