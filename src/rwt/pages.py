@@ -127,6 +127,23 @@ def _foreign(origin: str) -> Refused:
     return Refused(403, f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)")
 
 
+def _admitted(access: Access, audience: Audience, request: HttpRequest) -> GraphView:
+    """The graph as whoever sent a request may see it.
+
+    Raises:
+        Refused: they are none of the audience, or their address is beyond its rate of work.
+    """
+    target = f"{request.path}?{request.query}"
+    reader = access.reader(PeerInfo("http", request.address, 0, target, request.headers))
+    if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
+        role = reader.role.name
+        raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
+    if (beyond := reader.work.refusal()) is not None:
+        reason, seconds = beyond
+        raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
+    return reader
+
+
 def guarded(
     access: Access,
     page: Callable[[HttpRequest, GraphView], HttpResponse | Awaitable[HttpResponse]],
@@ -167,15 +184,8 @@ def guarded(
         return _with_headers(answer, headers) if isinstance(answer, HttpResponse) else _later(answer, headers)
 
     def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
-        target = f"{request.path}?{request.query}"
         try:
-            reader = access.reader(PeerInfo("http", request.address, 0, target, request.headers))
-            if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
-                role = reader.role.name
-                raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
-            if (beyond := reader.work.refusal()) is not None:
-                reason, seconds = beyond
-                raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
+            reader = _admitted(access, audience, request)
         except Refused as refused:
             return refusal(request, refused)
         if turns is not None and turns.is_full:
