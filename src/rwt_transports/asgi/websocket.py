@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import anyio
-
-from rwt_transports.api import DriverCallbacks
 from rwt_transports.asgi.messages import BINARY, CLOSE, HEADER, TEXT, KindCutter, close_bytes, close_of
 from rwt_transports.asgi.types import Receive, Send
+from rwt_transports.drivers.task_link import TaskLink
 from rwt_transports.websocket.close_codes import NO_STATUS, may_travel
 
 
-class AsgiLink:
-    """The WebSocket of one scope, once it is accepted; satisfies :class:`rwt_transports.api.Link`.
+class AsgiLink(TaskLink):
+    """The WebSocket of one scope, once it is accepted.
 
     What the writing task awaits is the server's own backpressure: while it waits, the connection's outbox
     keeps what is new, by its bounds.
@@ -21,57 +19,16 @@ class AsgiLink:
         send: of the scope.
     """
 
-    __slots__ = ("_awake", "_callbacks", "_closing", "_reading", "_receive", "_scope", "_send", "_took")
+    __slots__ = ("_receive", "_send")
 
     def __init__(self, receive: Receive, send: Send) -> None:
+        super().__init__()
         self._receive = receive
         self._send = send
-        self._scope = anyio.CancelScope()
-        self._awake = anyio.Event()
-        self._reading = anyio.Event()
-        self._reading.set()
-        self._closing = False
-
-    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call `callbacks` from now on."""
-        self._callbacks = callbacks
-
-    def wake(self) -> None:
-        """Let the writing task take what there is."""
-        self._awake.set()
 
     def finish(self) -> None:
         """Close: a WebSocket has no half that could stay open."""
         self.close()
-
-    def close(self) -> None:
-        """End once what was taken has been sent."""
-        self._closing = True
-        self._awake.set()
-
-    def abort(self) -> None:
-        """End at once."""
-        self._scope.cancel()
-
-    def pause(self) -> None:
-        """Let the reading task wait before its next read."""
-        if self._reading.is_set():
-            self._reading = anyio.Event()
-
-    def resume(self) -> None:
-        """Let the reading task go on."""
-        self._reading.set()
-
-    async def run(self) -> None:
-        """Move messages both ways until the WebSocket ends."""
-        try:
-            with self._scope:
-                async with anyio.create_task_group() as tasks:
-                    tasks.start_soon(self._read)
-                    await self._write()
-                    tasks.cancel_scope.cancel()
-        finally:
-            self._callbacks.lost()
 
     async def _read(self) -> None:
         receive = self._callbacks.receive
@@ -95,8 +52,7 @@ class AsgiLink:
     async def _write(self) -> None:
         cutter = KindCutter(self._callbacks.take)
         while not self._closing:
-            await self._awake.wait()
-            self._awake = anyio.Event()
+            await self._woken()
             while (message := cutter.next_of_kind()) is not None:
                 kind, data = message
                 if kind == CLOSE:

@@ -13,8 +13,9 @@ import anyio
 from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.tls import TLSStream
 
-from rwt_transports.api import Attach, BindAddress, DriverCallbacks, RemoteAddress
+from rwt_transports.api import Attach, BindAddress, RemoteAddress
 from rwt_transports.drivers.sockets import Handshakes, accept_peers, bind_tcp, bind_unix, remove_unix
+from rwt_transports.drivers.task_link import TaskLink
 from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
@@ -26,65 +27,26 @@ GONE = (anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError)
 """How a stream says that its other end has gone; TLS says the first of them to a writer, too."""
 
 
-class _Link:
-    """One stream; satisfies :class:`rwt_transports.api.Link`."""
+class _Link(TaskLink):
+    """One stream."""
 
-    __slots__ = ("_awake", "_callbacks", "_closing", "_finishing", "_reading", "_scope", "_stream")
+    __slots__ = ("_finishing", "_stream")
 
     def __init__(self, stream: ByteStream) -> None:
+        super().__init__()
         self._stream = stream
-        self._scope = anyio.CancelScope()
-        self._awake = anyio.Event()
-        self._reading = anyio.Event()
-        self._reading.set()
         self._finishing = False
-        self._closing = False
-
-    # -- Link --------------------------------------------------------------------------------------------
-
-    def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call `callbacks` from now on."""
-        self._callbacks = callbacks
-
-    def wake(self) -> None:
-        """Let the writing task take what there is."""
-        self._awake.set()
 
     def finish(self) -> None:
         """Half-close once what was taken is written."""
         self._finishing = True
         self._awake.set()
 
-    def close(self) -> None:
-        """Close once what was taken is written."""
-        self._closing = True
-        self._awake.set()
-
-    def abort(self) -> None:
-        """Close at once."""
-        self._scope.cancel()
-
-    def pause(self) -> None:
-        """Let the reading task wait before its next read."""
-        if self._reading.is_set():
-            self._reading = anyio.Event()
-
-    def resume(self) -> None:
-        """Let the reading task go on."""
-        self._reading.set()
-
-    # -- tasks -------------------------------------------------------------------------------------------
-
     async def run(self) -> None:
-        """Move bytes both ways until the connection ends."""
+        """Move bytes both ways until the connection ends, and close the stream."""
         try:
-            with self._scope:
-                async with anyio.create_task_group() as tasks:
-                    tasks.start_soon(self._read)
-                    await self._write()
-                    tasks.cancel_scope.cancel()
+            await super().run()
         finally:
-            self._callbacks.lost()
             with anyio.CancelScope(shield=True):
                 await anyio.aclose_forcefully(self._stream)
 
@@ -101,8 +63,7 @@ class _Link:
     async def _write(self) -> None:
         try:
             while not self._closing:
-                await self._awake.wait()
-                self._awake = anyio.Event()
+                await self._woken()
                 more = False
                 while (data := self._callbacks.take()) is not None:
                     if more:
