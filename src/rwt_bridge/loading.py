@@ -9,6 +9,8 @@ import threading
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
+from rwt_protocol.brackets import has_more_brackets
+
 if TYPE_CHECKING:
     from rwt_protocol.transport import Buffer
 
@@ -58,4 +60,4 @@ def _load() -> None:
 def _needs_numpy(data: bytes, binary: bool) -> bool:
     if binary:
         return _NUMBERS.search(data) is not None
-    return data.count(b"[") + data.count(b"{") > _MANY_BRACKETS
+    return has_more_brackets(data, _MANY_BRACKETS)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from rwt_protocol.brackets import has_more_brackets
 from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.errors import MalformedPayload
@@ -274,3 +275,24 @@ def test_a_piece_of_a_message_may_be_large() -> None:
     session = Session()
     (found,) = (op for piece in pieces for op in session.decode(json.dumps(piece).encode(), False, 0.0))
     assert isinstance(found, Publish)
+
+
+@given(st.text(alphabet='{[}]"a', max_size=300), st.integers(0, 200))
+def test_few_brackets_are_found_as_many_are_counted(text: str, most: int) -> None:
+    counted = text.count("{") + text.count("[")
+
+    assert has_more_brackets(text.encode(), most) is (counted > most)
+
+
+class _Uncounted(bytes):
+    """Bytes that nobody goes through one by one."""
+
+    def count(self, *args: object) -> int:
+        raise AssertionError(f"counts {args}")
+
+
+def test_the_brackets_around_one_long_string_are_not_counted() -> None:
+    text = _Uncounted(b'{"a": [{"data": "' + b"A" * 1_000_000 + b'"}]}')
+
+    assert not has_more_brackets(text, 64)
+    assert has_more_brackets(text, 2)

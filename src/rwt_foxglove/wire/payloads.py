@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from rwt_foxglove.errors import NotPossible
 from rwt_interfaces.payload import Payload
+from rwt_protocol.brackets import has_more_brackets
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
@@ -73,7 +74,7 @@ def long_payload(
         NotPossible: it has more brackets, and would have to be read so.
     """
     whole = bytes(data)  # The frame may be gone at the next step.
-    if len(whole) <= structure or whole.count(b"[") + whole.count(b"{") <= structure // 2:
+    if not has_more_brackets(whole, structure // 2):
         return (yield from Payload.from_json_in_steps(type, whole, now))
     exact = yield from Payload.from_dense_json_in_steps(type, whole, now)
     if exact is None:

@@ -12,6 +12,7 @@ from typing import Final
 import msgspec
 from pydantic import BaseModel
 
+from rwt_protocol.brackets import has_more_brackets
 from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits
 from rwt_protocol.codecs.envelope import DECODER, PAYLOADS, RELIED_ON
 from rwt_protocol.codecs.full_split import split_whole
@@ -32,8 +33,6 @@ def _plain_model(value: object) -> object:
 
 _encode: Final = msgspec.json.Encoder(enc_hook=_plain_model).encode
 
-_FEW_BRACKETS: Final = 64
-
 
 class JsonCodec:
     """The JSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
@@ -50,7 +49,7 @@ class JsonCodec:
         if size > LARGE:
             most = limits.max_structure
             dense = ""
-            if size > most and _has_more_brackets(data, most // 2):
+            if size > most and has_more_brackets(data, most // 2):
                 dense = f"more than {most} brackets (limits.structure_bytes)"
             members = split_large(data, max_depth, dense)
             if members is not None:
@@ -113,23 +112,6 @@ def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
 
 
 _Layout = tuple[bytes, tuple[tuple[str, bytes, bool, bool], ...]]
-
-
-def _has_more_brackets(data: bytes, most: int) -> bool:
-    """Whether more than `most` objects and arrays begin in the frame.
-
-    Large frames are mostly one long string with a few brackets around it: to find those few costs a thirtieth
-    of counting.
-    """
-    for bracket in (b"{", b"["):
-        place = -1
-        for _ in range(_FEW_BRACKETS):
-            place = data.find(bracket, place + 1)
-            if place < 0:
-                break
-        else:
-            return data.count(b"{") + data.count(b"[") > most
-    return most < 2 * _FEW_BRACKETS
 
 
 def _layout(model: type[Op]) -> _Layout:
