@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 import anyio
 
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
+from rwt.certificates import CertificateRenewal, authority_page
 from rwt.doors import Doors
 from rwt.gateways import GATEWAYS
 from rwt.graphs import check_graph, make_graph
@@ -409,6 +410,9 @@ class Server:
             await stack.enter_async_context(graph)
         ready = start_nodes(graph, settings, nodes)
         http = (*ready.http, *self._start_extra_nodes(nodes), *self._http)
+        if settings.tls.auto and tls is not None:
+            http = (*http, authority_page(settings.tls))
+            stack.callback(CertificateRenewal(graph.clock, tls, settings.tls).close)
         if self._record is not None or self._introspection:
             start_recording(graph, self._record, nodes, introspection=self._introspection)
         middleware = [] if self._middleware is None else [self._middleware]

@@ -1,4 +1,4 @@
-"""TLS from files: the certificate of encrypted listeners, and the authority of hubs."""
+"""TLS: the certificate of encrypted listeners, from files or of our own making, and the authority of hubs."""
 
 from __future__ import annotations
 
@@ -18,21 +18,33 @@ def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
     Raises:
         SettingsError: a file cannot be read, or is not what it should be.
     """
-    if settings.certfile is None or settings.keyfile is None:
+    if (files := _files(settings)) is None:
         return None
-    for key, path in (("certfile", settings.certfile), ("keyfile", settings.keyfile)):
-        _check_readable(f"tls.{key}", path)
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
         # A password is given so that a key which needs one fails here, instead of asking at a terminal.
-        context.load_cert_chain(settings.certfile, settings.keyfile, password="")
+        context.load_cert_chain(*files, password="")
     except (ssl.SSLError, ValueError) as error:
         raise SettingsError(
-            f"tls: {settings.certfile} and {settings.keyfile}: expected a certificate and the key that"
+            f"tls: {files[0]} and {files[1]}: expected a certificate and the key that"
             " belongs to it, both in PEM, the key without a password"
         ) from error
     return context
+
+
+def _files(settings: TlsSettings) -> tuple[Path, Path] | None:
+    """The files of the certificate and its key, which are the same where the server has made them."""
+    if settings.auto:
+        from rwt_access.own_certificate import own_certificate  # Few servers make one.
+
+        made = own_certificate(settings)
+        return made.server, made.server
+    if settings.certfile is None or settings.keyfile is None:
+        return None
+    for key, path in (("certfile", settings.certfile), ("keyfile", settings.keyfile)):
+        _check_readable(f"tls.{key}", path)
+    return settings.certfile, settings.keyfile
 
 
 def renew_server_tls(context: ssl.SSLContext, settings: TlsSettings) -> None:
@@ -41,8 +53,8 @@ def renew_server_tls(context: ssl.SSLContext, settings: TlsSettings) -> None:
     Raises:
         SettingsError: as :func:`server_tls`; then the old one is shown.
     """
-    if server_tls(settings) is not None and settings.certfile is not None:
-        context.load_cert_chain(settings.certfile, settings.keyfile, password="")
+    if server_tls(settings) is not None and (files := _files(settings)) is not None:
+        context.load_cert_chain(*files, password="")
 
 
 def client_tls(cafile: Path | None) -> ssl.SSLContext | None:

@@ -17,6 +17,7 @@ from rwt_access.settings.types import (
     Count,
     CountOrNone,
     Globs,
+    HostName,
     Seconds,
     SecondsOrNone,
     Table,
@@ -196,11 +197,31 @@ class TlsSettings(Table):
         Path | None, Field(description="PEM file with the certificate and those that vouch for it")
     ] = None
     keyfile: Annotated[Path | None, Field(description="PEM file with the private key")] = None
+    auto: Annotated[
+        bool,
+        Field(
+            description="whether the server makes its certificate itself, with a small authority that devices"
+            " are given once; needs the extra `tls`"
+        ),
+    ] = False
+    folder: Annotated[
+        Path | None,
+        Field(description="where that is kept; by default `rwt/tls` in the user's folder for state"),
+    ] = None
+    names: Annotated[
+        tuple[HostName, ...],
+        Field(
+            max_length=64,
+            description="names and addresses that it vouches for, besides the private ones of this machine",
+        ),
+    ] = ()
 
     @model_validator(mode="after")
     def _both(self) -> TlsSettings:
         if (self.certfile is None) != (self.keyfile is None):
             raise ValueError("expected `certfile` and `keyfile` together")
+        if self.auto and self.certfile is not None:
+            raise ValueError("expected either `auto`, or `certfile` and `keyfile`")
         return self
 
 

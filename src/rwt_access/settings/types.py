@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ipaddress
+import re
+from contextlib import suppress
 from typing import Annotated, Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 MIB: Final = 1024 * 1024
 
@@ -14,6 +17,26 @@ CountOrNone = Annotated[int, Field(ge=0)]
 Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 SecondsOrNone = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Globs = tuple[str, ...]
+
+_LABEL: Final = r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?"
+_HOST_NAME: Final = re.compile(rf"{_LABEL}(?:\.{_LABEL})*")
+
+
+def is_host_name(text: str) -> bool:
+    """Whether a text is a name as DNS has them (RFC 1123 section 2.1); an IPv4 address looks like one."""
+    return len(text) <= 253 and _HOST_NAME.fullmatch(text) is not None
+
+
+def _check_host(text: str) -> str:
+    with suppress(ValueError):
+        return str(ipaddress.ip_address(text))
+    if not is_host_name(text):
+        raise ValueError(f"{text!r} is no name or address of a host: expected one such as robot.example.org")
+    return text.lower()
+
+
+HostName = Annotated[str, AfterValidator(_check_host)]
+"""A name in lower case, or an address in its shortest form."""
 
 
 class Table(BaseModel):

@@ -27,6 +27,8 @@ examples:
   rwt serve ws://0.0.0.0:9090 --distro noetic
   rwt serve ws://127.0.0.1:0               on any free port, which is printed
   rwt serve ws://[::1] tcp://127.0.0.1:9091 on several at once
+  rwt serve --demo --tls auto wss://0.0.0.0:9090
+                                           encrypted, for phones, with a QR code of the page's address
   rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
@@ -60,6 +62,12 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         metavar="URL",
         help="dial in at a hub, wss://HUB/robots/NAME, and serve the clients it passes on; may be given"
         " several times; without a URL to listen on, nothing else is served",
+    )
+    parser.add_argument(
+        "--tls",
+        choices=("auto",),
+        help="make a certificate for this machine's own addresses and keep it; without a URL listens on"
+        " wss://127.0.0.1:9090 (needs the extra tls)",
     )
     parser.add_argument(
         "--webrtc",
@@ -208,6 +216,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "interfaces": tuple(arguments.interfaces or ()) or None,
         "packages": tuple(arguments.packages or ()) or None,
         "dial.urls": tuple(arguments.dial or ()) or None,
+        "tls.auto": True if arguments.tls == "auto" else None,
         "webrtc.enabled": arguments.webrtc,
         "graph": arguments.graph,
         "zenoh.listen": tuple(arguments.zenoh_listen or ()) or None,
@@ -215,7 +224,12 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "zenoh.config": arguments.zenoh_config,
         "zenoh.domain": arguments.domain,
     }
-    return settings_of(arguments, given).settings
+    settings = settings_of(arguments, given).settings
+    if arguments.tls is None:
+        return settings
+    from rwt_cli.commands.serve.encrypted import encrypted  # `--help` needs none of it.
+
+    return encrypted(settings)
 
 
 def _on_up(server: Server) -> str:
@@ -227,7 +241,11 @@ def _on_up(server: Server) -> str:
     gc.freeze()
     web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
     hint = [_next_steps(web)] if server.settings.demo and web is not None else []
-    return "\n".join([listening(server), *hint])
+    if server.settings.tls.auto:
+        from rwt_cli.commands.serve.encrypted import for_devices
+
+        hint.append(for_devices(server))
+    return "\n".join([listening(server), *filter(None, hint)])
 
 
 def _next_steps(url: str) -> str:
