@@ -42,6 +42,7 @@ from rwt_access.settings import SettingsError
 from rwt_access.tls import renew_server_tls, server_tls
 from rwt_bridge.bridge import GATEWAY_NODE, Bridge
 from rwt_bridge.loading import NumpyLoading
+from rwt_delivery.http_traffic import counted
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.program.node import Node
@@ -423,8 +424,9 @@ class Server:
         bridge = Bridge(graph, settings, access, NumpyLoading())
         stack.callback(bridge.close)
         gateways = self._start_gateways(access, http, stack)
-        extensions: list[HttpExtension[GraphView]] = [*http, *(gateway.http for gateway in gateways)]
-        metrics = ServerMetrics(bridge, extensions)
+        of_gateways = (counted(each.http, each.shared.counters) for each in gateways)
+        extensions: list[HttpExtension[GraphView]] = [*http, *of_gateways]
+        metrics = ServerMetrics(bridge, extensions, gateways)
         stack.callback(metrics.close)
         if self._worker is None:
             stack.callback(Heartbeat(graph.clock).close)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from rwt_access.access import Access
+    from rwt_access.client_graph import ClientGraph
     from rwt_access.graph_view import GraphView
+    from rwt_delivery.shared_graph import SharedGraph
     from rwt_graph.api import Graph
     from rwt_protocol.transport import Endpoint, PeerInfo, Sink
     from rwt_transports.http import HttpExtension
@@ -29,7 +31,52 @@ class AcceptPeer(Protocol):
         """
 
 
-class Gateway(Protocol):
+class GatewayClient(Protocol):
+    """A connected client of a gateway, as far as it is counted.
+
+    Attributes:
+        messages: how many have come from it.
+    """
+
+    messages: int
+
+    @property
+    def number(self) -> int:
+        """Counts the clients of the gateway."""
+
+    @property
+    def sink(self) -> Sink:
+        """Its connection."""
+
+    @property
+    def graph(self) -> ClientGraph:
+        """The graph as it may see it."""
+
+
+class Counted(Protocol):
+    """What is counted alike of every gateway.
+
+    Attributes:
+        name: the protocol, as metrics call it.
+        shared: the part in the graph that all clients share, with what it counts.
+        clients: those that are connected; none where there are only requests over HTTP, which are counted as
+            they pass (:mod:`rwt_delivery.http_traffic`).
+    """
+
+    @property
+    def name(self) -> str:
+        """See above."""
+
+    @property
+    def shared(self) -> SharedGraph:
+        """See above."""
+
+    @property
+    def clients(self) -> Sequence[GatewayClient]:
+        """See above."""
+
+
+class Gateway(Counted, Protocol):
     """A protocol in front of the graph, from its construction until it is closed. It translates frames and
     requests to verbs of the graph as a client may see it (:meth:`rwt_access.access.Access.client`), and knows
     no rule.

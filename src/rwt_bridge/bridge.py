@@ -55,6 +55,7 @@ class Bridge:
     """Connects rosbridge clients to a graph.
 
     Attributes:
+        name: of the protocol.
         settings: what the operator has set.
         access: who may do what.
         shared: the part in the graph that all clients share, as the node `/rosbridge_websocket`.
@@ -73,6 +74,8 @@ class Bridge:
     Raises:
         SettingsError: a file that the settings name cannot be used, or a package is missing.
     """
+
+    name: Final = "rosbridge"
 
     def __init__(
         self,
@@ -107,6 +110,11 @@ class Bridge:
     def peers(self) -> tuple[Peer, ...]:
         """The clients that are connected, in the order they came."""
         return tuple(self._peers.values())
+
+    @property
+    def clients(self) -> tuple[Peer, ...]:
+        """The same, as every gateway has them."""
+        return self.peers
 
     @property
     def client_count(self) -> int:

@@ -70,13 +70,14 @@ class Counters:
         topics: by absolute name.
         refusals: by op; what names no op of the protocol is `unknown`.
         clients: that have connected.
+        present: clients here now that have no connection of their own, and come with each request.
         calls: of services.
         goals: sent to actions.
         missed_deadlines: of publishers and of subscriptions.
-        received: messages of clients that have left.
-        received_bytes: bytes read from them.
-        sent: messages to clients that have left.
-        sent_bytes: bytes written to them.
+        received: messages of clients that have left, and requests.
+        received_bytes: bytes read from them, and of the bodies of requests.
+        sent: messages to clients that have left, and answers to requests.
+        sent_bytes: bytes written to them, and of the bodies of answers.
     """
 
     def __init__(self) -> None:
@@ -84,6 +85,7 @@ class Counters:
         self._unused: dict[str, None] = {}
         self.refusals: dict[str, int] = {}
         self.clients = 0
+        self.present = 0
         self.calls = 0
         self.goals = 0
         self.missed_deadlines = 0
@@ -127,3 +129,13 @@ class Counters:
         self.received_bytes += traffic.received_bytes
         self.sent += traffic.messages
         self.sent_bytes += traffic.bytes
+
+    def requested(self, size: int) -> None:
+        """Count a request over HTTP with a body of that size."""
+        self.received += 1
+        self.received_bytes += size
+
+    def answered(self, size: int) -> None:
+        """Count an answer to a request, or one piece of an answer that is a stream."""
+        self.sent += 1
+        self.sent_bytes += size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import logging
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from functools import partial
 from importlib.metadata import version
 from types import MappingProxyType
@@ -23,7 +23,7 @@ from rwt_foxglove.settings import Bounds, FoxgloveSettings
 from rwt_foxglove.wire.payloads import encodings
 from rwt_foxglove.wire.server_messages import server_info, time
 from rwt_transports.errors import Refused
-from rwt_transports.http import HttpExtension, HttpRequest, MetricFamily
+from rwt_transports.http import HttpExtension, HttpRequest
 
 if TYPE_CHECKING:
     from rwt_access.access import Access
@@ -55,6 +55,7 @@ class FoxgloveGateway:
     """Foxglove's WebSocket protocol in front of a graph.
 
     Attributes:
+        name: of the protocol.
         settings: what the operator has set.
         bounds: what one client may send and is sent.
         access: who may do what.
@@ -63,7 +64,7 @@ class FoxgloveGateway:
         pages: what has the files of packages, if anything.
         playback: the recording that the graph plays, if it plays one.
         websockets: takes in clients, by subprotocol.
-        http: a section of the index, and metrics.
+        http: a section of the index.
 
     Args:
         graph: the robot.
@@ -73,6 +74,8 @@ class FoxgloveGateway:
         linger: seconds that a topic outlives its last publisher among the clients.
         pages: see above.
     """
+
+    name: Final = "foxglove"
 
     def __init__(
         self,
@@ -91,7 +94,7 @@ class FoxgloveGateway:
         self.pages = pages
         self.playback: Playback | None = graph.clock.playback
         self.websockets: Mapping[str, AcceptPeer] = MappingProxyType(dict.fromkeys(SUBPROTOCOLS, self.accept))
-        self.http: HttpExtension[GraphView] = HttpExtension(section=_section, metrics=self._metrics)
+        self.http: HttpExtension[GraphView] = HttpExtension(section=_section)
         self._graph = graph
         self._clock = graph.clock
         self._session_id = uuid4().hex
@@ -265,49 +268,6 @@ class FoxgloveGateway:
             if timer is not None:
                 timer.cancel()
         self.shared.close()
-
-    def _metrics(self) -> Iterable[MetricFamily]:
-        """What the gateway counts, as families of its own."""
-        counters = self.shared.counters
-        for fanout in self.shared.fanouts.values():
-            fanout.settle()
-        clients = self.clients
-        traffic = [client.sink.traffic for client in clients]
-        received = counters.received + sum(client.messages for client in clients)
-        received_bytes = counters.received_bytes + sum(each.received_bytes for each in traffic)
-        sent = counters.sent + sum(each.messages for each in traffic)
-        sent_bytes = counters.sent_bytes + sum(each.bytes for each in traffic)
-        topics = sorted(counters.topics.items())
-        singles: tuple[tuple[str, str, float], ...] = (
-            ("connections_total", "Foxglove clients that have connected.", counters.clients),
-            ("received_messages_total", "Messages from Foxglove clients.", received),
-            ("received_bytes_total", "Bytes read from Foxglove clients.", received_bytes),
-            ("sent_messages_total", "Messages to Foxglove clients.", sent),
-            ("sent_bytes_total", "Bytes written to Foxglove clients.", sent_bytes),
-            ("service_calls_total", "Service calls of Foxglove clients.", counters.calls),
-        )
-        for name, help, value in singles:
-            yield MetricFamily(f"rwt_foxglove_{name}", "counter", help, [({}, value)])
-        yield MetricFamily(
-            "rwt_foxglove_clients", "gauge", "Foxglove clients connected now.", [({}, len(clients))]
-        )
-        yield MetricFamily(
-            "rwt_foxglove_refusals_total", "counter", "What was refused, by message.",
-            [({"message": op}, count) for op, count in sorted(counters.refusals.items())],
-        )  # fmt: skip
-        yield MetricFamily(
-            "rwt_foxglove_topic_sent_messages_total", "counter", "Messages of a topic to Foxglove clients.",
-            [({"topic": name}, its.messages) for name, counts in topics for its in counts.sent.values()],
-        )  # fmt: skip
-        yield MetricFamily(
-            "rwt_foxglove_topic_dropped_messages_total", "counter",
-            "Messages that did not go to a Foxglove client, by reason.",
-            [
-                ({"topic": name, "reason": reason.value}, count)
-                for name, counts in topics
-                for reason, count in sorted(counts.dropped.items())
-            ],
-        )  # fmt: skip
 
 
 def _section(request: HttpRequest, reader: GraphView) -> str:

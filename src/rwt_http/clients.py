@@ -132,13 +132,16 @@ class Clients:
         client = self._known.get(key)
         if client is None:
             self._count += 1
+            self._shared.counters.clients += 1
+            self._shared.counters.present += 1
             graph = self._access.client(self._shared, role, request.address, f"http:{self._count}")
             client = self._known[key] = HttpClient(self, key, graph, request.address)
         return client
 
     def forget(self, key: tuple[str, str]) -> None:
         """Forget a client that leaves."""
-        self._known.pop(key, None)
+        if self._known.pop(key, None) is not None:
+            self._shared.counters.present -= 1
 
     def reload_roles(self) -> None:
         """Let each client act as the settings say now, and end the streams that they do not allow."""

@@ -46,6 +46,11 @@ _TYPES: Final = "/api/types/"
 class HttpGateway:
     """The robot over plain HTTP; satisfies :class:`rwt_access.gateway.Gateway`.
 
+    Attributes:
+        name: of the protocol.
+        shared: the part in the graph that all clients share, as the node `/http_bridge`.
+        clients: nobody has a connection of its own.
+
     Args:
         graph: the robot.
         access: who may do what.
@@ -53,6 +58,9 @@ class HttpGateway:
         linger: seconds that a client is there after its last request, and a publisher after its client.
         capabilities: what else is offered on the port, for ``/version``.
     """
+
+    name: Final = "http"
+    clients: tuple[()] = ()
 
     def __init__(
         self,
@@ -67,8 +75,8 @@ class HttpGateway:
         self._requests: dict[tuple[str, str], int] = {}
         self._documents: dict[tuple[str, str], tuple[object, bytes]] = {}
         log = partial(access.audit.write, logging.INFO, "%s")
-        self._shared = SharedGraph(graph, GATEWAY_NODE, linger, log)
-        self._clients = Clients(access, self._shared, linger)
+        self.shared = SharedGraph(graph, GATEWAY_NODE, linger, log)
+        self._clients = Clients(access, self.shared, linger)
         self._actions = actions.Actions(self._clients, settings)
         self.websockets: Mapping[str, AcceptPeer] = {}
         self.http: HttpExtension[GraphView] = HttpExtension(
@@ -84,7 +92,7 @@ class HttpGateway:
         """Leave the graph."""
         self._actions.goals.close()
         self._clients.close()
-        self._shared.close()
+        self.shared.close()
 
     def _routes(self, of_topics: topics.Topics) -> Iterable[Route[GraphView]]:
         of_services = services.Services(self._clients, self._settings)
@@ -175,7 +183,6 @@ class HttpGateway:
         )
 
     def _metrics(self) -> Iterable[MetricFamily]:
-        counters = self._shared.counters
         yield MetricFamily(
             "rwt_http_requests_total",
             "counter",
@@ -188,20 +195,6 @@ class HttpGateway:
         yield MetricFamily(
             "rwt_http_goals", "gauge", "Goals that can be asked for.", [({}, len(self._actions.goals))]
         )
-        for fanout in self._shared.fanouts.values():
-            fanout.settle()
-        topics = counters.topics.values()
-        for name, help_, value in (
-            ("rwt_http_published_messages_total", "Messages published over HTTP.", lambda it: it.received),
-            ("rwt_http_published_bytes_total", "Bytes of them.", lambda it: it.received_bytes),
-            ("rwt_http_events_total", "Messages queued for streams of events.",
-             lambda it: sum(sent.messages for sent in it.sent.values())),
-            ("rwt_http_event_bytes_total", "Bytes of them.",
-             lambda it: sum(sent.bytes for sent in it.sent.values())),
-            ("rwt_http_dropped_events_total", "Messages that a reader of events did not get.",
-             lambda it: sum(it.dropped.values())),
-        ):  # fmt: skip
-            yield MetricFamily(name, "counter", help_, [({}, sum(map(value, topics)))])
 
 
 _MOST_DOCUMENTS: Final = 50

@@ -23,6 +23,7 @@ from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 
 from rwt_access.audit import LineRate, one_line
 from rwt_access.gate.rules import pattern
+from rwt_delivery.http_traffic import Visitors
 from rwt_delivery.shared_graph import SharedGraph
 from rwt_mcp.agent import Agent
 from rwt_mcp.approvals import Questions
@@ -134,6 +135,11 @@ class _Session:
 class McpGateway:
     """Agents in front of a graph. One is made for a server; needs the extra `mcp`.
 
+    Attributes:
+        name: of the protocol.
+        shared: the part in the graph that all agents share, as the node `/mcp`.
+        clients: nobody has a connection of its own.
+
     Args:
         graph: the robot.
         access: who may do what.
@@ -143,6 +149,8 @@ class McpGateway:
             next request may come to another one.
     """
 
+    name: Final = "mcp"
+    clients: tuple[()] = ()
     websockets: Mapping[str, AcceptPeer] = MappingProxyType({})
 
     def __init__(
@@ -158,9 +166,10 @@ class McpGateway:
         self._access = access
         self._settings = settings
         self._recordings = recordings
-        self._shared = SharedGraph(
+        self.shared = SharedGraph(
             graph, NODE, _LINGER_SECONDS, partial(access.audit.write, logging.INFO, "%s")
         )
+        self._visitors = Visitors(self.shared.counters, graph.clock, _LINGER_SECONDS)
         self._goals = GoalTable(settings.goals)
         self._asks_about = any_of(settings.confirm)
         self._callers: set[_Caller] = set()
@@ -210,7 +219,8 @@ class McpGateway:
             caller.leave()
         if self._tasks is not None:
             self._tasks.cancel_scope.cancel()
-        self._shared.close()
+        self._visitors.close()
+        self.shared.close()
 
     # -- requests --------------------------------------------------------------------------------------------
 
@@ -227,6 +237,9 @@ class McpGateway:
             return _refusal(Refused(503, "this server is closing"))
         caller = _Caller(info, role, request.method == "GET")
         self._callers.add(caller)
+        # Its role may be another one when it goes.
+        visitor = caller.owner
+        self._visitors.begin(visitor)
         session = self._sessions.get(request.headers.get("mcp-session-id", ""))
         if session is not None:
             session.under_way += 1
@@ -237,7 +250,7 @@ class McpGateway:
             request,
             {_CALLER: caller, "user": user},
             caller.leave,
-            partial(self._left, caller, session),
+            partial(self._left, caller, visitor, session),
         )
         answer = await exchange.respond(self._tasks)
         self._note_session(request, answer, caller)
@@ -300,8 +313,9 @@ class McpGateway:
             self._forget_ended_sessions()
             self._sessions[opened] = _Session(network_of(caller.info.address), time.monotonic())
 
-    def _left(self, caller: _Caller, session: _Session | None) -> None:
+    def _left(self, caller: _Caller, visitor: str, session: _Session | None) -> None:
         self._callers.discard(caller)
+        self._visitors.end(visitor)
         if session is not None:
             session.under_way -= 1
             session.used_at = time.monotonic()
@@ -318,7 +332,7 @@ class McpGateway:
         if running >= self._settings.requests:
             raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
         name = f"mcp:{_name_of(context)}"
-        client = self._access.client(self._shared, caller.role, caller.info.address, name)
+        client = self._access.client(self.shared, caller.role, caller.info.address, name)
         gate, leave = self._access.gate, None
         if gate is not None and allow is not None:
             leave = partial(self._ask_for_leave, gate, client, caller, allow)

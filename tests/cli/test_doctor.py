@@ -78,7 +78,7 @@ def test_a_narrow_role_is_refused_no_more_than_it_is_told(rwt: Rwt) -> None:
         assert rwt("doctor", robot.server.urls[0]).code == 0
         text = robot.server.metrics.text().decode()
     refusals = [line for line in text.splitlines() if line.startswith("rwt_refusals_total{")]
-    assert refusals == ['rwt_refusals_total{op="advertise"} 1']
+    assert refusals == ['rwt_refusals_total{gateway="rosbridge",op="advertise"} 1']
 
 
 def test_clients_beyond_their_rate_are_noticed(rwt: Rwt) -> None:

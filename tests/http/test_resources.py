@@ -213,5 +213,5 @@ async def test_nothing_is_left_of_requests_that_are_over(server: Server, client:
     assert bridge.publishing == ("/open/heard",)  # It lingers, as every publisher of clients.
     metrics = (await client.get("/metrics")).text
     assert "rwt_http_streams 0" in metrics and "rwt_http_goals 0" in metrics
-    assert "rwt_http_published_messages_total 1" in metrics
+    assert 'rwt_topic_received_messages_total{gateway="http",topic="/open/heard"} 1' in metrics
     assert 'rwt_http_requests_total{resource="topics",method="POST"} 2' in metrics

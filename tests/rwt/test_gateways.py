@@ -47,9 +47,12 @@ class Shout:
 class Shouting:
     """A gateway whose WebSocket says things in capitals, and whose page publishes what is posted."""
 
+    name = "shouting"
+    clients: tuple[()] = ()
+
     def __init__(self, graph: Graph, access: Access) -> None:
         self._access = access
-        self._shared = SharedGraph(graph, "/shouting", 0.0, print)
+        self.shared = SharedGraph(graph, "/shouting", 0.0, print)
         self.reloads = 0
         self.is_closed = False
         self.websockets: Mapping[str, AcceptPeer] = {"shout.v1": self._accept, "shout.v2": self._accept}
@@ -65,7 +68,7 @@ class Shouting:
         return Shout(sink)
 
     def _publish(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        client = self._access.client(self._shared, reader.role, request.address)
+        client = self._access.client(self.shared, reader.role, request.address)
         try:
             said = client.publisher("/said", "std_msgs/String")
         except Exception as error:
@@ -78,7 +81,7 @@ class Shouting:
         self.reloads += 1
 
     def close(self) -> None:
-        self._shared.close()
+        self.shared.close()
         self.is_closed = True
 
 

@@ -49,7 +49,7 @@ async def test_a_program_has_its_graph_and_rosapi_and_pictures_without_asking() 
             assert {"/rosapi", "/my_robot", "/web_video_server"} <= set(await client.api.nodes())
             assert server.bridge.client_count == 1
         assert b"Image topics" in await get(server.urls[0], "/index")
-        assert b"rwt_connections_total 1" in await get(server.urls[0], "/metrics")
+        assert b'rwt_connections_total{gateway="rosbridge"} 1' in await get(server.urls[0], "/metrics")
 
 
 async def test_nodes_may_join_before_it_runs() -> None:

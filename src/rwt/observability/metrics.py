@@ -1,7 +1,7 @@
-"""`GET /metrics`: everything that the bridge counts, collected when it is asked for.
+"""`GET /metrics`: everything that the gateways count, collected when it is asked for.
 
-Cardinality is bounded: topics by what the counters remembers, clients (by number, totals only) by those that
-are connected, ops by the protocol.
+Cardinality is bounded: gateways by the server's settings, topics by what the counters remember, clients (by
+number, totals only) by those that are connected, ops by the protocols.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from rwt.observability.prometheus import PrometheusText
 if TYPE_CHECKING:
     from rwt.observability.prometheus import Kind
     from rwt_access.gate.gate import Gate
+    from rwt_access.gateway import Counted, GatewayClient
     from rwt_access.graph_view import GraphView
     from rwt_access.quotas import WorkTotals
     from rwt_bridge.bridge import Bridge
-    from rwt_bridge.peer import Peer
-    from rwt_delivery.counters import Counters, EncodingCounts, TopicCounts
+    from rwt_delivery.counters import EncodingCounts, TopicCounts
     from rwt_graph.clock import Clock
     from rwt_program.timers import Timer
     from rwt_protocol.transport import Traffic
@@ -37,12 +37,19 @@ class ServerMetrics:
         dials: how each dial-out goes.
 
     Args:
-        bridge: the clients.
+        bridge: the gateway that every server has.
         extensions: what nodes and gateways count.
+        gateways: the other gateways.
     """
 
-    def __init__(self, bridge: Bridge, extensions: Iterable[HttpExtension[GraphView]] = ()) -> None:
+    def __init__(
+        self,
+        bridge: Bridge,
+        extensions: Iterable[HttpExtension[GraphView]] = (),
+        gateways: Iterable[Counted] = (),
+    ) -> None:
         self._bridge = bridge
+        self._gateways: tuple[Counted, ...] = (bridge, *gateways)
         self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
         self._loop_lag = LoopLag(bridge.shared.graph.clock, bridge.access.work)
         self.dials: list[RelayStatus] = []
@@ -55,10 +62,12 @@ class ServerMetrics:
         """The page, with the metrics of nodes after those of the server."""
         page = PrometheusText()
         bridge = self._bridge
-        for fanout in bridge.shared.fanouts.values():
-            fanout.settle()
-        clients = [(peer, peer.sink.traffic) for peer in bridge.peers]
-        _write_totals(page, bridge, clients)
+        counts = [GatewayCounts(gateway) for gateway in self._gateways]
+        _write_totals(page, counts)
+        goals = sum(peer.actions.goals_running for peer in bridge.peers)
+        page.single("rwt_action_goals_running", "gauge", "Goals of rosbridge clients under way.", goals)
+        help_ = "Lines that the log could not take."
+        page.single("rwt_lost_log_lines_total", "counter", help_, bridge.access.audit.dropped_lines)
         _write_work(page, bridge)
         if bridge.access.gate is not None:
             _write_gate(page, bridge.access.gate)
@@ -67,8 +76,8 @@ class ServerMetrics:
             "rwt_loop_lag_seconds", "How late the event loop ran a timer.",
             LAG_BUCKETS, self._loop_lag.counts, self._loop_lag.total,
         )  # fmt: skip
-        _write_topics(page, bridge.shared.counters)
-        _write_clients(page, clients)
+        _write_topics(page, counts)
+        _write_clients(page, counts)
         for count in self._of_nodes:
             for family in count():
                 page.family(*family)
@@ -83,45 +92,92 @@ class ServerMetrics:
     @property
     def clients_beyond_rate(self) -> int:
         """Clients that cause more work now than their rate allows."""
-        return sum(peer.graph.work.excess > 0.0 for peer in self._bridge.peers)
+        clients = (client for gateway in self._gateways for client in gateway.clients)
+        return sum(client.graph.work.excess > 0.0 for client in clients)
 
     def close(self) -> None:
         """Stop measuring."""
         self._loop_lag.close()
 
 
-def _write_totals(page: PrometheusText, bridge: Bridge, clients: list[tuple[Peer, Traffic]]) -> None:
-    counters, peers = bridge.shared.counters, bridge.peers
-    received = counters.received + sum(peer.messages for peer in peers)
-    received_bytes = counters.received_bytes + sum(traffic.received_bytes for _, traffic in clients)
-    sent = counters.sent + sum(traffic.messages for _, traffic in clients)
-    sent_bytes = counters.sent_bytes + sum(traffic.bytes for _, traffic in clients)
-    for name, help_, value in (
-        ("rwt_connections_total", "Clients that have connected.", counters.clients),
-        ("rwt_received_messages_total", "Messages from clients.", received),
-        ("rwt_received_bytes_total", "Bytes read from clients.", received_bytes),
-        ("rwt_sent_messages_total", "Messages to clients.", sent),
-        ("rwt_sent_bytes_total", "Bytes written to clients.", sent_bytes),
-        ("rwt_service_calls_total", "Service calls of clients.", counters.calls),
-        ("rwt_action_goals_total", "Goals that clients sent.", counters.goals),
-        ("rwt_missed_deadlines_total", "Deadlines of `qos` that passed without a message.",
-         counters.missed_deadlines),
-        ("rwt_lost_log_lines_total", "Lines that the log could not take.", bridge.access.audit.dropped_lines),
-    ):  # fmt: skip
-        page.single(name, "counter", help_, value)
+class GatewayCounts:
+    """What one gateway has counted, as of now.
+
+    Attributes:
+        name: of its protocol; the value of the label `gateway`.
+        counters: of all of its clients, but for what the connected ones have sent and been sent.
+        clients: the connected ones, each with what its connection has carried.
+        fanouts: the topics that clients listen to.
+    """
+
+    def __init__(self, gateway: Counted) -> None:
+        self.name = gateway.name
+        self.fanouts = sorted(gateway.shared.fanouts.items())
+        for _, fanout in self.fanouts:
+            fanout.settle()
+        self.counters = gateway.shared.counters
+        self.clients = [(client, client.sink.traffic) for client in gateway.clients]
+
+    @property
+    def received(self) -> int:
+        """Messages from clients."""
+        return self.counters.received + sum(client.messages for client, _ in self.clients)
+
+    @property
+    def received_bytes(self) -> int:
+        """Bytes from clients."""
+        return self.counters.received_bytes + sum(traffic.received_bytes for _, traffic in self.clients)
+
+    @property
+    def sent(self) -> int:
+        """Messages to clients."""
+        return self.counters.sent + sum(traffic.messages for _, traffic in self.clients)
+
+    @property
+    def sent_bytes(self) -> int:
+        """Bytes to clients."""
+        return self.counters.sent_bytes + sum(traffic.bytes for _, traffic in self.clients)
+
+
+_OF_GATEWAY: Final[tuple[tuple[str, str, Callable[[GatewayCounts], int]], ...]] = (
+    ("rwt_connections_total", "Clients that have connected.", lambda it: it.counters.clients),
+    ("rwt_received_messages_total", "Messages from clients.", lambda it: it.received),
+    ("rwt_received_bytes_total", "Bytes read from clients.", lambda it: it.received_bytes),
+    ("rwt_sent_messages_total", "Messages to clients.", lambda it: it.sent),
+    ("rwt_sent_bytes_total", "Bytes written to clients.", lambda it: it.sent_bytes),
+    ("rwt_service_calls_total", "Service calls of clients.", lambda it: it.counters.calls),
+    ("rwt_action_goals_total", "Goals that clients sent.", lambda it: it.counters.goals),
+    ("rwt_missed_deadlines_total", "Deadlines of `qos` that passed without a message.",
+     lambda it: it.counters.missed_deadlines),
+    ("rwt_clients", "Clients connected now.", lambda it: len(it.clients) + it.counters.present),
+    ("rwt_service_calls_pending", "Calls of connected clients under way.",
+     lambda it: sum(client.graph.calls_in_flight for client, _ in it.clients)),
+)  # fmt: skip
+
+
+def _write_totals(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
+    for name, help_, value in _OF_GATEWAY:
+        page.family(name, _kind(name), help_, [({"gateway": its.name}, value(its)) for its in gateways])
     page.family(
         "rwt_refusals_total", "counter", "Messages that were refused, by op.",
-        [({"op": op}, count) for op, count in sorted(counters.refusals.items())],
+        [
+            ({"gateway": its.name, "op": op}, count)
+            for its in gateways
+            for op, count in sorted(its.counters.refusals.items())
+        ],
     )  # fmt: skip
-    page.single("rwt_clients", "gauge", "Clients connected now.", len(peers))
-    calls = sum(peer.graph.calls_in_flight for peer in peers)
-    page.single("rwt_service_calls_pending", "gauge", "Calls under way.", calls)
-    goals = sum(peer.actions.goals_running for peer in peers)
-    page.single("rwt_action_goals_running", "gauge", "Goals under way.", goals)
     page.family(
         "rwt_topic_client_subscriptions", "gauge", "Clients that listen to a topic.",
-        [({"topic": name}, fanout.subscriptions) for name, fanout in sorted(bridge.shared.fanouts.items())],
+        [
+            ({"gateway": its.name, "topic": name}, fanout.subscriptions)
+            for its in gateways
+            for name, fanout in its.fanouts
+        ],
     )  # fmt: skip
+
+
+def _kind(name: str) -> Kind:
+    return "counter" if name.endswith("_total") else "gauge"
 
 
 def _write_work(page: PrometheusText, bridge: Bridge) -> None:
@@ -168,8 +224,8 @@ _OF_ENCODING: Final[tuple[tuple[str, str, Callable[[EncodingCounts], int]], ...]
     ("rwt_topic_sent_messages_total", "Messages handed to clients' connections.", lambda it: it.messages),
     ("rwt_topic_sent_bytes_total", "Bytes handed to clients' connections.", lambda it: it.bytes),
 )  # fmt: skip
-_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[Peer, Traffic], float]], ...]] = (
-    ("rwt_client_received_messages_total", "Messages from a client.", lambda peer, _: peer.messages),
+_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[GatewayClient, Traffic], float]], ...]] = (
+    ("rwt_client_received_messages_total", "Messages from a client.", lambda client, _: client.messages),
     ("rwt_client_received_bytes_total", "Bytes read from a client.", lambda _, it: it.received_bytes),
     ("rwt_client_sent_messages_total", "Messages to a client.", lambda _, it: it.messages),
     ("rwt_client_sent_bytes_total", "Bytes written to a client.", lambda _, it: it.bytes),
@@ -177,41 +233,49 @@ _OF_CLIENT: Final[tuple[tuple[str, str, Callable[[Peer, Traffic], float]], ...]]
      lambda _, it: it.queued_messages),
     ("rwt_client_queued_bytes", "Bytes that wait for a client to read.", lambda _, it: it.queued_bytes),
     ("rwt_client_kept_bytes", "Bytes of requests and latched samples kept for a client.",
-     lambda peer, _: peer.graph.kept_bytes),
+     lambda client, _: client.graph.kept_bytes),
     ("rwt_client_work_seconds_total", "Seconds of work for a client.",
-     lambda peer, _: peer.graph.work.seconds),
+     lambda client, _: client.graph.work.seconds),
 )  # fmt: skip
 
 
-def _write_topics(page: PrometheusText, counters: Counters) -> None:
-    topics = sorted(counters.topics.items())
+def _write_topics(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
+    topics = [
+        ({"gateway": its.name, "topic": name}, counts)
+        for its in gateways
+        for name, counts in sorted(its.counters.topics.items())
+    ]
     for metric, help_, value in _OF_TOPIC:
-        received = [({"topic": name}, value(counts)) for name, counts in topics if counts.received]
+        received = [(labels, value(counts)) for labels, counts in topics if counts.received]
         page.family(metric, "counter", help_, received)
     for metric, help_, value_of in _OF_ENCODING:
         sent = [
-            ({"topic": name, "encoding": encoding}, value_of(its))
-            for name, counts in topics
+            ({**labels, "encoding": encoding}, value_of(its))
+            for labels, counts in topics
             for encoding, its in sorted(counts.sent.items())
         ]
         page.family(metric, "counter", help_, sent)
     dropped = [
-        ({"topic": name, "reason": reason.value}, count)
-        for name, counts in topics
+        ({**labels, "reason": reason.value}, count)
+        for labels, counts in topics
         for reason, count in sorted(counts.dropped.items())
     ]
     help_ = "Messages that did not go to a client, by reason."
     page.family("rwt_topic_dropped_messages_total", "counter", help_, dropped)
 
 
-def _write_clients(page: PrometheusText, clients: list[tuple[Peer, Traffic]]) -> None:
+def _write_clients(page: PrometheusText, gateways: list[GatewayCounts]) -> None:
+    clients = [
+        ({"gateway": its.name, "client": str(client.number)}, client, traffic)
+        for its in gateways
+        for client, traffic in its.clients
+    ]
     for name, help_, value in _OF_CLIENT:
-        kind: Kind = "counter" if name.endswith("_total") else "gauge"
-        samples = [({"client": str(peer.number)}, value(peer, traffic)) for peer, traffic in clients]
-        page.family(name, kind, help_, samples)
+        samples = [(labels, value(client, traffic)) for labels, client, traffic in clients]
+        page.family(name, _kind(name), help_, samples)
     dropped = [
-        ({"client": str(peer.number), "reason": reason.value}, count)
-        for peer, traffic in clients
+        ({**labels, "reason": reason.value}, count)
+        for labels, _, traffic in clients
         for reason, count in sorted(traffic.dropped.items())
     ]
     help_ = "Messages dropped behind a client's connection."
