@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwt import Server
+from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Node
 from rwt_nodes.demo.world.lens import Lens
 from rwt_nodes.demo.world.map import house
@@ -116,7 +117,9 @@ LATENCY_PAGE: Final = HttpExtension((Route("/latency.html", _latency_page, Audie
 
 
 def main() -> None:
-    server = Server("ws://127.0.0.1:0", http=[LATENCY_PAGE], nodes=("web_video_server",))
+    peers = WebRtcSettings(enabled=True)
+    nodes = ("web_video_server", "rosapi")
+    server = Server("ws://127.0.0.1:0", http=[LATENCY_PAGE], nodes=nodes, webrtc=peers)
     camera = server.node("camera")
     server.graph.spawn(partial(play, camera), "camera")
     server.run()

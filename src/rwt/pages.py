@@ -5,11 +5,11 @@ from __future__ import annotations
 import html
 import json
 import math
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import anyio
 
@@ -84,7 +84,8 @@ def routes(
         brought.append(Route("/", index, Audience.ADMITTED))
     routes = Routes()
     methods: dict[str, list[str]] = {}
-    for route in (Route("/role", _role, Audience.ADMITTED), *brought, *own):
+    role = partial(_role, _features(brought))
+    for route in (Route("/role", role, Audience.ADMITTED), *brought, *own):
         page = guarded(
             bridge.access,
             route.page,
@@ -284,10 +285,26 @@ def _rows(pairs: Iterable[tuple[str, str]]) -> str:
     return f"<tr><td><code>{rows}".replace(" ", "</code><td>").replace("\n", "<tr><td><code>")
 
 
-def _role(request: HttpRequest, reader: GraphView) -> HttpResponse:
-    """What the reader may do, for pages that offer only that: globs of absolute names by act."""
+_FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip"}
+
+
+def _features(routes: Iterable[Route[GraphView]]) -> Sequence[str]:
+    """What pages need to know of before they ask: a request that is answered with 404 is an error on their
+    console."""
+    paths = {route.path for route in routes}
+    return [name for path, name in _FEATURES.items() if path in paths]
+
+
+def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> HttpResponse:
+    """What the reader may do, for pages that offer only that: globs of absolute names by act; and what the
+    server has beside rosbridge."""
     role = reader.role
-    body = {"role": role.name, "unrestricted": role.unrestricted, "allows": role.globs}
+    body = {
+        "role": role.name,
+        "unrestricted": role.unrestricted,
+        "allows": role.globs,
+        "features": features,
+    }
     headers = {"Cache-Control": "no-store"}
     return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
 

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
 import pytest
 
-from tests.browser.driver import Browser, until
+from rwt import Server
+from rwt.settings.webrtc import WebRtcSettings
+from rwt_graph import Node
+from rwt_program.qos import SENSOR_DATA
+from tests.browser.driver import Browser, Page, until
 from tests.browser.stand import stand
 
 pytestmark = pytest.mark.anyio
@@ -80,3 +88,108 @@ async def test_a_camera_as_a_video_track(browser: Browser, codec: str) -> None:
         await page.wait("state.frames > 10 || state.failed")
         assert await page.evaluate("state.failed ?? null") is None
         assert await page.evaluate("state.size") == [640, 480]
+
+
+# -- the elements' and panels' own way to a camera -----------------------------------------------------------
+
+RED, BLUE = (200, 30, 30), (30, 30, 200)
+VIDEO = "document.querySelector('rwt-video')?.shadowRoot"
+STATE = f"{VIDEO}?.querySelector('[part=details]')?.textContent"
+NO_PATH = """
+const post = window.fetch;
+window.fetch = async (...given) => {
+  if (given[1]?.method === 'PATCH') return new Response(null, { status: 204 });
+  const answer = await post(...given);
+  if (!String(given[0]).includes('/whep') || answer.status !== 201) return answer;
+  const deaf = (await answer.text()).replace(/a=candidate.*\\r\\n/g, '');
+  return new Response(deaf, { status: 201, headers: answer.headers });
+};
+"""
+"""What comes between the page and the robot: neither hears where the other is."""
+NOTE_PEER = """
+const post = window.fetch;
+window.fetch = async (...given) => {
+  const answer = await post(...given);
+  if (answer.status === 201) window.peer = answer.headers.get('Location');
+  return answer;
+};
+"""
+
+
+class Picture:
+    """A camera of one colour."""
+
+    def __init__(self, node: Node) -> None:
+        self.colour = RED
+        self._images = node.advertise("/eye", "sensor_msgs/Image", qos=SENSOR_DATA)
+        node.create_timer(1 / 20, self._shoot)
+
+    def _shoot(self) -> None:
+        data = bytes(self.colour) * (160 * 120)
+        self._images.publish({"height": 120, "width": 160, "encoding": "rgb8", "step": 480, "data": data})
+
+
+async def _sees(page: Page, colour: tuple[int, int, int]) -> None:
+    """Wait until the element's canvas shows a colour."""
+    red, green, blue = colour
+    await page.wait(
+        f"(() => {{ const canvas = {VIDEO}?.querySelector('canvas.shown'); if (!canvas) return false;"
+        " const [r, g, b] = canvas.getContext('2d').getImageData(80, 60, 1, 1).data;"
+        f" return Math.hypot(r - {red}, g - {green}, b - {blue}) < 40; }})()"
+    )
+
+
+@asynccontextmanager
+async def _watching(
+    browser: Browser, before: str = "", **settings: Any
+) -> AsyncIterator[tuple[Page, Picture]]:
+    """A page with the element, and what it looks at."""
+    async with Server("ws://127.0.0.1:0", nodes=("web_video_server", "rosapi"), **settings) as server:
+        picture = Picture(server.node("camera"))
+        url = f"{server.urls[0].replace('ws', 'http', 1)}/web/pages/battery.html"
+        async with browser.page(url, 400, 400) as page:
+            await page.evaluate(
+                f"{before}; void (document.body.innerHTML = '<rwt-video topic=/eye details>')"
+            )
+            yield page, picture
+
+
+async def test_a_camera_comes_by_webrtc_where_the_robot_has_it(browser: Browser) -> None:
+    async with _watching(browser, webrtc=WebRtcSettings(enabled=True)) as (page, picture):
+        await page.wait(f"{STATE}?.includes('WebRTC')")
+        await _sees(page, RED)
+        picture.colour = BLUE
+        await _sees(page, BLUE)
+        await page.wait(f"/[1-9][0-9]*\\.[0-9] Hz/.test({STATE})")
+
+
+async def test_a_camera_comes_by_mjpeg_where_webrtc_has_no_room_until_it_has(browser: Browser) -> None:
+    async with _watching(browser, webrtc=WebRtcSettings(enabled=True, peers=1)) as (page, _):
+        await page.wait(f"{STATE}?.includes('WebRTC')")
+        # A second one finds the only place taken.
+        page.forgive("503")
+        await page.evaluate(
+            "const second = document.createElement('rwt-video'); second.topic = '/eye';"
+            " second.details = true; second.id = 'second'; document.body.append(second); void 0"
+        )
+        second = "document.querySelector('#second').shadowRoot?.querySelector('[part=details]')?.textContent"
+        await page.wait(f"{second}?.includes('MJPEG')")
+        await page.evaluate("document.querySelector('rwt-video').remove()")
+        await page.wait(f"{second}?.includes('WebRTC')")
+
+
+async def test_a_camera_comes_by_mjpeg_where_no_path_is_found(browser: Browser) -> None:
+    settings = {"webrtc": WebRtcSettings(enabled=True)}
+    async with _watching(browser, NO_PATH, **settings) as (page, _):
+        await page.wait(f"{STATE}?.includes('MJPEG')")
+        await _sees(page, RED)
+
+
+async def test_the_picture_goes_on_when_the_video_ends(browser: Browser) -> None:
+    settings = {"webrtc": WebRtcSettings(enabled=True)}
+    async with _watching(browser, NOTE_PEER, **settings) as (page, picture):
+        await page.wait(f"{STATE}?.includes('WebRTC')")
+        await page.evaluate("fetch(peer, {method: 'DELETE'}).then((answer) => answer.status)")
+        await page.wait(f"{STATE}?.includes('MJPEG')")
+        picture.colour = BLUE
+        await _sees(page, BLUE)

@@ -224,6 +224,7 @@ async def test_a_server_shows_the_page_to_anybody_and_the_robot_to_those_it_know
         assert (status, answer["role"], answer["unrestricted"]) == (200, "viewer", False)
         assert answer["allows"]["subscribe"] == ["*"]
         assert answer["allows"]["publish"] == []
+        assert answer["features"] == []
         assert "A robot is here" in (await get(url, "/index", Authorization=f"Bearer {TOKEN}"))[1]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 
 import pytest
@@ -251,6 +252,18 @@ async def test_signalling() -> None:
         '<turn:turn.example.org>; rel="ice-server"; username="a\\"b"; credential="secret"; '
         'credential-type="password"'
     )
+
+
+async def test_who_asks_first_learns_the_servers() -> None:
+    servers = (IceServer("stun:192.0.2.1"), IceServer("turn:192.0.2.1", "me", "secret"))
+    async with answering(servers=servers) as side:
+        answer = await side.ask("GET", "/webrtc")
+        assert json.loads(text_of(answer)) == {
+            "iceServers": [
+                {"urls": "stun:192.0.2.1"},
+                {"urls": "turn:192.0.2.1", "username": "me", "credential": "secret"},
+            ]
+        }
 
 
 async def test_offers_of_something_else_are_refused() -> None:

@@ -62,6 +62,14 @@ class IceServer:
             parts.append('credential-type="password"')
         return "; ".join(parts)
 
+    @property
+    def dictionary(self) -> dict[str, str]:
+        """As an ``RTCIceServer`` of the W3C's, which is what a page's peer connection takes."""
+        found = {"urls": self.url}
+        if self.username:
+            found |= {"username": self.username, "credential": self.credential}
+        return found
+
 
 def _quoted(text: str) -> str:
     return text.replace("\\", "\\\\").replace('"', '\\"')

@@ -1,5 +1,6 @@
 """How peers learn of each other: an offer by HTTP, and an answer (as WHIP and WHEP have it, RFC 9725).
 
+- ``GET`` tells the STUN and TURN servers, as JSON that is an ``RTCConfiguration`` of the W3C's;
 - ``POST`` of ``application/sdp`` opens a peer: ``201``, the answer, and ``Location``, where it is reached;
 - ``PATCH`` there of ``application/trickle-ice-sdpfrag`` (RFC 8840) adds candidates: ``204``;
 - ``DELETE`` there ends it: ``200``.
@@ -8,6 +9,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
@@ -59,12 +61,16 @@ class Peers:
         terms: what each may take.
         bounds: what all of them may take.
         find_servers: asks for the servers that help to find a path.
+
+    Attributes:
+        terms: as given.
+        find_servers: as given.
     """
 
     def __init__(self, terms: PeerTerms, bounds: PeerBounds, find_servers: FindIceServers) -> None:
         self.terms = terms
         self._bounds = bounds
-        self._find_servers = find_servers
+        self.find_servers = find_servers
         self._peers: dict[str, Peer] = {}
         self._reserved = 0
         self._ended: dict[str, int] = {"connected": 0, "unconnected": 0}
@@ -102,7 +108,7 @@ class Peers:
         self._reserved += 1
         try:
             try:
-                servers = await self._find_servers()
+                servers = await self.find_servers()
             except NoIceServers as error:
                 raise Refused(503, str(error)) from error
             identifier = secrets.token_urlsafe(18)
@@ -200,7 +206,17 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
             "/webrtc", request, *await peers.open(_on_behalf(request, accept), request.address, answer)
         )
 
+    async def configured(request: HttpRequest, reader: Reader) -> HttpResponse:
+        try:
+            servers = await peers.find_servers()
+        except NoIceServers as error:
+            return HttpResponse(f"{error}\n".encode(), 503)
+        body = {"iceServers": [server.dictionary for server in servers]}
+        headers = {"Cache-Control": "no-store"}
+        return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
+
     return (
+        Route("/webrtc", configured, Audience.ADMITTED),
         Route("/webrtc", lambda request, reader: answering(request, SDP, offered), Audience.ADMITTED, "POST"),
         *resource_routes(peers, "/webrtc"),
     )

@@ -88,6 +88,7 @@ export const en = {
   "teleop.right": "Turn right",
   "camera.title": "Camera",
   "camera.picture": "Picture of {topic}",
+  "camera.webrtc": "WebRTC",
   "camera.stream": "MJPEG",
   "camera.compressed": "Compressed messages",
   "camera.raw": "Raw messages",

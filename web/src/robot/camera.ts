@@ -1,4 +1,4 @@
-/** Pictures of a camera, by the best way that the robot has: a stream over HTTP, else messages. */
+/** Pictures of a camera, by the best way that the robot has: WebRTC, else a stream over HTTP, else messages. */
 
 import { type Signal, signal } from "@preact/signals-core";
 import { bytesOf } from "../decode/bytes";
@@ -7,10 +7,11 @@ import { readParts } from "./mjpeg";
 import { seconds, shortType } from "./names";
 import type { RobotSession } from "./session";
 import type { Message } from "./subscriptions";
+import { canWatch, WhepRefused, WhepViewer } from "./whep";
 
 export const CAMERA_TYPES = ["sensor_msgs/Image", "sensor_msgs/CompressedImage"];
 
-export type CameraWay = "stream" | "compressed" | "raw";
+export type CameraWay = "webrtc" | "stream" | "compressed" | "raw";
 
 /** Milliseconds between two pictures that come as messages. */
 const THROTTLE = 66;
@@ -18,6 +19,12 @@ const THROTTLE = 66;
 const AGAIN = 1000;
 /** Frames over which the rate is counted. */
 const WINDOW = 20;
+/** Milliseconds that WebRTC has for its first picture before another way is begun beside it. */
+const HEAD_START = 1000;
+/** Milliseconds without a picture, or three times the usual, after which another way is begun beside it. */
+const SILENCE = 2000;
+/** Milliseconds until WebRTC is tried again, the first, second … time. */
+const TRY_AGAIN = [5000, 15_000, 60_000];
 
 /** Topics that are pictures for people; a depth cloud's encoded form is none, and depth comes last. */
 export function cameraTopics(session: RobotSession): string[] {
@@ -31,7 +38,12 @@ export function cameraTopics(session: RobotSession): string[] {
     .sort((one, other) => rank(one) - rank(other));
 }
 
-/** One camera that is being looked at. */
+/**
+ * One camera that is being looked at.
+ *
+ * WebRTC comes first where the server has it. Whenever it brings no pictures, be it that it is refused, finds no
+ * path or falls silent, the other ways are begun beside it and end with its next picture; so there is no gap.
+ */
 export class Camera {
   /** How the pictures come; null until the first one. */
   readonly way: Signal<CameraWay | null> = signal(null);
@@ -44,27 +56,78 @@ export class Camera {
   readonly problem = signal("");
 
   private readonly arrivals: number[] = [];
-  private end: () => void = () => undefined;
+  private viewer: WhepViewer | null = null;
+  private attempts = 0;
+  private retry: ReturnType<typeof setTimeout> | undefined;
+  private silence: ReturnType<typeof setTimeout> | undefined;
+  /** Ends the way beside WebRTC; null while there is none. */
+  private end: (() => void) | null = null;
   private busy = false;
   private ended = false;
 
   /**
    * @param session the robot
    * @param topic of one of {@link CAMERA_TYPES}
-   * @param show is given each picture, and closes it
+   * @param show draws each picture, of a width and a height, before it returns
    */
   constructor(
     private readonly session: RobotSession,
     private readonly topic: string,
-    private readonly show: (picture: ImageBitmap) => void,
+    private readonly show: (picture: CanvasImageSource, width: number, height: number) => void,
   ) {
-    this.stream();
+    if (session.permissions.peek().has("whep") && canWatch()) this.watch();
+    else this.stream();
   }
 
   /** Look no longer. */
   dispose(): void {
     this.ended = true;
-    this.end();
+    clearTimeout(this.retry);
+    clearTimeout(this.silence);
+    this.viewer?.close();
+    this.end?.();
+  }
+
+  private watch(): void {
+    this.expectPicture(HEAD_START);
+    this.viewer = new WhepViewer(
+      this.session,
+      this.topic,
+      (picture, width, height) => this.watched(picture, width, height),
+      (error) => {
+        this.viewer = null;
+        clearTimeout(this.silence);
+        if (this.ended) return;
+        console.debug("no WebRTC:", error.message);
+        this.besides();
+        if (error instanceof WhepRefused && !error.isForNow) return;
+        const wait = TRY_AGAIN[Math.min(this.attempts++, TRY_AGAIN.length - 1)] as number;
+        this.retry = setTimeout(() => this.watch(), wait);
+      },
+    );
+  }
+
+  private watched(picture: CanvasImageSource, width: number, height: number): void {
+    if (this.ended) return;
+    this.end?.();
+    this.end = null;
+    this.attempts = 0;
+    if (this.way.peek() !== "webrtc") this.arrivals.length = 0;
+    this.way.value = "webrtc";
+    this.problem.value = "";
+    this.count(Number.NaN);
+    this.expectPicture(Math.max(SILENCE, 3000 / (this.rate.peek() || 1)));
+    this.show(picture, width, height);
+  }
+
+  private expectPicture(within: number): void {
+    clearTimeout(this.silence);
+    this.silence = setTimeout(() => this.besides(), within);
+  }
+
+  /** Begin another way, where there is none yet. */
+  private besides(): void {
+    if (!this.end && !this.ended) this.stream();
   }
 
   private stream(): void {
@@ -72,7 +135,8 @@ export class Camera {
     // web_video_server takes the topic as it is, without percent signs for the slashes.
     url.search = `?topic=${this.topic}&type=mjpeg`;
     const control = new AbortController();
-    this.end = () => control.abort();
+    const end = () => control.abort();
+    this.end = end;
     let seen = false;
     const onPart = ({ type, body, stamp }: { type: string; body: Uint8Array; stamp: number }) => {
       seen = true;
@@ -81,10 +145,10 @@ export class Camera {
     };
     readParts(url, this.session.httpHeaders, onPart, control.signal)
       .catch((error: Error) => {
-        if (!this.ended) console.debug("no stream:", error.message);
+        if (this.end === end) console.debug("no stream:", error.message);
       })
       .finally(() => {
-        if (this.ended) return;
+        if (this.ended || this.end !== end) return;
         if (!seen) {
           this.subscribe();
           return;
@@ -123,13 +187,13 @@ export class Camera {
     this.busy = true;
     try {
       const picture = await createImageBitmap(source);
-      if (this.ended) {
-        picture.close();
-        return;
+      // WebRTC may have taken over meanwhile.
+      if (!this.ended && this.end) {
+        this.problem.value = "";
+        this.count(stamp);
+        this.show(picture, picture.width, picture.height);
       }
-      this.problem.value = "";
-      this.count(stamp);
-      this.show(picture);
+      picture.close();
     } catch (error) {
       this.problem.value = (error as Error).message;
     } finally {

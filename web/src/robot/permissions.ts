@@ -10,7 +10,12 @@ export interface RoleAnswer {
   role: string;
   unrestricted: boolean;
   allows: Partial<Record<Act, string[]>>;
+  /** What the server has beside rosbridge; an older one does not say. */
+  features?: string[];
 }
+
+/** What a server may have beside rosbridge: data channels, video out, video and sound in. */
+export type Feature = "webrtc" | "whep" | "whip";
 
 /** Whether a glob of fnmatch, in which `*` also matches `/`, fits a name. */
 export function globFits(glob: string, name: string): boolean {
@@ -36,6 +41,11 @@ export class Permissions {
   /** The name of the role; empty where the server names none. */
   get role(): string {
     return this.answer?.role ?? "";
+  }
+
+  /** Whether the server says that it has something. */
+  has(feature: Feature): boolean {
+    return this.answer?.features?.includes(feature) ?? false;
   }
 
   /** Whether an act with an absolute name is allowed, or at least not known to be refused. */

@@ -49,16 +49,15 @@ function Picture(props: Omit<ViewProps<VideoElement>, "stop"> & { topic: string 
   const canvas = useRef<HTMLCanvasElement>(null);
   const camera = useMemo(
     () =>
-      new Camera(session, topic, (picture) => {
+      new Camera(session, topic, (picture, width, height) => {
         const { current } = canvas;
         if (current) {
           // Setting them, even to what they are, makes a canvas empty.
-          if (current.width !== picture.width) current.width = picture.width;
-          if (current.height !== picture.height) current.height = picture.height;
+          if (current.width !== width) current.width = width;
+          if (current.height !== height) current.height = height;
           current.getContext("2d")?.drawImage(picture, 0, 0);
           element.tell("picture", { topic });
         }
-        picture.close();
       }),
     [element, session, topic],
   );

@@ -44,14 +44,13 @@ function View({ context, topic }: { context: PanelContext; topic: string }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const camera = useMemo(
     () =>
-      new Camera(context.session, topic, (picture) => {
+      new Camera(context.session, topic, (picture, width, height) => {
         const { current } = canvas;
         if (current) {
-          if (current.width !== picture.width) current.width = picture.width;
-          if (current.height !== picture.height) current.height = picture.height;
+          if (current.width !== width) current.width = width;
+          if (current.height !== height) current.height = height;
           current.getContext("2d")?.drawImage(picture, 0, 0);
         }
-        picture.close();
       }),
     [context.session, topic],
   );
