@@ -130,10 +130,11 @@ load: $(STAMP)
 soak: $(STAMP)
 	$(BIN)/python -m bench.soak $(ARGS)
 
-# Fuzzing guided by coverage, two minutes; `make fuzz ARGS='--seconds 600 session bridge'` for more of some.
+# Fuzzing guided by coverage, two minutes, and two thousand extreme requests; `make fuzz ARGS='--seconds 600 session bridge'` for more of some.
 fuzz: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group fuzz
 	$(BIN)/python -m tests.fuzz $(ARGS)
+	SWEEP_EXAMPLES=2000 $(BIN)/pytest -q -o timeout=600 tests/faults/test_extreme_requests.py
 
 # Small faults put into our server one by one; the conformance suite has to find every one.
 mutants: $(STAMP)-dev

@@ -21,6 +21,7 @@ Key = tuple[str | int, ...]
 """The way to a member from the top: names, and indices of lists."""
 
 _LONGEST_QUOTE: Final = 40
+_LONGEST_VALUE: Final = 200
 
 _KIND: Final[Mapping[JsonKind, str]] = {
     "object": "an object",
@@ -120,7 +121,12 @@ def but_got(error: ErrorDetails) -> str:
     value = error["input"]
     if isinstance(value, Mapping):
         return ", got a table"
-    return ", got a list" if isinstance(value, tuple | list) else f", got {value!r}"
+    if isinstance(value, tuple | list):
+        return ", got a list"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f", got {describe(value)}"
+    shown = repr(value)
+    return f", got {shown if len(shown) <= _LONGEST_VALUE else shown[:_LONGEST_VALUE] + '…'}"
 
 
 def locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[Key, object]:

@@ -96,12 +96,18 @@ def test_a_role_may_be_an_empty_table(tmp_path: Path) -> None:
         ("listen = []", "`listen`: expected at least one URL"),
         ("demo = 'perhaps'", "`demo`: expected true or false, got 'perhaps'"),
         ("limits = 5", "`limits`: expected a table, got 5"),
-        ("[limits]\nconnections = 0", "`limits.connections`: expected a whole number of at least 1, got 0"),
-        ("[limits]\nping_seconds = nan", "`limits.ping_seconds`: expected a number of at least 0, got nan"),
+        (
+            "[limits]\nconnections = 0",
+            "`limits.connections`: expected a whole number of at least 1 and at most 1000000000, got 0",
+        ),
+        (
+            "[limits]\nping_seconds = nan",
+            "`limits.ping_seconds`: expected a number of at least 0 and at most 1000000000, got nan",
+        ),
         ("[limits]\nmax_depth = 501", "expected a whole number of at least 4 and at most 500, got 501"),
         (
             "[limits.connections]\na = 1",
-            "`limits.connections`: expected a whole number of at least 1, got a table",
+            "`limits.connections`: expected a whole number of at least 1 and at most 1000000000, got a table",
         ),
         ("[tls]\ncertfile = 'a.pem'", "`tls`: expected `certfile` and `keyfile` together"),
         ("[auth.tokens.a]\nrole = 'admin'", "`auth.tokens.a`: expected exactly one of `token` and `sha256`"),

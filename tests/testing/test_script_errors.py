@@ -36,7 +36,7 @@ def complaint(tmp_path: Path, text: str) -> str:
         ('[topics."/x"]\ntype = 3', '`topics."/x".type`: expected a string, got 3'),
         (
             '[topics."/x"]\ntype = "a/B"\nmessages = [{}]\nrate = 0',
-            '`topics."/x".rate`: expected a number greater than 0, got 0',
+            '`topics."/x".rate`: expected a number of at least 0.001 and at most 1000000, got 0',
         ),
         ('[topics."/x"]\ntype = "a/B"\nrate = 1', '`topics."/x"`: `rate` needs `messages`'),
         (
@@ -100,7 +100,7 @@ def test_recorded_messages_name_the_line(tmp_path: Path) -> None:
     for line, said in {
         "nonsense": "not JSON",
         "[]": "expected a table",
-        '{"at": -1, "msg": {}}': "`at`: expected a number of at least 0, got -1",
+        '{"at": -1, "msg": {}}': "`at`: expected a number of at least 0 and at most 1000000000, got -1",
         '{"at": 1, "message": {}}': "unknown key `message`; did you mean",
     }.items():
         file.write_text('{"at": 0, "msg": {}}\n' + line)

@@ -136,7 +136,7 @@ def _from_text(key: Key, text: str, source: str) -> Given:
         return Given(key, [item.strip() for item in text.split(",") if item.strip()], source)
     try:
         return Given(key, tomllib.loads(f"list = {text}")["list"], source)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise SettingsError(f"{source}: `{'.'.join(key)}`: not a list as TOML writes it: {error}") from error
 
 
@@ -145,8 +145,10 @@ def _in_file(path: Path) -> Iterator[Given]:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, and a number of thousands of digits.
         raise SettingsError(f"{path}: not TOML: {error}") from error
+    except RecursionError:
+        raise SettingsError(f"{path}: tables or lists are nested too deeply") from None
     return _leaves((), values, str(path))
 
 

@@ -28,6 +28,19 @@ class SettingsError(ValueError):
     """A setting that cannot be used; the text says which, where it stands and what is expected."""
 
 
+def _check_rate(seconds: float) -> float:
+    if 0 < seconds < _LEAST_RATE:
+        raise ValueError(f"expected 0 or at least {_LEAST_RATE:g}, got {seconds:g}")
+    return seconds
+
+
+_LEAST_RATE: Final = 0.001
+"""A client that may cause less work than that is one that is not served at all."""
+
+WorkRate = Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False), AfterValidator(_check_rate)]
+"""Seconds of work each second; 0 for any."""
+
+
 class ClientLimits(Table):
     """What one client may have open."""
 
@@ -58,7 +71,7 @@ class ClientLimits(Table):
         ),
     ] = 2 * MIB
     work_per_second: Annotated[
-        SecondsOrNone,
+        WorkRate,
         Field(
             description="seconds of one processor's work that a client may cause each second in the long run,"
             " and all clients of an address that is not this machine's: its messages with all that they set"

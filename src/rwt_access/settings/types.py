@@ -11,11 +11,16 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 MIB: Final = 1024 * 1024
 
-Bytes = Annotated[int, Field(ge=1024)]
-Count = Annotated[int, Field(ge=1)]
-CountOrNone = Annotated[int, Field(ge=0)]
-Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-SecondsOrNone = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+#: Beyond what any machine has. Within it sums and products of settings stay exact in a float, and neither a
+#: timer of an event loop nor a counter of a library overflows.
+_MOST_BYTES: Final = 1 << 40
+_MOST: Final = 1_000_000_000
+
+Bytes = Annotated[int, Field(ge=1024, le=_MOST_BYTES)]
+Count = Annotated[int, Field(ge=1, le=_MOST)]
+CountOrNone = Annotated[int, Field(ge=0, le=_MOST)]
+Seconds = Annotated[float, Field(ge=0.001, le=_MOST, allow_inf_nan=False)]
+SecondsOrNone = Annotated[float, Field(ge=0, le=_MOST, allow_inf_nan=False)]
 Globs = tuple[str, ...]
 
 _LABEL: Final = r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?"

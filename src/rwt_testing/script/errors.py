@@ -28,7 +28,7 @@ def read_script(file: Path) -> Script:
         raise ScriptError(f"{file}: not UTF-8 at byte {error.start}") from None
     except RecursionError:
         raise ScriptError(f"{file}: tables or lists are nested too deeply") from None
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits.
         raise ScriptError(f"{file}: not TOML: {error}") from None
     try:
         return Script.model_validate(_as_tuples(values))
@@ -54,12 +54,12 @@ def read_recorded(file: Path) -> tuple[Recorded, ...]:
 def _line(file: Path, number: int, line: str) -> Recorded:
     try:
         return Recorded.model_validate(json.loads(line))
-    except (json.JSONDecodeError, RecursionError):
+    except ValidationError as error:
+        raise ScriptError(f"{file}:{number}: {_explain(error, Recorded)}") from None
+    except (ValueError, RecursionError):  # JSONDecodeError, or a number of thousands of digits.
         raise ScriptError(
             f'{file}:{number}: not JSON; expected {{"at": seconds, "msg": {{…}}}} on each line'
         ) from None
-    except ValidationError as error:
-        raise ScriptError(f"{file}:{number}: {_explain(error, Recorded)}") from None
 
 
 def dotted(key: Sequence[str | int]) -> str:

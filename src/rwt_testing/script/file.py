@@ -10,10 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 Fields: TypeAlias = Mapping[str, Any]
 """A message, or some fields of one: ROS's payload, which its type checks and not this model."""
 
-Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=0)]
-AtLeastOne = Annotated[int, Field(ge=1)]
+Seconds = Annotated[float, Field(ge=0, le=1_000_000_000, allow_inf_nan=False)]
+PositiveNumber = Annotated[float, Field(ge=0.001, le=1_000_000, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0, le=10**9)]
+AtLeastOne = Annotated[int, Field(ge=1, le=10**9)]
 
 
 class Table(BaseModel):
@@ -145,7 +145,7 @@ class FaultScript(Table):
     delay: Annotated[str | None, Field(description="glob of what comes late, by `seconds`")] = None
     seconds: Annotated[Seconds | None, Field(description="of a `delay`")] = None
     duplicate: Annotated[str | None, Field(description="glob of what comes `copies` times")] = None
-    copies: Annotated[int, Field(ge=2, description="of a `duplicate`")] = 2
+    copies: Annotated[int, Field(ge=2, le=1000, description="of a `duplicate`")] = 2
     refuse: Annotated[
         int | None, Field(ge=400, le=599, description="HTTP status with which clients are refused")
     ] = None
