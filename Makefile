@@ -74,11 +74,11 @@ schemathesis: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group schemathesis
 	PYTHONPATH=. $(BIN)/python -m tests.http.against_schemathesis --max-examples 50
 
-# What to run all the time: about a minute.
+# What to run all the time: under a minute, once what it needs is installed.
 quick: $(STAMP)-dev
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
-	$(BIN)/pytest -q tests/access tests/bridge tests/graph tests/tf2
+	$(BIN)/pytest -q -m 'not slow' tests/access tests/bridge tests/graph tests/program tests/tf2
 
 # The same with the oldest releases of what the project needs that it says it works with, in an environment of its own.
 LOWEST := build/lowest

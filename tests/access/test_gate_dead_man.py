@@ -18,6 +18,7 @@ from rwt_graph.api import Sample
 from tests.processes import LONGEST
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.asyncio_only,
     pytest.mark.skipif(sys.platform == "win32", reason="it has no SIGSTOP"),
 ]

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, initialize, invariant, rule
 
 from tests.access.gated_robot import CLIENT, GATE, GatedRobot, call, drive
 from tests.bridge.recording_client import Client
+
+pytestmark = pytest.mark.slow
 
 SECONDS = 0.5
 PRECEDENCE = ("supervisor", "operator")

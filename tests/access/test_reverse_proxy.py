@@ -22,6 +22,8 @@ from rwt_transports.http import Proxies
 from tests.access.test_reload import certify
 from tests.processes import free_port
 
+pytestmark = pytest.mark.slow
+
 PEER = "10.0.0.1"
 PROXIES = Proxies(["10.0.0.0/8", "fd00::/8"])
 

@@ -134,6 +134,7 @@ def test_how_many_are_remembered_is_bounded() -> None:
         rosauth.authenticate(Auth.model_validate(signed(t=1000, end=2000, rand="one more")))
 
 
+@pytest.mark.slow
 @given(
     st.fixed_dictionaries(
         {name: st.text() for name in ("mac", "client", "dest", "rand", "level")}

@@ -9,7 +9,6 @@ import functools
 import hashlib
 import json
 import logging
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ import pytest
 from pydantic import BaseModel
 
 from rwt.settings.models import Settings
+from rwt_access.access import Access
 from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
@@ -28,6 +28,9 @@ from tests.bridge.recording_client import Client
 
 Step = tuple[str, dict[str, Any]] | float
 """What `it`, whose op is looked at, or its `peer` says; or seconds that pass."""
+
+NOW = 1_700_000_000
+"""Seconds since 1970, for the whole of every scene."""
 
 _SECRET_FILE = Path(__file__).parent / "rosauth_secret.txt"
 
@@ -52,10 +55,11 @@ class Scene:
     def play(self, op: dict[str, Any], log: pytest.LogCaptureFixture) -> list[object]:
         """What both clients and the server's log got to see."""
         log.clear()
-        clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
+        clock = SimulatedClock(start_ns=NOW * 1_000_000_000)
         graph = MemoryGraph(clock=clock)
         auth = {"rosauth_secret_file": _SECRET_FILE} if self.secret else {}
-        bridge = Bridge(graph, Settings.model_validate({"auth": auth}))
+        settings = Settings.model_validate({"auth": auth})
+        bridge = Bridge(graph, settings, Access(graph, settings, now=lambda: NOW))
         clients = {"it": Client(bridge), "peer": Client(bridge)}
         for step in (*self.before, ("it", op), *self.after, 10.0):
             if isinstance(step, float):
@@ -77,9 +81,8 @@ class Scene:
 
 @functools.cache
 def _signed() -> dict[str, Any]:
-    now = int(time.time())
     members: dict[str, Any] = {
-        "client": "c", "dest": "d", "rand": "r", "t": now, "level": "admin", "end": now + 60,
+        "client": "c", "dest": "d", "rand": "r", "t": NOW, "level": "admin", "end": NOW + 60,
     }  # fmt: skip
     text = _SECRET_FILE.read_text().strip() + "".join(map(str, members.values()))
     return {"op": "auth", "mac": hashlib.sha512(text.encode()).hexdigest(), **members}

@@ -16,6 +16,8 @@ from rwt_bridge.bridge import Bridge
 from rwt_graph.memory.graph import MemoryGraph
 from tests.bridge.recording_client import Client
 
+pytestmark = pytest.mark.slow
+
 LARGEST = 10_000_000
 
 STAMP = {"sec": 1, "nanosec": 2}

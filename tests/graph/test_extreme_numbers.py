@@ -108,6 +108,7 @@ def _move(draw: Any, robot: Robot) -> Undo:
 VERBS = (_advertise, _subscribe, _call, _timer, _later, _move)
 
 
+@pytest.mark.slow
 @settings(max_examples=500)
 @given(st.data())
 def test_a_verb_with_extreme_numbers_completes_or_leaves_nothing(data: st.DataObject) -> None:

@@ -292,6 +292,7 @@ def test_the_number_of_frames_is_bounded() -> None:
     buffer.set_transform(given("frame1", "frame2", 1))
 
 
+@pytest.mark.slow
 def test_a_deep_tree_is_no_problem() -> None:
     buffer = filled(*(given(f"f{depth}", f"f{depth + 1}", 1, 1.0) for depth in range(2000)))
     assert x_of(buffer, "f0", "f2000") == 2000.0

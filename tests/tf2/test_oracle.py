@@ -11,6 +11,8 @@ from rwt_tf2 import Buffer, ExtrapolationError, StampedTransform, Transform
 from rwt_tf2.quaternion import from_rpy, multiply, slerp
 from tests.tf2.oracle import Oracle, interpolated, matrix_of
 
+pytestmark = pytest.mark.slow
+
 LENGTH = st.floats(-100, 100)
 ANGLE = st.floats(-3.1, 3.1)
 TRANSFORMS = st.builds(
