@@ -135,14 +135,14 @@ CASES: Final[Mapping[str, tuple[Stream, int, Window, float]]] = {
         messages.twists(),
         100,
         Window(64, 8, nap=0.002),
-        0.3,
+        1.0,
     ),
     "1→10 640x480 Image": (messages.images(), 10, Window(2, 1), 0.8),
     "1→10 1 MB String": (messages.strings(), 10, Window(2, 1), 0.8),
 }
 """By name: what is sent, to how many, how it is sent, and the floor of the ratio. Viewers count their
-subscriptions from the same number on, so those with one layout share frames; an id that nobody else has
-costs a frame of its own for each message, in Python."""
+subscriptions from the same number on, so those with one layout share frames; ids that differ are put into the
+gaps of what all share."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -86,7 +86,8 @@ class EncodedStream:
     """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
 
     A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels. In a
-    protocol where clients number their subscriptions, that number is what they call the topic.
+    protocol where clients number their subscriptions, the frames have a gap for that number
+    (:class:`~rwt_protocol.transport.GapFrame`), which is filled on the way to each.
 
     Attributes:
         counts: what went through, together with the topic's other channels of this encoding; up to date

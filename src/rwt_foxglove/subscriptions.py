@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from rwt_delivery.drop_notices import DropNotices
@@ -11,8 +11,8 @@ from rwt_delivery.flow_rules import rules_as_published
 from rwt_delivery.throttle import Room, Throttle
 from rwt_foxglove.errors import NotPossible
 from rwt_foxglove.replies import Notice
-from rwt_foxglove.wire.server_messages import message_data, message_head, message_tail
-from rwt_protocol.transport import DropReason, Frame
+from rwt_foxglove.wire.server_messages import message_data, subscription_number
+from rwt_protocol.transport import DropReason
 
 if TYPE_CHECKING:
     from rwt_access.client_graph import ClientGraph
@@ -22,41 +22,41 @@ if TYPE_CHECKING:
     from rwt_foxglove.wire.client_messages import Subscription
     from rwt_interfaces.payload import Form
     from rwt_protocol.payloads import Sample
+    from rwt_protocol.transport import Burst, Flow, Frame
 
 
 class MessageEncoding:
-    """Samples as the messages of one subscription: a head, and what the robot serialises.
-
-    The stream of a topic has one frame for all clients that have subscribed under the same id, and clients
-    of other ids get the same payload behind another head.
-    """
+    """Samples as messages of a channel, whose subscriptions all share a frame with a gap for their ids."""
 
     name: Final = "foxglove"
     form: Form = "serialised"
 
-    def __init__(self) -> None:
-        self._sample: Sample | None = None
-        self._tail = b""
-
-    def publish_encoder(self, subscription_id: str) -> Callable[[Sample], Frame]:
-        """An encoder for the samples of one topic, for subscriptions of that id."""
-        id = int(subscription_id)
-        head = message_head(id)
-
-        def encode(sample: Sample) -> Frame:
-            if sample is not self._sample:
-                parts = sample.payload.serialised_parts()
-                if len(parts) > 1 or len(parts[0]) > _SMALL:
-                    return message_data(id, sample.stamp_ns, parts)
-                # Viewers with ids of their own are asked for one after the other.
-                self._sample, self._tail = sample, message_tail(sample.stamp_ns, parts[0])
-            return Frame(head + self._tail, binary=True)
-
-        return encode
+    def publish_encoder(self, topic: str) -> Callable[[Sample], Frame]:
+        """An encoder for the samples of one topic."""
+        return lambda sample: message_data(sample.stamp_ns, sample.payload.serialised_parts())
 
 
-_SMALL: Final = 4096
-"""Bytes of a message that are copied for each id, since that costs less than to hand over parts."""
+class _NumberedFlow:
+    """A topic's way to one client, on which its subscription's id is put into what all share; satisfies
+    :class:`rwt_protocol.transport.Flow`."""
+
+    __slots__ = ("_flow", "_number", "close", "configure")
+
+    def __init__(self, flow: Flow, id: int) -> None:
+        self._flow = flow
+        self._number = subscription_number(id)
+        self.close = flow.close
+        self.configure = flow.configure
+
+    def send(self, frame: Frame) -> None:
+        self._flow.send(frame.filled(self._number))
+
+    def join(self, burst: Burst) -> bool:
+        return self._flow.join(burst.filled(self._number))
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        self._flow.send_message([piece.filled(self._number) for piece in pieces], expires_ns)
+
 
 ENCODING: Final = MessageEncoding()
 
@@ -80,7 +80,6 @@ class _Delivery:
     ) -> None:
         clock, topic = graph.clock, channel.topic
         self.channel = channel
-        self._id = str(id)
         self._graph = graph
         self._fanout = fanout
         self._notice = Notice(replies.sink, topic)
@@ -95,13 +94,14 @@ class _Delivery:
         )
         info = graph.topic(topic)
         rules = rules_as_published(info.publishers if info else ())
-        self._flow = replies.sink.flow(topic, rules, on_drop=self._drops.dropped, time_ns=clock.time_ns)
+        flow = replies.sink.flow(topic, rules, on_drop=self._drops.dropped, time_ns=clock.time_ns)
+        self._flow = _NumberedFlow(flow, id)
         # Open, and so without a queue of its own: what waits, waits for the network.
         self._gate = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
 
     def begin(self) -> None:
         """Let samples flow, those that are kept for late readers first."""
-        stream = self._fanout.join(self._gate, self._id, ENCODING)
+        stream = self._fanout.join(self._gate, self.channel.topic, ENCODING)
         kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
         for sample in kept:
             stream.replay(sample, self._gate)
@@ -112,7 +112,7 @@ class _Delivery:
         self._flow.close()
         self._drops.close()
         self._notice.close()
-        self._fanout.leave(self._gate, self._id, ENCODING)
+        self._fanout.leave(self._gate, self.channel.topic, ENCODING)
         self._graph.unsubscribe(self._fanout)
 
 

@@ -55,6 +55,10 @@ class Frame:
             framed = self._others[framing] = framing(self)
         return framed
 
+    def filled(self, own: bytes) -> Frame:
+        """The message for the receiver that these bytes are the own ones of: itself, since it has no gap."""
+        return self
+
     def pieces(self, size: int, cut: Callable[[Frame, int], Sequence[Frame]]) -> Sequence[Frame]:
         """The frames into which `cut` cuts this message; done once for each `size`, for all receivers."""
         if self._pieces is None:
@@ -67,6 +71,39 @@ class Frame:
     def __repr__(self) -> str:
         kind = "binary" if self.binary else "text"
         return f"<Frame {kind} {self.size} bytes>"
+
+
+class GapFrame(Frame):
+    """A message that is the same for all receivers but for a gap, in which each gets bytes of its own. What
+    is sent is what :meth:`filled` returns.
+
+    Args:
+        before: what goes before the gap.
+        gap: how many bytes each receiver's own have.
+        after: what goes behind it; large parts of it are shared by all.
+    """
+
+    __slots__ = ("_filled",)
+
+    SMALL = 4096
+    """Bytes of a message that are copied for each receiver, since that costs less than to hand over parts."""
+
+    def __init__(self, before: bytes, gap: int, *after: Buffer, binary: bool = False) -> None:
+        super().__init__(before, *after, binary=binary)
+        self.size += gap
+        self._filled: dict[bytes, Frame] = {}
+
+    def filled(self, own: bytes) -> Frame:
+        """The message with these bytes in its gap; the same one for all that have them in common."""
+        frame = self._filled.get(own)
+        if frame is None:
+            before, *after = self.parts
+            if self.size <= GapFrame.SMALL:
+                frame = Frame(b"".join((before, own, *after)), binary=self.binary)
+            else:
+                frame = Frame(b"".join((before, own)), *after, binary=self.binary)
+            self._filled[own] = frame
+        return frame
 
 
 class BurstMember(Protocol):
@@ -88,7 +125,10 @@ class Burst:
         members: the queues that hold it; they are told what was added once it is sealed.
     """
 
-    __slots__ = ("_first", "_framed", "_frames", "_framing", "_others", "_sealed", "members", "size")
+    __slots__ = (
+        "_apart", "_apart_by", "_filled", "_first", "_framed", "_frames", "_framing", "_others", "_sealed",
+        "members", "size",
+    )  # fmt: skip
 
     LARGE = 8 * 1024
     """Bytes after which a burst takes no more: what a queue may hold that it does not count yet."""
@@ -101,6 +141,9 @@ class Burst:
         self._framing: object = None
         self._framed = b""
         self._others: dict[object, bytes] | None = None
+        self._filled: dict[bytes, Burst] = {}
+        self._apart: Sequence[bytes] = ()
+        self._apart_by: object = None
 
     def __len__(self) -> int:
         """How many frames it has."""
@@ -127,38 +170,122 @@ class Burst:
             for member in members:
                 member.sealed(added, size)
 
+    def filled(self, own: bytes) -> Burst:
+        """The same burst with these bytes in the gaps of its frames, each of which is a :class:`GapFrame`;
+        the same one for all that have them in common."""
+        burst = self._filled.get(own)
+        if burst is None:
+            burst = self._filled[own] = FilledBurst(self, own)
+        return burst
+
     def framed(
-        self, framing: Callable[[Frame], bytes], joined: Callable[[Sequence[Frame]], bytes] | None = None
+        self,
+        framing: Callable[[Frame], bytes],
+        joined: Callable[[Sequence[Frame]], bytes] | None = None,
+        apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None = None,
     ) -> bytes:
         """The bytes of all frames on a wire with that `framing`; joined once for all that ask. Seals it.
 
         Args:
             framing: makes the bytes of one frame.
             joined: makes the same bytes of several, sooner.
+            apart: makes what stands between the gaps of several that have one each, for all receivers.
         """
         if self._framing is framing:
             return self._framed
         self.seal()
         if self._framing is None:
             self._framing = framing
-            self._framed = self._join(framing, joined)
+            self._framed = self._join(framing, joined, apart)
             return self._framed
         if self._others is None:
             self._others = {}
         framed = self._others.get(framing)
         if framed is None:
-            framed = self._others[framing] = self._join(framing, joined)
+            framed = self._others[framing] = self._join(framing, joined, apart)
         return framed
 
     def _join(
-        self, framing: Callable[[Frame], bytes], joined: Callable[[Sequence[Frame]], bytes] | None
+        self,
+        framing: Callable[[Frame], bytes],
+        joined: Callable[[Sequence[Frame]], bytes] | None,
+        apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None,
     ) -> bytes:
-        frames = self._frames
+        return self._joined(self._frames, framing, joined)
+
+    def join_filled(
+        self,
+        own: bytes,
+        framing: Callable[[Frame], bytes],
+        joined: Callable[[Sequence[Frame]], bytes] | None,
+        apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None,
+    ) -> bytes:
+        """As :meth:`framed`, with a receiver's own bytes in the gaps."""
+        if apart is None:
+            return self._joined([frame.filled(own) for frame in self._frames], framing, joined)
+        if self._apart_by is not apart:
+            self._apart = apart(self._frames)
+            self._apart_by = apart
+        return own.join(self._apart)
+
+    @staticmethod
+    def _joined(
+        frames: Sequence[Frame],
+        framing: Callable[[Frame], bytes],
+        joined: Callable[[Sequence[Frame]], bytes] | None,
+    ) -> bytes:
         if len(frames) == 1:
             return frames[0].framed(framing)
         if joined is not None:
             return joined(frames)
         return b"".join([frame.framed(framing) for frame in frames])
+
+
+class FilledBurst(Burst):
+    """A burst as one receiver gets it, or some that have their own bytes in common; it grows with the one of
+    all."""
+
+    __slots__ = ("_all", "_own")
+
+    def __init__(self, of_all: Burst, own: bytes) -> None:
+        self._all = of_all
+        self._own = own
+        self._framing: object = None
+        self._framed = b""
+        self._others: dict[object, bytes] | None = None
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    @property
+    def size(self) -> int:  # type: ignore[override]  # a burst's own is counted, this one is looked up
+        """Bytes of its frames."""
+        return self._all.size
+
+    @property
+    def members(self) -> list[BurstMember]:  # type: ignore[override]  # as above
+        """The queues that hold the burst of all, in whichever way."""
+        return self._all.members
+
+    def add(self, frame: Frame) -> bool:
+        """Take one more frame for all receivers."""
+        return self._all.add(frame)
+
+    def seal(self) -> None:
+        """Take no more, for any receiver."""
+        self._all.seal()
+
+    def filled(self, own: bytes) -> Burst:
+        """The burst for another receiver."""
+        return self._all.filled(own)
+
+    def _join(
+        self,
+        framing: Callable[[Frame], bytes],
+        joined: Callable[[Sequence[Frame]], bytes] | None,
+        apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None,
+    ) -> bytes:
+        return self._all.join_filled(self._own, framing, joined, apart)
 
 
 class DropReason(StrEnum):

@@ -32,12 +32,15 @@ class Framing:
         shared: False where the bytes depend on what was sent before on the same connection: then every frame
             is framed exactly once each time it is sent, in the order of sending.
         joined: several frames as one piece, where that is cheaper than to join what `whole` makes of each.
+        apart: several frames that have a gap (:class:`~rwt_protocol.transport.GapFrame`) in the pieces
+            between which each receiver's own bytes go, one more than there are frames.
     """
 
     whole: Callable[[Frame], bytes]
     pieces: Callable[[Frame], tuple[Buffer, ...]]
     shared: bool = True
     joined: Callable[[Sequence[Frame]], bytes] | None = None
+    apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None = None
 
 
 class Link(Protocol):

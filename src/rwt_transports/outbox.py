@@ -221,7 +221,7 @@ class Outbox:
     def backlog(self) -> int:
         """Bytes queued and not yet handed to the network."""
         begun = sum(map(len, self._begun))
-        ready = sum(piece.size if type(piece) is Burst else len(piece) for piece in self.ready)
+        ready = sum(piece.size if isinstance(piece, Burst) else len(piece) for piece in self.ready)
         return begun + ready + self._control_bytes + self._data.size
 
     @property
@@ -340,11 +340,11 @@ class Outbox:
                 data = self._take_mixed(self._settle_bursts(), SLICE_BYTES)
             else:
                 if len(ready) == 1:
-                    piece = ready[0]
+                    piece, framing = ready[0], self._framing
                     data = (
-                        piece.framed(self.whole, self._framing.joined)
-                        if type(piece) is Burst
-                        else cast("Buffer", piece)
+                        piece.framed(self.whole, framing.joined, framing.apart)
+                        if isinstance(piece, Burst)
+                        else piece
                     )
                 else:
                     data = b"".join(self._settle_bursts())
@@ -359,9 +359,10 @@ class Outbox:
         ready = self.ready
         if self.bursts:
             self.bursts = False
+            framing = self._framing
             for at, piece in enumerate(ready):
-                if type(piece) is Burst:
-                    ready[at] = piece.framed(self.whole, self._framing.joined)
+                if isinstance(piece, Burst):
+                    ready[at] = piece.framed(self.whole, framing.joined, framing.apart)
         return cast("list[Buffer]", ready)
 
     def take_pieces(self) -> Sequence[Buffer]:

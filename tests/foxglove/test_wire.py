@@ -23,7 +23,10 @@ JSON = b'{"key": "value"}'
 @pytest.mark.parametrize(
     ("frame", "data"),
     [
-        (server.message_data(30, 1234, [JSON]), "01 1e000000 d204000000000000" + JSON.hex()),
+        (
+            server.message_data(1234, [JSON]).filled(server.subscription_number(30)),
+            "01 1e000000 d204000000000000" + JSON.hex(),
+        ),
         (server.time(1234567890), "02 d202964900000000"),
         (
             server.service_call_response(10, 12, "json", [JSON]),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, Flow, FlowRules, Frame
+from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, Flow, FlowRules, Frame, GapFrame
 from rwt_transports.limits import READY_BYTES, Limits
 from rwt_transports.outbox import GATHER_BYTES, SLICE_BYTES, Outbox
 from rwt_transports.websocket.wire import SERVER_FRAMING
@@ -611,3 +612,65 @@ def test_a_connection_that_closes_gets_nothing_more_of_a_burst() -> None:
 def test_frames_too_large_for_a_client_are_not_added_behind_its_back() -> None:
     box = Box(Limits(outgoing_bytes=10))
     assert not box.topic("/a").join(Burst(Frame(b"1")))
+
+
+# -- messages with a gap for what each receiver has of its own ----------------------------------------------
+
+
+def own_of(number: int) -> bytes:
+    return number.to_bytes(4, "little")
+
+
+@given(
+    sizes=st.lists(st.sampled_from((0, 1, 108, 109, 110, 125, 126, 3000)), min_size=1, max_size=6),
+    numbers=st.lists(st.integers(0, 3), min_size=1, max_size=5),
+    shares=st.booleans(),
+)
+def test_receivers_of_one_burst_get_their_own_bytes_in_each_gap(
+    sizes: list[int], numbers: list[int], shares: bool
+) -> None:
+    frames = [GapFrame(b"m", 4, b"t", b"x" * size, binary=True) for size in sizes]
+    framing = replace(SERVER_FRAMING, apart=SERVER_FRAMING.apart if shares else None)
+    boxes = [Outbox(framing, Limits(), lambda: None, print) for _ in numbers]
+    burst = Burst(frames[0])
+    for box, number in zip(boxes, numbers, strict=True):
+        assert box.flow("/a").join(burst.filled(own_of(number)))
+    added = [frames[0], *(frame for frame in frames[1:] if burst.add(frame))]
+    for box, number in zip(boxes, numbers, strict=True):
+        own = own_of(number)
+        expected = [Frame(b"m" + own + b"t" + frame.parts[-1], binary=True) for frame in added]
+        assert box.backlog == sum(frame.size for frame in expected)
+        assert drain(box) == b"".join(map(SERVER_FRAMING.whole, expected))
+        assert box.traffic.messages == len(added)
+    assert len(burst.filled(own_of(9))) == len(added)
+
+
+def test_what_stands_between_the_gaps_is_made_once_for_all_receivers() -> None:
+    asked: list[int] = []
+
+    def apart(frames: Sequence[Frame]) -> Sequence[bytes]:
+        asked.append(len(frames))
+        assert SERVER_FRAMING.apart is not None
+        return SERVER_FRAMING.apart(frames)
+
+    framing = replace(SERVER_FRAMING, apart=apart)
+    boxes = [Outbox(framing, Limits(), lambda: None, print) for _ in range(4)]
+    burst = Burst(GapFrame(b"m", 4, b"one"))
+    for number, box in enumerate((*boxes, boxes[0])):
+        assert box.flow("/a").join(burst.filled(own_of(number % 2)))
+    assert burst.add(GapFrame(b"m", 4, b"two"))
+    taken = [drain(box) for box in boxes]
+    assert asked == [2]
+    assert taken[1] == taken[3] != taken[2]  # They have the same bytes of their own.
+    assert not burst.filled(own_of(2)).add(Frame(b"late"))
+
+
+@pytest.mark.parametrize("size", [10, 100_000])
+def test_a_message_with_a_gap_shares_what_is_large(size: int) -> None:
+    payload = bytes(size)
+    frame = GapFrame(b"m", 4, b"stamp", payload)
+    first, second = frame.filled(own_of(1)), frame.filled(own_of(2))
+    assert first.data == b"m" + own_of(1) + b"stamp" + payload
+    assert (first.size, second.size) == (frame.size, frame.size) == (len(first.data), len(second.data))
+    assert frame.filled(own_of(1)) is first
+    assert (first.parts[-1] is payload) == (size > GapFrame.SMALL)

@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from rwt_protocol.transport import Buffer, Frame
+from rwt_protocol.transport import Buffer, Frame, GapFrame
 
 _encode: Final = msgspec.json.Encoder().encode
 
@@ -124,8 +124,8 @@ def status(level: Level, message: str, id: str | None = None) -> Frame:
     return text("status", level=int(level), message=message, id=id)
 
 
-_MESSAGE: Final = Layout("<BIQ").pack
-_HEAD: Final = Layout("<BI").pack
+_KIND_OF_MESSAGE: Final = bytes((MESSAGE_DATA,))
+_NUMBER: Final = Layout("<I").pack
 _STAMP: Final = Layout("<Q").pack
 _TIME: Final = Layout("<BQ").pack
 _RESPONSE: Final = Layout("<BIII").pack
@@ -133,19 +133,15 @@ _ASSET: Final = Layout("<BIBI").pack
 _STATE: Final = Layout("<BBQfBI").pack
 
 
-def message_data(subscription_id: int, time_ns: int, payload: Sequence[Buffer]) -> Frame:
-    """A message of a channel, its payload spliced in uncopied."""
-    return Frame(_MESSAGE(MESSAGE_DATA, subscription_id, time_ns), *payload, binary=True)
+def message_data(time_ns: int, payload: Sequence[Buffer]) -> GapFrame:
+    """A message of a channel, its payload spliced in uncopied: for all its subscriptions, the ids of which
+    (:func:`subscription_number`) go into the gap."""
+    return GapFrame(_KIND_OF_MESSAGE, 4, _STAMP(time_ns), *payload, binary=True)
 
 
-def message_head(subscription_id: int) -> bytes:
-    """What a message of a subscription begins with; :func:`message_tail` follows."""
-    return _HEAD(MESSAGE_DATA, subscription_id)
-
-
-def message_tail(time_ns: int, payload: Buffer) -> bytes:
-    """What is the same of a message for all subscriptions."""
-    return _STAMP(time_ns) + payload
+def subscription_number(id: int) -> bytes:
+    """The id of a subscription as it stands in its messages."""
+    return _NUMBER(id)
 
 
 def time(time_ns: int) -> Frame:

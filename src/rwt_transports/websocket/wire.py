@@ -76,6 +76,17 @@ def _server_joined(frames: Sequence[Frame]) -> bytes:
     return b"".join(parts)
 
 
+def _server_apart(frames: Sequence[Frame]) -> Sequence[bytes]:
+    """Several messages that have a gap after their first part each, in the pieces between the gaps."""
+    apart: list[bytes] = []
+    last: tuple[Buffer, ...] = ()
+    for frame in frames:
+        apart.append(b"".join((*last, _server_header(frame), frame.parts[0])))
+        last = frame.parts[1:]
+    apart.append(b"".join(last))
+    return apart
+
+
 def server_pieces(frame: Frame) -> tuple[Buffer, ...]:
     """The same in pieces, the large parts of the message uncopied."""
     pieces: list[Buffer] = []
@@ -95,7 +106,7 @@ def _client_whole(frame: Frame) -> bytes:
     return pack(BINARY if frame.binary else TEXT, frame.data, masked=True)
 
 
-SERVER_FRAMING = Framing(server_whole, server_pieces, joined=_server_joined)
+SERVER_FRAMING = Framing(server_whole, server_pieces, joined=_server_joined, apart=_server_apart)
 """One unfragmented, unmasked WebSocket frame (RFC 6455 section 5.2)."""
 CLIENT_FRAMING = Framing(_client_whole, lambda frame: (_client_whole(frame),))
 """One unfragmented frame masked with a key of its own, as a client must send it (RFC 6455 section 5.3)."""
