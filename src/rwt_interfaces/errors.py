@@ -6,6 +6,8 @@
   * :exc:`DefinitionError`: a ``.msg``, ``.srv`` or ``.action`` text that cannot be read.
   * :exc:`UnknownType`: no such message, service or action is known.
   * :exc:`InvalidMessage`: a message that does not fit its type.
+
+    * :exc:`TooManyValues`: one that may fit, and is too large to find out at once.
 """
 
 from __future__ import annotations
@@ -43,3 +45,7 @@ class InvalidMessage(InterfaceError, ValueError):
         super().__init__(f"{path}: {reason}" if path else reason)
         self.path = path
         self.reason = reason
+
+
+class TooManyValues(InvalidMessage):
+    """A text of so many values that it is not decoded at once, and that cannot be taken in pieces."""

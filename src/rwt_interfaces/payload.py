@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.errors import InvalidMessage, TooManyValues
 from rwt_interfaces.serialise.json import REJECTIONS, parse
-from rwt_interfaces.serialise.long_arrays import PIECE
+from rwt_interfaces.serialise.long_arrays import MOST_VALUES, PIECE, has_many_values
 from rwt_interfaces.serialise.long_strings import (
     LARGE,
     LongString,
@@ -137,6 +137,8 @@ class Payload:
             payload = cls(message_type, raw, None)
             payload.is_long = True
             return payload
+        if has_many_values(raw):
+            return None
         try:
             codec.check(raw)
         except REJECTIONS:
@@ -174,6 +176,10 @@ class Payload:
                 return cls(message_type, raw, None)
         taken = yield from codec.long_arrays.take(raw, now)
         if taken is None:
+            if has_many_values(raw):
+                raise TooManyValues(
+                    "", f"more than {MOST_VALUES} values: so many are taken only as items of long lists"
+                )
             payload = yield from cls._wholly(message_type, raw, now)
             payload.is_long = codec.has_arrays
             return payload
@@ -364,7 +370,7 @@ class Payload:
             else:
                 apart = None
                 if self._message is None and (self._json is not None or self._json_parts is not None):
-                    apart = self.type.json.long_arrays.apart(self.json())
+                    apart = yield from self.type.json.long_arrays.apart(self.json())
                 short, lists = apart or (self.value(), {})
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
@@ -414,7 +420,7 @@ class Payload:
             if self._string is not None:
                 self._spliced = self._of_string(self._string)
                 self._string = None
-            elif self._json is None or self._message is not None:
+            elif self._message is not None or (self._json is None and self._json_parts is None):
                 self._spliced = SplicedMessage.from_message(self.type, self.value())
         return self._spliced
 

@@ -23,7 +23,7 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Array, Message
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import cbor, long_arrays, long_strings, pack, splice
+from rwt_interfaces.serialise import array_regions, cbor, long_arrays, long_strings, pack, splice
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
 
@@ -185,7 +185,7 @@ def test_to_splice_is_to_decode_and_encode(
         small.setattr(long_strings, "TEXT_PIECE", 64)
         small.setattr(payload_form, "LARGE", 1)
         small.setattr(payload_form, "PIECE", 1)
-        small.setattr(long_arrays, "LARGE", 1)
+        small.setattr(array_regions, "LARGE", 1)
         small.setattr(long_arrays, "PIECE", piece)
         small.setattr(long_arrays, "SLOW_PIECE", piece // 2)
         small.setattr(long_strings, "_LONG_PART", piece)
@@ -380,7 +380,7 @@ def test_to_number_a_message_is_to_change_its_sequence(
     with pytest.MonkeyPatch().context() as small:
         if is_large:
             small.setattr(payload_form, "LARGE", 1)
-            small.setattr(long_arrays, "LARGE", 1)
+            small.setattr(array_regions, "LARGE", 1)
         numbered = Payload.from_json(kind, memoryview(raw), now).numbered(77)
         again = Payload.from_value(kind, Payload.from_json(kind, raw, now).value()).numbered(77)
         expected = outcome(lambda: Payload(kind, None, whole))

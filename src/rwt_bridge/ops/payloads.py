@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.errors import InvalidMessage, TooManyValues
 from rwt_interfaces.payload import Payload
 from rwt_protocol.error_text import describe_kind
 from rwt_protocol.errors import Refused
@@ -41,11 +41,13 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
         if raw.dense:
             return _of_dense(type, raw, where, now)
         return Payload.from_json(type, raw.data, now)
+    except TooManyValues as error:
+        raise _refused(where, error) from None
     except InvalidMessage as error:
         if isinstance(raw, RawJson) and not raw.is_validated:
             # A large payload was cut out of its frame unseen; only a full parse says what is wrong with it.
             validated = raw.validated()
-            if validated.data != raw.data:
+            if validated.data != bytes(raw.data):
                 return payload_of(type, validated, where, now)
         raise _refused(where, error) from None
 
@@ -59,8 +61,10 @@ def payload_in_steps(
             return (yield from Payload.from_json_in_steps(type, raw.data, now))
         dense = yield from Payload.from_dense_json_in_steps(type, raw.data, now)
         return _complete(dense, type, raw, where)
+    except TooManyValues as error:
+        raise _refused(where, error) from None
     except InvalidMessage as error:
-        if not raw.is_validated and (validated := raw.validated()).data != raw.data:
+        if not raw.is_validated and (validated := raw.validated()).data != bytes(raw.data):
             return (yield from payload_in_steps(type, validated, where, now))
         raise _refused(where, error) from None
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.serialise.long_lists import holds_long_lists, long_items
-from rwt_interfaces.serialise.long_strings import FEW, Chunks, JoinedParts, Parts, Steps, chunks_of
+from rwt_interfaces.serialise.long_strings import FEW, Chunks, ItemApart, JoinedParts, Parts, Steps, chunks_of
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
@@ -144,7 +144,10 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
             items.append(b"".join([encode(item) for item in chunk]))
         else:
             for item in chunk:
-                if is_long(item):
+                if isinstance(item, ItemApart):
+                    for part in (yield from element.type.step_encoder("cbor")(*item)):
+                        items.append(part)
+                elif is_long(item):
                     for part in (yield from element.type.step_encoder("cbor")(item, {})):
                         items.append(part)
                 else:

@@ -6,19 +6,19 @@ no step takes longer than a piece, and what may be passed on stays as it came.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.serialise.array_regions import LONG_ITEM, Pieces, Region, regions
 from rwt_interfaces.serialise.long_strings import (
     FEW,
-    LARGE,
     TOKEN,
     Chunks,
+    ItemApart,
     JoinedParts,
     Parts,
     RawText,
@@ -43,11 +43,13 @@ _FEW_NUMBERS: Final = 1 << 20
 """Bytes of a text whose numbers are kept, for encodings that will need them."""
 MOST_GROWTH: Final = 1_000_000
 """Bytes that the messages of an array may grow before the fields that they lack are counted."""
-_MOST_BRACKETS: Final = 64
-"""Brackets that are looked at in search of long arrays."""
-_BEGIN = re.compile(rb'\[[ \t\r\n]*(?:([-0-9NI])|(\{[ \t\r\n]*"[^"\\]{1,64}"[ \t\r\n]*:))')
-_BRACE: Final = ord("}")
+MOST_VALUES: Final = 1 << 18
+"""Values of a text that is decoded at once, reckoned by its commas: what holds more has to be taken in
+pieces."""
 _QUOTED_TOKEN = b'"%b"' % TOKEN.encode()
+
+_WHOLE: Final = 1 << 18
+"""Bytes of a piece from which its values are counted before it is decoded."""
 
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
@@ -56,69 +58,14 @@ _Order = tuple[int, ...]
 """Where a field stands in its message: its number, and for one in a nested message those around it."""
 
 
-class _Region(NamedTuple):
-    """Where an array is in a text, and what stands between its items up to the first colon of an item.
-
-    Attributes:
-        begin, end: of the array, brackets included.
-        is_numbers: whether it ends at its first closing bracket, whatever it holds.
-        separators: before one of these an item ends with a brace, and behind the comma the next begins.
-    """
-
-    begin: int
-    end: int
-    is_numbers: bool
-    separators: tuple[bytes, ...]
-
-    def comma(self, data: bytes, start: int, last: int) -> int:
-        """Where the first comma between two items is behind `start`; `last` if there is none."""
-        if self.is_numbers:
-            comma = data.find(b",", start, last)
-            return comma if comma >= 0 else last
-        for separator in self.separators:
-            brace = data.find(separator, start, last)
-            if brace >= 0:
-                return brace + 1
-        return last
-
-
-def _regions(data: bytes) -> list[_Region]:
-    found = []
-    at = data.find(b"[")
-    for _ in range(_MOST_BRACKETS):
-        if at < 0:
-            break
-        region = _region(data, at)
-        if region is not None and region.end - at >= LARGE:
-            found.append(region)
-            at = region.end
-        at = data.find(b"[", at + 1)
-    return found
-
-
-def _region(data: bytes, begin: int) -> _Region | None:
-    first = _BEGIN.match(data, begin)
-    if first is None:
-        return None
-    if first[1]:
-        return _Region(begin, data.find(b"]", begin) + 1, True, ())
-    end = begin
-    for _ in range(_MOST_BRACKETS):
-        end = data.find(b"]", end) + 1
-        if end == 0 or data[end - 2] == _BRACE:
-            break
-    if end - begin < LARGE:
-        # It closes an array within an item.
-        end = data.rfind(b"]", begin) + 1
-    return _Region(begin, end, False, (b"}," + first[2], b"}, " + first[2]))
-
-
 class _Items:
     """The items of the arrays of one field.
 
     Attributes:
         are_octets: whether the field holds octets, which go out as base64.
         are_numbers: whether what :meth:`take` returns is what the field holds.
+        message: the type of items that are messages; None where they are not.
+        bound: how many there may be at most, if that is bounded.
         encode: encodes a list of items as JSON.
     """
 
@@ -128,8 +75,10 @@ class _Items:
         self.are_octets = isinstance(type, field_types.Octets)
         element = field_types.UINT8 if isinstance(type, field_types.Octets) else type.element
         self.are_numbers = isinstance(element, field_types.Int | field_types.Float)
+        self.message = element.type if isinstance(element, field_types.Message) else None
+        self.bound = None if isinstance(type, field_types.Octets) else type.bound
         self._element = element
-        self._name = ".".join(path)
+        self.name = ".".join(path)
         self._decode_leniently = compile_field(element)
         self.encode = items_encoder(element)
         self._decode_own: Callable[[bytes], list[Any]] = msgspec.json.Decoder(
@@ -192,14 +141,18 @@ class _Items:
                 return number_list(values, self._element)
             except InvalidMessage as error:
                 number, _, rest = error.path.removeprefix("[").partition("]")
-                raise InvalidMessage(f"{self._name}[{offset + int(number)}]{rest}", error.reason) from None
+                raise InvalidMessage(f"{self.name}[{offset + int(number)}]{rest}", error.reason) from None
         items = []
         for index, value in enumerate(values, offset):
             try:
                 items.append(self._decode_leniently(value, completion))
             except InvalidMessage as error:
-                raise under(f"{self._name}[{index}]", error) from None
+                raise under(f"{self.name}[{index}]", error) from None
         return items
+
+
+_Located = tuple[_Order, _Path, _Items, Region]
+"""A long array: its place and path in the message, what takes its items, and where it is in the text."""
 
 
 class TakenArray(NamedTuple):
@@ -287,15 +240,16 @@ class LongArrays:
         Raises:
             InvalidMessage: it does not fit; found before or after other faults as the fields have it.
         """
+        completion = Completion(now) if completes else None
+        return (yield from self._take(bytes(raw), completion, len(raw) <= _FEW_NUMBERS))
+
+    def _take(self, data: bytes, completion: Completion | None, keep: bool) -> Steps[TakenMessage | None]:
         from rwt_interfaces.serialise.json import REJECTIONS, parse
 
-        data = bytes(raw)
-        regions = _regions(data)
-        places = self._places(data, regions) if regions else None
+        places = yield from self._regions(data)
         if places is None:
             return None
-        text = _with(data, regions, [b"[]"] * len(regions))
-        completion = Completion(now) if completes else None
+        text = _with(data, [place[3] for place in places], [b"[]"] * len(places))
         short: msgspec.Struct | None = None
         wrong: InvalidMessage | None = None
         try:
@@ -312,11 +266,10 @@ class LongArrays:
         for order, path, items, region in sorted(places, key=lambda place: place[0]):
             if wrong is not None and self._order_of(wrong.path) < order:
                 break
-            keep = not is_exact or len(data) <= _FEW_NUMBERS
             array = yield from _taken(data, region, path, items, completion, keep)
             if array is None:
                 return None
-            if not (array.is_exact or completes):
+            if completion is None and not array.is_exact:
                 return _NOT_EXACT
             arrays.append(array)
         if wrong is not None:
@@ -325,16 +278,21 @@ class LongArrays:
             is_exact, short = False, self._message.json.decode(text)
         return TakenMessage(is_exact, short, tuple(arrays))
 
-    def apart(self, raw: RawText) -> tuple[msgspec.Struct, Chunks] | None:
+    def apart(self, raw: RawText) -> Steps[tuple[msgspec.Struct, Chunks] | None]:
         """The message of a text that may be passed on, with its long arrays empty, and what they hold, to be
         decoded in pieces; None if they cannot be told apart."""
         data = bytes(raw)
-        regions = _regions(data)
-        places = self._places(data, regions) if regions else None
+        places = yield from self._regions(data)
         if places is None:
             return None
-        message = self._message.json.decode(_with(data, regions, [b"[]"] * len(regions)))
+        found = [place[3] for place in places]
+        message = self._message.json.decode(_with(data, found, [b"[]"] * len(found)))
         return message, {".".join(path): _chunks(data, region, items) for _, path, items, region in places}
+
+    def _regions(self, data: bytes) -> Steps[list[_Located] | None]:
+        """The long arrays of a text in the order of the text; None if it has none that can be told apart."""
+        found = yield from regions(data, SLOW_PIECE)
+        return self._places(data, found) if found else None
 
     def json(self, message: msgspec.Struct) -> Steps[Parts | None]:
         """A message in JSON, in steps; None if it has no long lists."""
@@ -380,19 +338,17 @@ class LongArrays:
                 return (number,)
         return (1 << 30,)
 
-    def _places(
-        self, data: bytes, regions: list[_Region]
-    ) -> list[tuple[_Order, _Path, _Items, _Region]] | None:
+    def _places(self, data: bytes, found: list[Region]) -> list[_Located] | None:
         """The field of each region; None if not each of them is the value of one.
 
         A token stands in the place of each array. No client can know it: where a member is a token, an array
         was the whole of its value.
         """
-        tokens = [b'"%b%d"' % (TOKEN.encode(), number) for number in range(len(regions))]
-        found = dict(self._located(_with(data, regions, tokens), (), ()))
-        if found.keys() != set(tokens):
+        tokens = [b'"%b%d"' % (TOKEN.encode(), number) for number in range(len(found))]
+        located = dict(self._located(_with(data, found, tokens), (), ()))
+        if located.keys() != set(tokens):
             return None
-        return [(*found[token], region) for token, region in zip(tokens, regions, strict=True)]
+        return [(*located[token], region) for token, region in zip(tokens, found, strict=True)]
 
     def _located(
         self, text: RawText, order: _Order, path: _Path
@@ -434,22 +390,22 @@ def _is_long(type: field_types.Array | field_types.Octets) -> bool:
         return True
     element = type.element
     if isinstance(element, field_types.Message):
-        return type.bound is None and element.type.time is None
-    return type.bound is None and isinstance(element, field_types.Int | field_types.Float)
+        return element.type.time is None
+    return isinstance(element, field_types.Bool | field_types.Int | field_types.Float | field_types.String)
 
 
-def _with(data: bytes, regions: list[_Region], texts: list[bytes]) -> bytes:
+def _with(data: bytes, found: list[Region], texts: list[bytes]) -> bytes:
     """The text with others in the places of the arrays."""
     parts: list[RawText] = []
     begin = 0
-    for region, text in zip(regions, texts, strict=True):
+    for region, text in zip(found, texts, strict=True):
         parts += (data[begin : region.begin], text)
         begin = region.end
     return b"".join((*parts, data[begin:]))
 
 
 def _taken(
-    data: bytes, region: _Region, path: _Path, items: _Items, completion: Completion | None, keep: bool
+    data: bytes, region: Region, path: _Path, items: _Items, completion: Completion | None, keep: bool
 ) -> Steps[TakenArray | None]:
     """One array; None if it is not one, or if its pieces cannot be told apart.
 
@@ -467,13 +423,30 @@ def _taken(
     values: list[Any] = []
     is_exact = not items.are_octets
     run = region.begin  # where what may be passed on begins, up to the piece at hand
-    start, last = region.begin + 1, region.end - 1
-    size = PIECE if items.are_numbers else SLOW_PIECE
+    cutting = Pieces(data, region, PIECE if items.are_numbers else SLOW_PIECE)
     count = 0
     room = MOST_GROWTH
-    while start <= last:
-        stop = region.comma(data, start + size, last)
+    for piece in cutting:
+        yield
+        if piece is None:
+            continue
+        start, stop = piece
+        if items.message is not None and stop - start > LONG_ITEM * SLOW_PIECE:
+            item = yield from _taken_item(data[start:stop], items, count, completion)
+            if item is not None:
+                if not item.is_exact and completion is None:
+                    return TakenArray(path, (), False, None)
+                if not item.is_exact:
+                    is_exact = False
+                    parts.append(view[run:start])
+                    for part in item.json_parts(items.message.json.encode):
+                        parts.append(part)
+                    run = stop
+                count += 1
+                continue
         text = b"[%b]" % data[start:stop]
+        if len(text) > _WHOLE and has_many_values(text):
+            return None
         found = items.take(text)
         if found is not None:
             taken, may_pass = found
@@ -502,21 +475,63 @@ def _taken(
             run = stop
         if keep and items.are_numbers:
             values += taken
-        size = PIECE if is_quick else SLOW_PIECE
-        start = stop + 1
-        yield
+        cutting.size = PIECE if is_quick else SLOW_PIECE
     if items.are_octets:
         return _octets(path, b"".join(octets))
+    if items.bound is not None and count > items.bound:
+        return None
     parts.append(view[run : region.end])
     return TakenArray(path, parts.all(), is_exact, values if keep and items.are_numbers else None)
 
 
-def _chunks(data: bytes, region: _Region, items: _Items) -> Iterator[list[Any]]:
-    start, last = region.begin + 1, region.end - 1
-    while start <= last:
-        stop = region.comma(data, start + PIECE, last)
+def _taken_item(
+    text: bytes, items: _Items, number: int, completion: Completion | None
+) -> Steps[TakenMessage | None]:
+    """One long message of an array; None if it has to be looked at as a whole."""
+    assert items.message is not None  # Only messages are long.
+    try:
+        return (yield from items.message.json.long_arrays._take(text, completion, keep=False))
+    except InvalidMessage as error:
+        if not error.path:
+            return None
+        raise under(f"{items.name}[{number}]", error) from None
+
+
+def has_many_values(data: RawText) -> bool:
+    """Whether a text may hold so many values that it may not be decoded at once."""
+    text = bytes(data)
+    if len(text) <= MOST_VALUES:
+        return False
+    found = 0
+    for start in range(0, len(text), MOST_VALUES):
+        found += text.count(b",", start, start + MOST_VALUES)
+        if found > MOST_VALUES:
+            return True
+    return False
+
+
+def _chunks(data: bytes, region: Region, items: _Items) -> Iterator[list[Any]]:
+    for piece in Pieces(data, region, PIECE if items.are_numbers else SLOW_PIECE):
+        if piece is None:
+            yield []
+            continue
+        start, stop = piece
+        if items.message is not None and stop - start > LONG_ITEM * SLOW_PIECE:
+            item = yield from _item_apart(data[start:stop], items.message)
+            if item is not None:
+                yield [item]
+                continue
         yield items.values(b"[%b]" % data[start:stop])
-        start = stop + 1
+
+
+def _item_apart(text: bytes, message: MessageType) -> Generator[list[Any], None, ItemApart | None]:
+    steps = message.json.long_arrays.apart(text)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return None if end.value is None else ItemApart(*end.value)
+        yield []
 
 
 def _octets(path: _Path, octets: bytes) -> TakenArray:

@@ -25,7 +25,8 @@ _LONG_PART = 1 << 18
 FEW = 64
 #: The same of numbers.
 NUMBERS = 1 << 13
-#: Lists of a message that are not in it, by their paths: what each holds, some items at a time.
+#: Lists of a message that are not in it, by their paths: what each holds, some items at a time, none after a
+#: step that found none, and each :class:`ItemApart` by itself.
 Chunks = Mapping[str, Iterator[list[Any]]]
 #: From this many bytes on a text is large.
 LARGE = 4096
@@ -91,6 +92,18 @@ class JoinedParts:
         """The parts."""
         self._join()
         return tuple(self._parts)
+
+
+class ItemApart(NamedTuple):
+    """An item of a list that is so long that its own lists are not in it.
+
+    Attributes:
+        message: the item, its long lists empty.
+        lists: what they hold, by their paths.
+    """
+
+    message: Any
+    lists: Chunks
 
 
 def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:

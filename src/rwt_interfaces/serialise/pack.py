@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.serialise.long_lists import holds_long_lists, long_items
-from rwt_interfaces.serialise.long_strings import FEW, Chunks, Steps, chunks_of
+from rwt_interfaces.serialise.long_strings import FEW, Chunks, ItemApart, Steps, chunks_of
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
 from rwt_interfaces.validation.numbers import little_endian
 
@@ -82,9 +82,14 @@ def _long_array(
         for chunk in chunks:
             count += len(chunk)
             for item in chunk:
-                if is_long is not None and isinstance(element, field_types.Message) and is_long(item):
+                apart = isinstance(item, ItemApart)
+                if (
+                    is_long is not None
+                    and isinstance(element, field_types.Message)
+                    and (apart or is_long(item))
+                ):
                     in_steps = in_steps or compile_steps(element.type, rules)
-                    yield from in_steps(out, item, {})
+                    yield from in_steps(out, *(item if apart else (item, {})))
                 else:
                     write(out, item)
             yield

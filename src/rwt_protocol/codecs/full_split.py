@@ -23,6 +23,10 @@ _LONG_TEXT: Final = "data"
 _MOST_TEXTS: Final = 200_000
 """Texts in one frame with the tokens NaN or Infinity, which have to be looked for between the texts."""
 
+_MOST_LOOKED_AT: Final = 1 << 20
+"""Bytes of a frame beyond which it is not looked at again once it has turned out not to be JSON: neither for
+the tokens NaN and Infinity, nor for messages before the one that is not."""
+
 _ROUNDS: Final = 8
 """Levels that are removed one by one before the depth of what is left is counted."""
 
@@ -34,6 +38,7 @@ _decode_no_member: Final = RAW_DECODER.decode
 _decode_raw: Final = msgspec.json.Decoder(msgspec.Raw).decode
 
 _TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
+_PLACE: Final = re.compile(r"\(byte (\d+)\)")
 _SURROGATE: Final = re.compile(rb"\\u[dD][89a-fA-F]")
 _KIND: Final = {
     ord("["): "an array",
@@ -87,7 +92,13 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure
         members = _decode(data)
     except UnicodeDecodeError as error:
         return (DecodeFailure(f"not UTF-8, at byte {error.start}"),)
-    except (msgspec.DecodeError, RecursionError):
+    except (msgspec.DecodeError, RecursionError) as error:
+        if (
+            len(data) > _MOST_LOOKED_AT
+            and isinstance(error, msgspec.DecodeError)
+            and not _TRAILING.search(str(error))
+        ):
+            return (_broken(error, data),)
         return _split_several(data, max_depth)
     except _MemberTooLarge as error:
         return (_too_large(data, error),)
@@ -133,7 +144,7 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]
             found.append(_too_deep(max_depth))
             break
         except msgspec.DecodeError as error:
-            if not cleaned:
+            if not cleaned and len(rest) - position <= _MOST_LOOKED_AT:
                 rest, position, cleaned = _without_constants(rest[position:]), 0, True
                 continue
             if rest[position] in b"{[":
@@ -169,7 +180,17 @@ def _end_of_value(view: memoryview) -> int:
 
 
 def _broken(error: msgspec.DecodeError, text: bytes) -> DecodeFailure:
-    if _SURROGATE.search(text):
+    if len(text) > _MOST_LOOKED_AT:
+        place = _PLACE.search(str(error))
+        around = text[max(0, int(place[1]) - 32) :][:64] if place else b""
+        if b"NaN" in around or b"Infinity" in around:
+            most = f"{_MOST_LOOKED_AT} bytes"
+            return DecodeFailure(
+                f"not JSON: NaN or Infinity, in more than {most} that are no list of numbers"
+            )
+    else:
+        around = text
+    if _SURROGATE.search(around):
         return DecodeFailure("not JSON: malformed, or text that is not Unicode")
     if "truncated" in str(error):
         return DecodeFailure(f"not JSON: cut short after {len(text)} bytes")

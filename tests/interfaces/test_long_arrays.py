@@ -1,0 +1,128 @@
+"""Long arrays of every kind are taken and encoded in steps, to what they are encoded to at once, and what
+holds very many values elsewhere is refused before it is decoded."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from rwt_interfaces.errors import InvalidMessage, TooManyValues
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.registry import Registry
+from rwt_interfaces.serialise.long_arrays import MOST_VALUES
+from rwt_interfaces.serialise.long_strings import Steps
+
+HEADER = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "map"}
+TIME = {"sec": 3, "nanosec": 4}
+POINT = {
+    "positions": [0.5] * 9_000,
+    "velocities": [],
+    "accelerations": [],
+    "effort": [],
+    "time_from_start": TIME,
+}
+PAIR = {"key": "[k]", "value": "},{"}
+ODD = {"key": "k]", "value": "]"}
+STATUS = {"level": 1, "name": "[n", "message": "]", "hardware_id": "", "values": [PAIR] * 5_000}
+MARKER = {"points": [{"x": 1.0, "y": 2.0, "z": 0.5}] * 2_000}
+
+MESSAGES: dict[str, tuple[str, Any]] = {
+    "texts": ("sensor_msgs/JointState", {"name": ["", ",", '","', "]", '\\"', "é"] * 3_000}),
+    "one long text": ("sensor_msgs/JointState", {"name": ["a", 'x"\\' * 20_000, "b"] * 2}),
+    "words": ("rcl_interfaces/ParameterValue", {"bool_array_value": [True, False] * 5_000}),
+    "nulls": ("std_msgs/Float64MultiArray", {"data": [None, 0.5] * 5_000}),
+    "lists in one item": ("diagnostic_msgs/DiagnosticArray", {"header": HEADER, "status": [STATUS]}),
+    "lists in items": (
+        "diagnostic_msgs/DiagnosticArray",
+        {"header": HEADER, "status": [STATUS, {**STATUS, "values": []}] * 3},
+    ),
+    "texts with brackets": (
+        "diagnostic_msgs/DiagnosticArray",
+        {"status": [{**STATUS, "values": [ODD] * 2_000}]},
+    ),
+    "numbers in one item": ("trajectory_msgs/JointTrajectory", {"joint_names": ["a"], "points": [POINT]}),
+    "numbers in items": ("trajectory_msgs/JointTrajectory", {"points": [POINT] * 3}),
+    "an item that lacks much": ("visualization_msgs/MarkerArray", {"markers": [MARKER, {"id": 1}, MARKER]}),
+    "items of items": (
+        "rcl_interfaces/ParameterEvent",
+        {"new_parameters": [{"name": "p", "value": {"string_array_value": ["a,b", ""] * 3_000}}]},
+    ),
+}  # fmt: skip
+
+
+def _now() -> int:
+    return 5_000_000_007
+
+
+def _taken(steps: Steps[Any]) -> tuple[int, Any]:
+    taken = 0
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return taken, end.value
+        taken += 1
+
+
+@pytest.mark.parametrize("indent", [None, 1])
+@pytest.mark.parametrize("name", MESSAGES)
+def test_steps_come_to_what_is_made_at_once(name: str, indent: int | None) -> None:
+    kind, message = MESSAGES[name]
+    type = Registry().message(kind)
+    whole = Payload(type, None, type.decode_leniently(message, _now))
+    raw = json.dumps(message, indent=indent).encode()
+    steps, payload = _taken(Payload.from_json_in_steps(type, raw, _now))
+    # Brackets in texts may hide where an array ends: then it is looked at as a whole.
+    assert steps >= len(raw) // 64_000 or name == "texts with brackets"
+    for form, make in (("json", Payload.json), ("cbor", Payload.cbor), ("serialised", Payload.serialised)):
+        steps, _ = _taken(payload.prepare({form}))
+        if form == "json":
+            assert json.loads(bytes(make(payload))) == json.loads(bytes(make(whole)))
+        else:
+            assert steps >= 2
+            assert make(payload) == make(whole)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        ("std_msgs/String", '{"data":"","x":[%s]}'),  # no field of the type
+        ("sensor_msgs/JointState", '{"name":[%s,x]}'),  # not JSON
+        ("sensor_msgs/JointState", '{"name":[%s'),
+        ("std_msgs/String", "[%s]"),  # no message
+        ("sensor_msgs/JointState", '{"x":{"name":[%s]}}'),
+    ],
+)
+def test_very_many_values_elsewhere_are_refused_before_they_are_decoded(kind: str, text: str) -> None:
+    raw = (text % ",".join(['""'] * (MOST_VALUES + 2))).encode()
+    with pytest.raises(TooManyValues, match="more than 262144 values"):
+        Payload.from_json(Registry().message(kind), raw)
+    assert Payload.from_dense_json(Registry().message(kind), raw) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "wrong", "path"),
+    [
+        ("texts", "name", 1, "name[17999]"),
+        ("words", "bool_array_value", 0, "bool_array_value[9999]"),
+        (
+            "lists in one item",
+            "status",
+            {**STATUS, "values": [PAIR] * 5_000 + [{"key": 1}]},
+            "status[0].values[5000].key",
+        ),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_found_where_it_is(name: str, place: str, wrong: object, path: str) -> None:
+    kind, message = MESSAGES[name]
+    raw = json.dumps({**message, place: [*message[place][:-1], wrong]}).encode()
+    with pytest.raises(InvalidMessage) as caught:
+        Payload.from_json(Registry().message(kind), raw)
+    assert caught.value.path == path
+
+
+def test_a_text_of_very_many_commas_is_one_value() -> None:
+    raw = json.dumps({"data": "," * (2 * MOST_VALUES)}).encode()
+    assert Payload.from_json(Registry().message("std_msgs/String"), raw).json() == raw
