@@ -8,12 +8,15 @@ STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 BROWSER := tests/browser/node
 GENERATED := tests/http/node
+INSPECTOR := tests/mcp/node
+PLAYER := tests/clients/lichtblick
 WEB := web
 PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc paper load soak schemathesis fuzz mutants conformance \
+.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc paper load soak schemathesis lichtblick \
+ros-mcp fuzz mutants conformance \
 client-grades clean
 
 $(BIN)/python:
@@ -32,7 +35,8 @@ $(STAMP)-dev: pyproject.toml $(STAMP)
 
 # The npm releases of the client libraries that the tests drive, exactly as the lock file names them.
 $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(GENERATED)/node_modules/.installed \
-$(WEB)/node_modules/.installed tests/browser/firefox/node_modules/.installed: \
+$(WEB)/node_modules/.installed tests/browser/firefox/node_modules/.installed $(INSPECTOR)/node_modules/.installed \
+$(PLAYER)/node_modules/.installed: \
 %/node_modules/.installed: %/package-lock.json
 	npm ci --prefix $* --no-audit --no-fund --loglevel=error
 	touch $@
@@ -59,7 +63,7 @@ web: $(PAGE)
 	npm test --silent --prefix $(WEB)
 
 unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed \
-$(GENERATED)/node_modules/.installed $(PAGE)
+$(GENERATED)/node_modules/.installed $(INSPECTOR)/node_modules/.installed $(PAGE)
 	$(BIN)/python -m tests $(ARGS)
 
 test: lint types web unit
@@ -74,7 +78,22 @@ schemathesis: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group schemathesis
 	PYTHONPATH=. $(BIN)/python -m tests.http.against_schemathesis --max-examples 50
 
+<<<<<<< HEAD
 # What to run all the time: under a minute, once what it needs is installed.
+=======
+# Lichtblick's own player against our server; LICHTBLICK is a checkout of Lichtblick.
+lichtblick: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(PLAYER)/node_modules/.installed
+	LICHTBLICK=$(abspath $(LICHTBLICK)) $(BIN)/pytest -q tests/clients/test_lichtblick.py
+
+# ros-mcp against our server; it needs an older SDK than ours, and so an environment of its own.
+ROS_MCP := build/ros-mcp
+ros-mcp: $(STAMP)-dev
+	$(PYTHON) -m venv $(ROS_MCP)
+	$(ROS_MCP)/bin/python -m pip install --quiet ros-mcp
+	ROS_MCP=$(abspath $(ROS_MCP))/bin/ros-mcp $(BIN)/pytest -q tests/clients/test_ros_mcp.py
+
+# What to run all the time: about a minute.
+>>>>>>> 25952f6 (Drive MCP's inspector and Lichtblick's player against the server)
 quick: $(STAMP)-dev
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports

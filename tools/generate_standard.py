@@ -1,8 +1,8 @@
 """Write the standard messages of both distributions as data files of `rwt_interfaces`.
 
-The fields and constants come from the type stores of rosbags (a development dependency), the default values,
-which those stores do not keep, from the table below. Run it after an upgrade of rosbags and commit what
-changed:
+The fields and constants come from the type stores of rosbags (a development dependency), the default values
+and the places of constants among the fields, which those stores do not keep, from the tables below. Run it
+after an upgrade of rosbags and commit what changed:
 
     python tools/generate_standard.py
 """
@@ -34,6 +34,24 @@ DEFAULTS = {
     ("jazzy", "rcl_interfaces/msg/ParameterDescriptor", "read_only"): "false",
     ("jazzy", "rcl_interfaces/msg/ParameterDescriptor", "dynamic_typing"): "false",
     ("jazzy", "type_description_interfaces/msg/FieldType", "type_id"): "0",
+}
+
+#: Constants that stand behind a field, and with them those that follow; all others stand before the fields.
+#: No message depends on it, but viewers compare definitions with those that they know (Lichtblick's common
+#: definitions, @lichtblick/rosmsg-msgs-common), line by line.
+BEHIND = {
+    ("actionlib_msgs/msg/GoalStatus", "PENDING"): "status",
+    ("sensor_msgs/msg/NavSatFix", "COVARIANCE_TYPE_UNKNOWN"): "position_covariance",
+    ("sensor_msgs/msg/NavSatStatus", "SERVICE_GPS"): "status",
+    ("sensor_msgs/msg/Range", "ULTRASOUND"): "header",
+    ("shape_msgs/msg/SolidPrimitive", "BOX_X"): "dimensions",
+    ("visualization_msgs/msg/MenuEntry", "FEEDBACK"): "command",
+    ("visualization_msgs/msg/InteractiveMarkerControl", "INHERIT"): "orientation",
+    ("visualization_msgs/msg/InteractiveMarkerControl", "NONE"): "orientation_mode",
+}
+BEHIND_IN_JAZZY = {
+    ("visualization_msgs/msg/InteractiveMarkerFeedback", "KEEP_ALIVE"): "control_name",
+    ("visualization_msgs/msg/InteractiveMarkerUpdate", "KEEP_ALIVE"): "seq_num",
 }
 
 #: Services of a tool, which are written by hand for both, and what ROS 1 has as primitives.
@@ -71,12 +89,19 @@ def message_name(name: str, package: str, distro: str) -> str:
 def message_text(distro: str, name: str, constants: Constdefs, fields: Fielddefs) -> str:
     """One message in definition syntax."""
     package = name.split("/")[0]
-    lines = [f"{kind} {constant}={value}" for constant, kind, value in constants]
+    places = BEHIND | BEHIND_IN_JAZZY if distro == "jazzy" else BEHIND
+    standing: defaultdict[str, list[str]] = defaultdict(list)
+    behind = ""
+    for constant, kind, value in constants:
+        behind = places.get((name, constant), behind)
+        standing[behind].append(f"{kind} {constant}={value}")
+    lines = standing[""]
     for field, description in fields:
         if field != "structure_needs_at_least_one_member":
             default = DEFAULTS.get((distro, name, field))
             line = f"{type_text(description, package, distro)} {field}"
             lines.append(line if default is None else f"{line} {default}")
+        lines += standing[field]
     return "".join(f"{line}\n" for line in lines)
 
 

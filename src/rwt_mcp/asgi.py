@@ -55,6 +55,8 @@ class Exchange:
         extra: further entries of the scope.
         on_gone: called when nobody hears the answer any more, or it has ended.
         on_end: called once when the application has ended.
+        has_head: whether the head of the answer says something of its own, such as the id of a session: then
+            it is waited for, however long it takes.
     """
 
     def __init__(
@@ -64,7 +66,10 @@ class Exchange:
         extra: Mapping[str, object],
         on_gone: Callable[[], None],
         on_end: Callable[[], None],
+        *,
+        has_head: bool = False,
     ) -> None:
+        self._has_head = has_head
         self._gone = anyio.Event()
         self._on_gone = on_gone
         self._application = application
@@ -111,6 +116,8 @@ class Exchange:
             await body.aclose()
 
     def _takes_events(self) -> bool:
+        if self._has_head:
+            return False
         return self._request.method == "POST" and _EVENTS in self._request.headers.get("accept", "")
 
     @property

@@ -181,6 +181,7 @@ class McpGateway:
         self._tasks: TaskGroup | None = None
         self._is_up = anyio.Event()
         self.questions = Questions()
+        self._keeps_sessions = not several_processes
         self._manager = StreamableHTTPSessionManager(
             make_server(self, version("robot-web-tools")),
             stateless=several_processes,
@@ -251,6 +252,7 @@ class McpGateway:
             {_CALLER: caller, "user": user},
             caller.leave,
             partial(self._left, caller, visitor, session),
+            has_head=self._keeps_sessions and _opens_session(request),
         )
         answer = await exchange.respond(self._tasks)
         self._note_session(request, answer, caller)

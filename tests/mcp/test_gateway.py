@@ -245,3 +245,14 @@ async def test_nothing_is_left_of_agents_that_have_gone() -> None:
                 await done(agent, "watch_numbers", topic="/number", seconds=0.05)
         assert {(each.name, len(each.subscribers)) for each in server.graph.topics()} == before
         assert "rwt_mcp_sessions 0" in server.metrics.text().decode()
+
+
+async def test_a_session_that_takes_its_time_to_begin_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rwt_mcp.asgi._PATIENCE", 0.0)
+    async with small_robot(gateways=["mcp"]) as (server, _), agent_at(url_of(server), "legacy") as agent:
+        # The head of the first answer names the session, without which nothing that follows is heard.
+        assert '"percentage":0.75' in await done(agent, "read_topic", topic="/battery")
+        assert "rwt_mcp_sessions 1" in server.metrics.text().decode()
+        metrics = server.metrics.text().decode()
+        assert 'rwt_clients{gateway="mcp"} 1' in metrics
+        assert 'rwt_connections_total{gateway="mcp"} 1' in metrics
