@@ -78,9 +78,6 @@ schemathesis: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group schemathesis
 	PYTHONPATH=. $(BIN)/python -m tests.http.against_schemathesis --max-examples 50
 
-<<<<<<< HEAD
-# What to run all the time: under a minute, once what it needs is installed.
-=======
 # Lichtblick's own player against our server; LICHTBLICK is a checkout of Lichtblick.
 lichtblick: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(PLAYER)/node_modules/.installed
 	LICHTBLICK=$(abspath $(LICHTBLICK)) $(BIN)/pytest -q tests/clients/test_lichtblick.py
@@ -92,8 +89,7 @@ ros-mcp: $(STAMP)-dev
 	$(ROS_MCP)/bin/python -m pip install --quiet ros-mcp
 	ROS_MCP=$(abspath $(ROS_MCP))/bin/ros-mcp $(BIN)/pytest -q tests/clients/test_ros_mcp.py
 
-# What to run all the time: about a minute.
->>>>>>> 25952f6 (Drive MCP's inspector and Lichtblick's player against the server)
+# What to run all the time: under a minute, once what it needs is installed.
 quick: $(STAMP)-dev
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
