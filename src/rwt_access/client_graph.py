@@ -190,6 +190,10 @@ class ClientGraph(GraphView):
         """What the gate calls this client, in leases and requests for a yes; empty where there is no gate."""
         return "" if self._gate is None else self._gate.name
 
+    def lease_seconds(self, topic: str) -> float | None:
+        """Silence after which this client loses the gate's lease of a topic; None where there is none."""
+        return None if self._gate is None else self._gate.lease_seconds(topic)
+
     def require(self, act: Act, name: str) -> str:
         """As :meth:`GraphView.require`; refusals are noted by the gate."""
         try:

@@ -176,6 +176,9 @@ class GraphRobot(Robot):
     async def pass_gate(self, seconds: float = 0.0) -> bool:  # noqa: D102 - inherited
         return self._ask_for_leave is not None and await self._ask_for_leave(seconds)
 
+    def lease_seconds(self, topic: str) -> float | None:  # noqa: D102 - inherited
+        return self._graph.lease_seconds(topic)
+
     async def time_ns(self) -> int:  # noqa: D102 - inherited
         return self._graph.clock.time_ns()
 

@@ -103,6 +103,10 @@ class Robot(Protocol):
             ToolError: the person says no, or cannot be asked.
         """
 
+    def lease_seconds(self, topic: str) -> float | None:
+        """How long the robot's gate lets a topic be published on without a word of whoever does; None where
+        it sets no bound, or where only the robot itself knows."""
+
     async def time_ns(self) -> int:
         """The robot's time, nanoseconds since the epoch."""
 

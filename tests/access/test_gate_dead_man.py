@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
@@ -14,7 +14,9 @@ import anyio
 import pytest
 
 from rwt import Server
+from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph.api import Sample
+from tests.access.network import Cable, why_no_cables
 from tests.processes import LONGEST
 
 pytestmark = [
@@ -108,8 +110,15 @@ class Witness:
 
 
 @asynccontextmanager
-async def _server(scheme: str = "ws") -> AsyncIterator[tuple[Server, Witness]]:
-    async with Server(f"{scheme}://127.0.0.1:0", demo=True, gate=GATE) as server:
+async def _server(scheme: str = "ws", host: str = "127.0.0.1") -> AsyncIterator[tuple[Server, Witness]]:
+    async with Server(
+        f"{scheme}://{host}:0",
+        demo=True,
+        gate=GATE,
+        gateways=("foxglove", "http", "mcp"),
+        mcp={"default_role": "admin"},
+        webrtc=WebRtcSettings(enabled=True),
+    ) as server:
         # It would stop by itself; here only the gate does.
         robot = server.node("setter")
         await robot.call(
@@ -120,9 +129,19 @@ async def _server(scheme: str = "ws") -> AsyncIterator[tuple[Server, Witness]]:
 
 
 @contextmanager
-def _driver(server: Server, speed: float = SPEED, period: float = 0.05) -> Iterator[subprocess.Popen[str]]:
+def _driver(
+    server: Server,
+    way: str = "rosbridge",
+    speed: float = SPEED,
+    period: float = 0.05,
+    before: Sequence[str] = (),
+) -> Iterator[subprocess.Popen[str]]:
+    """A program that drives; `before` stands before its command."""
+    url = server.urls[0]
+    if way == "webrtc":
+        way, url = "rosbridge", url.replace("ws:", "webrtc+http:")
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.access.driver", server.urls[0], str(speed), str(period)],
+        [*before, sys.executable, "-m", "tests.access.driver", way, url, str(speed), str(period)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -149,16 +168,44 @@ ENDS: dict[str, Callable[[subprocess.Popen[str]], None]] = {
 
 @pytest.mark.anyio
 @pytest.mark.parametrize(
-    ("scheme", "end"), [("ws", "killed"), ("ws", "stopped"), ("ws", "silent"), ("tcp", "stopped")]
+    ("scheme", "way", "end"),
+    [
+        ("ws", "rosbridge", "killed"),
+        ("ws", "rosbridge", "stopped"),
+        ("ws", "rosbridge", "silent"),
+        ("tcp", "rosbridge", "stopped"),
+        ("ws", "webrtc", "killed"),
+        ("ws", "webrtc", "stopped"),
+        ("ws", "foxglove", "stopped"),
+        ("ws", "http", "stopped"),
+        ("ws", "mcp", "killed"),
+        ("ws", "mcp", "stopped"),
+    ],
 )
-async def test_the_robot_stands_when_its_driver_is_gone(scheme: str, end: str) -> None:
+async def test_the_robot_stands_when_its_driver_is_gone(scheme: str, way: str, end: str) -> None:
     async with _server(scheme) as (server, witness):
-        with _driver(server) as driver:
+        with _driver(server, way) as driver:
             await witness.until(lambda: witness.drives)
             witness.begin()
             ENDS[end](driver)
             await witness.until(lambda: witness.stands)
             witness.check()
+
+
+@pytest.mark.anyio
+@pytest.mark.skipif(bool(why_no_cables()), reason=why_no_cables())
+@pytest.mark.parametrize(
+    ("scheme", "way"), [("ws", "rosbridge"), ("tcp", "rosbridge"), ("ws", "webrtc"), ("ws", "mcp")]
+)
+async def test_the_robot_stands_when_the_cable_is_pulled(scheme: str, way: str) -> None:
+    with Cable() as cable:
+        async with _server(scheme, cable.here) as (server, witness):
+            with _driver(server, way, before=cable.there_runs):
+                await witness.until(lambda: witness.drives)
+                witness.begin()
+                cable.pull()
+                await witness.until(lambda: witness.stands)
+                witness.check()
 
 
 @pytest.mark.anyio

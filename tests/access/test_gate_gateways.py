@@ -13,6 +13,7 @@ from rwt_foxglove.gateway import FoxgloveGateway
 from rwt_foxglove.settings import FoxgloveSettings
 from tests.access.gated_robot import DRIVE, GatedRobot, call, drive, token
 from tests.foxglove.viewer import Viewer
+from tests.mcp.agents import agent_at, url_of
 
 RULE = {**DRIVE, "emergency": True}
 
@@ -77,3 +78,18 @@ async def test_a_request_over_http_does_not_drive_what_another_holds() -> None:
             refused = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}})
             assert (refused.status_code, "is held by rosbridge:1" in refused.text) == (403, True)
             assert heard == []
+
+
+@pytest.mark.anyio
+@pytest.mark.asyncio_only
+async def test_an_agent_publishes_no_longer_than_the_lease_without_a_word() -> None:
+    gate = {"rules": {"drive": RULE}}
+    mcp = {"default_role": "admin"}
+    async with Server("ws://127.0.0.1:0", gate=gate, gateways=["mcp"], mcp=mcp) as server:
+        server.node("base").subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
+        async with agent_at(url_of(server)) as agent:
+            asked = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.5}}, "rate": 50}
+            refused = await agent.call_tool("publish", {**asked, "seconds": 0.6})
+            assert refused.is_error
+            assert "nobody may go on for longer than 0.5 s without a word" in str(refused.content)
+            assert not (await agent.call_tool("publish", {**asked, "seconds": 0.1})).is_error

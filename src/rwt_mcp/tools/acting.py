@@ -45,6 +45,13 @@ class PublishArguments(Arguments):
 
 async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
+    lease = agent.robot.lease_seconds(asked.topic)
+    if lease is not None and seconds > lease:
+        # It is this side that would publish, and it cannot tell an agent that has died from one that waits.
+        raise ToolError(
+            f"`seconds` is {seconds:g}, and on {asked.topic} nobody may go on for longer than {lease:g} s"
+            " without a word (the lease of the robot's gate): publish for that long, and again to go on"
+        )
     type = await _message_type(agent, asked)
     stop = asked.stop
     if stop is None and seconds and type in _STOPPED_BY_ZEROS:

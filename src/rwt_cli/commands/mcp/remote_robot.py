@@ -82,6 +82,9 @@ class RemoteRobot(Robot):
     async def pass_gate(self, seconds: float = 0.0) -> bool:  # noqa: D102 - inherited
         return False  # Its server asks whoever may give it.
 
+    def lease_seconds(self, topic: str) -> float | None:  # noqa: D102 - inherited
+        return None
+
     async def time_ns(self) -> int:  # noqa: D102 - inherited
         return await self._connection.time_ns()
 
