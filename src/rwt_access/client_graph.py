@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Final, TypeVar, Union
 
 from rwt_access.disclosure import restrict, written_parameters
 from rwt_access.errors import GateRefused, NotAllowed, QuotaExceeded
+from rwt_access.goal_messages import GoalAccount, GoalMessages
 from rwt_access.graph_view import GraphView
+from rwt_graph.accounts import WORK_ACCOUNT
 from rwt_graph.names import resolve
 from rwt_graph.parameters.accounts import ACCOUNT
 from rwt_program.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
@@ -62,9 +64,10 @@ class UnknownTopicType(NotFound):
 
 
 class _Call:
-    """One call of a client under way; called with its outcome."""
+    """One call of a client under way; called with its outcome. It is the account of who answers it, too
+    (:class:`rwt_graph.accounts.WorkAccount`), and stays charged for as long as that one needs it."""
 
-    __slots__ = ("_calls", "_filtered", "_on_reply", "_quotas", "_size", "pending")
+    __slots__ = ("_calls", "_filtered", "_held", "_on_reply", "_quotas", "_size", "pending")
 
     def __init__(
         self,
@@ -79,13 +82,26 @@ class _Call:
         self._size = size
         self._on_reply = on_reply
         self._filtered = filtered
+        self._held = 1  # by the client, and by programs that are at work for it
         self.pending: PendingCall | None = None
+
+    def hold(self, size: int) -> Callable[[], None]:
+        """Stay charged until what is returned is called; the size of the request is charged already."""
+        if not self._held:
+            return _nothing
+        self._held += 1
+        return self._release
+
+    def _release(self) -> None:
+        self._held -= 1
+        if not self._held:
+            self._quotas.calls.held -= 1
+            if self._size:
+                self._quotas.kept.give_back(self._size)
 
     def __call__(self, outcome: Payload | CallFailed) -> None:
         self._calls.discard(self)
-        self._quotas.calls.held -= 1
-        if self._size:
-            self._quotas.kept.give_back(self._size)
+        self._release()
         if self._filtered is not None:
             outcome = self._filtered(outcome)
         self._on_reply(outcome)
@@ -94,8 +110,11 @@ class _Call:
         """Forget the call, whose client leaves."""
         if self.pending is not None:
             self.pending.cancel()
-        if self._size:
-            self._quotas.kept.give_back(self._size)
+        self._release()
+
+
+def _nothing() -> None:
+    """What is given back by who holds nothing."""
 
 
 class _ParameterAccount:
@@ -140,7 +159,7 @@ class LatchedPublisher:
         self._shared.publish_kept(payload, self._kept.exchange(replaced, payload.kept_size))
 
 
-ClientPublisher = Union["SharedPublisher", LatchedPublisher, "GatedPublisher"]
+ClientPublisher = Union["SharedPublisher", LatchedPublisher, GoalMessages, "GatedPublisher"]
 """What a client publishes on."""
 
 
@@ -323,7 +342,11 @@ class ClientGraph(GraphView):
         marks = self._advertised.get(name)
         known = next(iter(marks)) if marks else _IMPLICIT if mark is None else mark
         shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)
-        publisher = LatchedPublisher(shared, self._quotas.kept) if shared.keeps_samples else shared
+        publisher: SharedPublisher | LatchedPublisher | GoalMessages = shared
+        if shared.keeps_samples:
+            publisher = LatchedPublisher(shared, self._quotas.kept)
+        if shared.type.name.endswith("ActionGoal"):
+            publisher = GoalMessages(publisher, GoalAccount(self._quotas))
         return publisher if self._gate is None else self._gate.publisher(publisher)
 
     def _acquire(
@@ -453,12 +476,16 @@ class ClientGraph(GraphView):
 
     def _send(self, info: ServiceInfo, payload: Payload, call: _Call, timeout: float | None) -> PendingCall:
         send = self._shared.participant.call_service
-        if info.type.name in self._setting_parameters:
-            # Whatever answers it, at once or in a task, sets them on the client's account.
-            context = copy_context()
-            context.run(ACCOUNT.set, self._parameters)
-            return context.run(send, info.name, payload, call, timeout)
-        return send(info.name, payload, call, timeout)
+        asker = WORK_ACCOUNT.set(call)
+        try:
+            if info.type.name in self._setting_parameters:
+                # Whatever answers it, at once or in a task, sets them on the client's account.
+                context = copy_context()
+                context.run(ACCOUNT.set, self._parameters)
+                return context.run(send, info.name, payload, call, timeout)
+            return send(info.name, payload, call, timeout)
+        finally:
+            WORK_ACCOUNT.reset(asker)
 
     def _send_through(
         self,

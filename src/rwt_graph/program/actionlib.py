@@ -14,6 +14,7 @@ from enum import IntEnum
 from functools import partial
 from typing import TYPE_CHECKING
 
+from rwt_graph.accounts import Release, hold_for_asker
 from rwt_graph.api import ClientGoal, GoalEvents, Graph, Participant, Sample, Subscription
 from rwt_graph.program.endpoints import TopicPublisher
 from rwt_interfaces.payload import Payload
@@ -33,6 +34,15 @@ STATUS_PERIOD = 0.5
 
 #: Seconds that an ended goal stays in the status messages, as in ROS 1.
 ENDED_GOALS_STAY = 5.0
+
+#: Goals with which each change of one is told at once; with more, all of them are listed by the timer alone.
+FEW_GOALS = 50
+
+#: Ended goals that stay in the status messages; of more the oldest are left out earlier.
+MOST_ENDED = 100
+
+#: Characters of the id that a client gives a goal; ROS 1's own take fewer than a hundred.
+LONGEST_ID = 256
 
 
 class ActionlibStatus(IntEnum):
@@ -67,6 +77,7 @@ class Tracked:
         stamp_ns: the client's time of sending, or ours when it gave none.
         ended: how it ended, once it has.
         forget_at: when it leaves the status messages, by the steady clock.
+        release: ends what its client is charged while it runs.
     """
 
     id: str
@@ -75,6 +86,7 @@ class Tracked:
     ended: ActionlibStatus | None = None
     text: str = ""
     forget_at: float = 0.0
+    release: Release | None = None
 
     @property
     def status(self) -> ActionlibStatus:
@@ -152,14 +164,27 @@ class ActionlibServer:
         stamp = self._distro.time_ns(message.goal_id.stamp) or now
         self._count += 1
         goal_id = message.goal_id.id or f"{self._node_name}-{self._count}-{now / NANOSECONDS:.9f}"
+        if len(goal_id) > LONGEST_ID:
+            logger.warning(
+                "a goal of %s is ignored: its id has %d characters, and %d is the limit",
+                self._action,
+                len(goal_id),
+                LONGEST_ID,
+            )
+            return
         if goal_id in self._goals:
             logger.warning("goal %s of %s was sent twice; the second is ignored", goal_id, self._action)
             return
+        payload = Payload.from_value(self._interface.goal, message.goal, self._clock.time_ns)
         tracked = self._goals[goal_id] = Tracked(goal_id, stamp)
         events = GoalEvents(
-            partial(self._on_result, tracked), partial(self._on_feedback, tracked), self._publish_status
+            partial(self._on_result, tracked), partial(self._on_feedback, tracked), self._tell_of_change
         )
-        payload = Payload.from_value(self._interface.goal, message.goal, self._clock.time_ns)
+        try:
+            tracked.release = hold_for_asker(payload.kept_size)
+        except CallFailed as failed:
+            self._on_result(tracked, GoalStatus.UNKNOWN, GoalRejected(str(failed)))
+            return
         tracked.goal = self._participant.send_goal(self._action, payload, events)
 
     def _on_cancel(self, message: Message) -> None:
@@ -170,12 +195,14 @@ class ActionlibServer:
             named = bool(message.id) and tracked.id == message.id
             if tracked.goal is not None and (everything or named or 0 < tracked.stamp_ns <= stamp):
                 tracked.goal.cancel()
-        self._publish_status()
+        self._tell_of_change()
 
     def _on_feedback(self, tracked: Tracked, feedback: Payload) -> None:
         self._send(self._feedback, tracked, "feedback", feedback.value())
 
     def _on_result(self, tracked: Tracked, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        if tracked.release is not None:
+            tracked.release()
         if isinstance(outcome, CallFailed):
             rejected = isinstance(outcome, GoalRejected)
             tracked.ended = ActionlibStatus.REJECTED if rejected else ActionlibStatus.ABORTED
@@ -187,7 +214,7 @@ class ActionlibServer:
             result = outcome.value()
         tracked.forget_at = self._clock.monotonic() + ENDED_GOALS_STAY
         self._send(self._result, tracked, "result", result)
-        self._publish_status()
+        self._tell_of_change()
 
     def _send(self, publisher: TopicPublisher, tracked: Tracked, part: str, message: Message) -> None:
         header = {"stamp": self._distro.time(self._clock.time_ns())}
@@ -203,14 +230,25 @@ class ActionlibServer:
             if tracked.goal is not None:
                 tracked.goal.want_feedback(heard)
 
+    def _tell_of_change(self) -> None:
+        if len(self._goals) <= FEW_GOALS:
+            self._publish_status()
+        else:
+            self._forget_ended()
+            self._update_feedback_wanted()
+
+    def _forget_ended(self) -> None:
+        now = self._clock.monotonic()
+        ended = [tracked for tracked in self._goals.values() if tracked.ended is not None]
+        for number, tracked in enumerate(ended):
+            if tracked.forget_at <= now or number < len(ended) - MOST_ENDED:
+                del self._goals[tracked.id]
+
     def _publish_status(self) -> None:
         if not self._serving():
             return
         self._update_feedback_wanted()
-        now = self._clock.monotonic()
-        over = [t.id for t in self._goals.values() if t.ended is not None and t.forget_at <= now]
-        for goal_id in over:
-            del self._goals[goal_id]
+        self._forget_ended()
         if not self._status.subscriber_count or not (self._goals or self._idle_status):
             return
         self._status.publish(

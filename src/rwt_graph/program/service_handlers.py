@@ -7,6 +7,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, TypeAlias
 
+from rwt_graph.accounts import hold_for_asker
 from rwt_graph.api import Graph, Participant, ServiceCall
 from rwt_interfaces.payload import Payload
 from rwt_program.errors import ServiceFailed
@@ -63,6 +64,8 @@ class ServiceFunction:
         if not self._graph.running:
             call.fail(f"service {self._service} has a coroutine handler, and the graph is not running")
             return
+        # The task keeps the request, also when nobody waits for its answer any more.
+        release = hold_for_asker(0)
 
         async def finish() -> None:
             try:
@@ -70,6 +73,8 @@ class ServiceFunction:
                 call.reply(self._payload(await answer if inspect.isawaitable(answer) else answer))
             except Exception as error:
                 self._fail(call, error)
+            finally:
+                release()
 
         self._graph.spawn(finish, f"service {self._service}")
 

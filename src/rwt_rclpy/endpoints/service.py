@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
+from rwt_graph.accounts import hold_for_asker
 from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
@@ -17,6 +18,7 @@ from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.execution.entity import Entity
 
 if TYPE_CHECKING:
+    from rwt_graph.accounts import Release
     from rwt_graph.api import ServiceCall
     from rwt_rclpy.clocks.clock import Clock
     from rwt_rclpy.middleware.link import Link
@@ -32,13 +34,15 @@ class RequestHeader:
     Attributes:
         call: the request in the graph.
         sequence_number: counts the requests of the service.
+        release: ends what the caller is charged while the request is kept, on the graph's thread.
     """
 
-    __slots__ = ("call", "sequence_number")
+    __slots__ = ("call", "release", "sequence_number")
 
-    def __init__(self, call: ServiceCall, sequence_number: int) -> None:
+    def __init__(self, call: ServiceCall, sequence_number: int, release: Release) -> None:
         self.call = call
         self.sequence_number = sequence_number
+        self.release = release
 
 
 class Service(Entity):
@@ -96,7 +100,8 @@ class Service(Entity):
 
     def on_call(self, call: ServiceCall) -> None:
         """Keep a request for the executor, on the graph's thread."""
-        self._calls.append(RequestHeader(call, next(self._numbers)))
+        # Charged for as long as it is kept: also when nobody waits for its answer any more.
+        self._calls.append(RequestHeader(call, next(self._numbers), hold_for_asker(0)))
         self.wake()
 
     def send_response(self, response: Any, header: RequestHeader) -> None:
@@ -135,12 +140,14 @@ class Service(Entity):
         while self._calls:
             header = self._calls.popleft()
             if header.call.done:
+                self._link.post(header.release)
                 continue
             try:
                 request = message_of(header.call.request, self.srv_type.Request)
             except InvalidMessage as error:
                 reason = str(error)
                 self._link.post(partial(header.call.fail, reason))
+                self._link.post(header.release)
                 continue
             if self._steps is not None:
                 self._steps.publish(REQUEST_RECEIVED, header.sequence_number, request=request)
@@ -156,6 +163,7 @@ class Service(Entity):
         except Exception as error:
             self._fail(error, header)
             raise
+        self._link.post(header.release)
         return None
 
     async def _answer_later(self, response: Any, header: RequestHeader) -> None:
@@ -164,11 +172,13 @@ class Service(Entity):
         except Exception as error:
             self._fail(error, header)
             raise
+        self._link.post(header.release)
 
     def _fail(self, error: Exception, header: RequestHeader) -> None:
         # The caller hears of it, while the exception ends the spin, as on ROS.
         reason = f"{type(error).__name__} in the service's callback"
         self._link.post(lambda: header.call.fail(reason))
+        self._link.post(header.release)
 
     def __enter__(self) -> Self:
         return self

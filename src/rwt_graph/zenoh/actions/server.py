@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
 
+from rwt_graph.accounts import hold_for_asker
 from rwt_graph.api import GoalEvents
 from rwt_graph.clock import Clock
 from rwt_graph.memory.cancel_service import cancel_service
@@ -79,6 +80,11 @@ class Ros2ActionServer:
         goal_id = bytes(request.goal_id.uuid).hex()
         goal = Payload.from_value(self._server.type.goal, request.goal)
         asked = [call]
+        try:
+            release = hold_for_asker(0)
+        except CallFailed as failed:
+            call.fail(str(failed))
+            return
 
         # The call holds the goal's message, so it is dropped with the answer: the goal may run without end.
         def accepted() -> None:
@@ -86,6 +92,7 @@ class Ros2ActionServer:
             asked.pop().reply(Payload.from_value(self._answer_type, {"accepted": True, "stamp": stamp}))
 
         def ended(_status: GoalStatus, outcome: Payload | CallFailed) -> None:
+            release()
             if asked and isinstance(outcome, GoalRejected):
                 self._give_reason(goal_id, str(outcome))
                 asked.pop().reply(Payload.from_value(self._answer_type, {}))
