@@ -36,8 +36,9 @@ _OBJECT = 56
 _NUMBER = 32
 #: Bytes of a list's items beyond which what they hold is not counted: it is far more than may be kept.
 _ENOUGH = 1 << 26
-#: What :meth:`Payload.prepare` makes: JSON, CBOR, or the distribution's own serialisation.
-Form = Literal["json", "cbor", "serialised"]
+#: What frames are made of: JSON, CBOR, the distribution's own serialisation, or plain objects, for which
+#: :meth:`Payload.prepare` makes nothing.
+Form = Literal["json", "cbor", "serialised", "plain"]
 #: ROS time in nanoseconds.
 Now = Callable[[], int]
 
@@ -349,6 +350,8 @@ class Payload:
         has_lists = self.type.json.has_arrays
         text: SplicedMessage | None = None
         for form in forms:
+            if form == "plain":
+                continue
             if form == "json":
                 if self._json is None and self._json_parts is None and has_lists:
                     self._json_parts = yield from self.type.json.long_arrays.json(self.value())

@@ -169,6 +169,17 @@ def test_a_server_takes_pictures_where_the_text_lets_clients_send_them(profile: 
     assert "the limit is 50000" in refusal.reason
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["é", "é\\x41", "\\\\xé", "\\é", "€\x7f\x80", "é😀", "é" * 40_000 + "\\" * 40_000 + "x" * 9, '\n"é'],
+)
+def test_letters_beyond_ascii_are_escaped_as_json_writes_them(text: str) -> None:
+    message = {"op": "publish", "x": text}
+    frame = png.encode(Frame(json.dumps(message, ensure_ascii=False).encode()))
+    inner = png.decode(data_of(frame), LIMIT)
+    assert inner.rstrip(b"\n").decode().replace("\x7f", "\\u007f") == json.dumps(message)
+
+
 def test_what_repeats_becomes_small() -> None:
     text = _TEXTS["many matches"]
     assert len(text) / png.encode(Frame(text)).size > 70

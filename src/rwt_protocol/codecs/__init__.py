@@ -16,8 +16,8 @@ JSON: Final = JsonCodec()
 CBOR: Final = CborCodec()
 
 
-Form = Literal["json", "cbor", "serialised"]
-"""What of a message an encoding is made of: its JSON, its CBOR, or what its robot serialises."""
+Form = Literal["json", "cbor", "serialised", "plain"]
+"""What of a message an encoding is made of: its JSON, its CBOR, what its robot serialises, or its values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +77,7 @@ CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(
                 "bson",
                 4,
                 _bson_publish_encoder,
+                "plain",
                 binary=True,
                 exclusive=bson_codec,
             ),

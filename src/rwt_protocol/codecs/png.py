@@ -7,6 +7,7 @@ filters make it longer. Reading takes any filter.
 from __future__ import annotations
 
 import binascii
+import codecs
 import math
 import re
 import struct
@@ -40,8 +41,15 @@ _SOME_MATCHES: Final = 4
 
 _STEP: Final = 32 * 1024
 """Bytes that are compressed in one step."""
+_PART: Final = 192 * 1024
+"""Bytes of a picture that become a part of its message by themselves."""
+
+_PIXELS: Final = b"IDAT"
 
 _BEYOND_ASCII: Final = re.compile(r"[^\x00-\x7f]+")
+_AMBIGUOUS: Final = re.compile(r"\\x|[\U00010000-\U0010ffff]")
+"""What Python's escapes cannot be told from JSON's by: the second of two backslashes before an x, and letters
+that take a pair of surrogates."""
 
 
 class _Packer(Protocol):
@@ -67,11 +75,15 @@ def encode(frame: Frame) -> Frame:
 
 def encode_in_steps(frame: Frame) -> Generator[None, None, Frame]:
     """The same in steps of a millisecond at most, between which others may be served."""
-    import pybase64  # only for those who use it
+    return (yield from _encode(frame.data))
 
-    text = yield from _ascii(frame.data)
-    picture = yield from _picture(text)
-    return Frame(_HEAD, pybase64.b64encode(picture), _END)
+
+def _encode(data: bytes) -> Generator[None, None, Frame]:
+    text = yield from _ascii(data)
+    width = max(1, int(math.sqrt(len(text) / 3)))
+    height = math.ceil(len(text) / 3 / width)
+    picture = yield from _picture(width, height, _compressed(text, width * 3, height))
+    return Frame(_HEAD, *picture, _END)
 
 
 class PictureEncoder:
@@ -92,10 +104,11 @@ class PictureEncoder:
 
     def steps(self, sample: Sample) -> Iterator[None]:
         """Make the frame of a sample in steps; the next call has it, if it is for this sample."""
-        text = sample.payload.json()
+        frame = Frame(self._prefix, *sample.payload.json_parts(), b"}")
         yield
-        frame = yield from encode_in_steps(publish_frame(self._prefix, text))
-        self._ready = (sample, frame)
+        data = frame.data
+        yield
+        self._ready = (sample, (yield from _encode(data)))
 
 
 def publish_encoder(topic: str) -> PictureEncoder:
@@ -137,57 +150,83 @@ def _ascii(text: bytes) -> Generator[None, None, bytes]:
     """JSON text with everything beyond ASCII as escapes: clients read the pixels byte by byte (PNG-05)."""
     if text.isascii():
         return text
-    whole = text.decode()
+    decode = codecs.getincrementaldecoder("utf-8")().decode
     pieces = []
-    for start in range(0, len(whole), _STEP):
-        pieces.append(_BEYOND_ASCII.sub(_escape, whole[start : start + _STEP]).encode())
+    for start in range(0, len(text), _STEP):
+        pieces.append(_escaped(decode(text[start : start + _STEP], start + _STEP >= len(text))))
         yield
     return b"".join(pieces)
+
+
+def _escaped(text: str) -> bytes:
+    """A piece of JSON text with escapes for what is beyond ASCII; nothing in it needs others."""
+    if not _AMBIGUOUS.search(text):
+        return text.encode("ascii", "backslashreplace").replace(b"\\x", b"\\u00")
+    return _BEYOND_ASCII.sub(_escape, text).encode()
 
 
 def _escape(found: re.Match[str]) -> str:
     from json.encoder import encode_basestring_ascii  # Needed by few: who asks for png texts beyond ASCII.
 
-    # Nothing in it needs another escape than those of what is beyond ASCII.
     return encode_basestring_ascii(found[0])[1:-1]
 
 
-def _picture(text: bytes) -> Generator[None, None, bytes]:
-    """`text` as the pixels of a nearly square picture, padded with newlines (PNG-03)."""
-    width = max(1, int(math.sqrt(len(text) / 3)))
-    height = math.ceil(len(text) / 3 / width)
-    header = _HEADER.pack(width, height, *_RGB8)
-    packed = yield from _compress(text, width * 3, height)
-    return b"".join(
-        (
-            _SIGNATURE,
-            _chunk(b"IHDR", header),
-            _chunk(b"IDAT", packed),
-            _chunk(b"IEND", b""),
-        )
-    )
-
-
-def _compress(text: bytes, row: int, height: int) -> Generator[None, None, bytes]:
-    """The rows of a picture in zlib's format, each begun by its filter (0), as small as the time allows.
+def _picture(width: int, height: int, packed: Iterator[bytes]) -> Generator[None, None, list[bytes]]:
+    """A picture in base64, in parts.
 
     Args:
-        text: what is in the pixels; the last row is padded.
+        width, height: of the picture.
+        packed: its pixels, compressed, in pieces of which each takes a while to make.
+    """
+    import pybase64  # only for those who use it
+
+    checksum = zlib.crc32(_PIXELS)
+    size = 0
+    waiting: list[bytes] = []
+    waits = 0
+    parts = [b""]
+    first = b""
+    for piece in packed:
+        checksum = zlib.crc32(piece, checksum)
+        size += len(piece)
+        waiting.append(piece)
+        waits += len(piece)
+        if waits >= _PART:
+            # What goes in front has its length in it, and leaves room for one byte in its last four letters.
+            data = b"".join(waiting)
+            begin = 0 if first else 1
+            first = first or data[:1]
+            whole = begin + (len(data) - begin) // 3 * 3
+            parts.append(pybase64.b64encode(memoryview(data)[begin:whole]))
+            waiting, waits = [data[whole:]], len(data) - whole
+        yield
+    header = _chunk(b"IHDR", _HEADER.pack(width, height, *_RGB8))
+    head = b"".join((_SIGNATURE, header, struct.pack(">I", size), _PIXELS, first))
+    tail = b"".join((*waiting, struct.pack(">I", checksum), _chunk(b"IEND", b"")))
+    if len(parts) == 1:
+        return [pybase64.b64encode(head + tail)]
+    parts[0] = pybase64.b64encode(head)
+    parts.append(pybase64.b64encode(tail))
+    return parts
+
+
+def _compressed(text: bytes, row: int, height: int) -> Iterator[bytes]:
+    """The rows of a picture in zlib's format, each begun by its filter (0), as small as the time allows, in
+    pieces.
+
+    Args:
+        text: what is in the pixels; the last row is padded with newlines (PNG-03).
         row: octets in each row.
         height: how many rows.
     """
     packer = _packer(text)
     together = max(1, _STEP // row)
-    pieces = []
     for first in range(0, height, together):
-        if first:
-            yield
         begin, end = first * row, min(first + together, height) * row
         part = text[begin:end].ljust(end - begin, b"\n")
         rows = b"".join(b"\x00" + part[start : start + row] for start in range(0, len(part), row))
-        pieces.append(packer.compress(rows))
-    pieces.append(packer.flush())
-    return b"".join(pieces)
+        yield packer.compress(rows)
+    yield packer.flush()
 
 
 def _packer(text: bytes) -> _Packer:
