@@ -15,7 +15,7 @@ PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc paper load soak schemathesis lichtblick \
+.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc paper load soak page-soak schemathesis lichtblick \
 ros-mcp fuzz mutants conformance \
 client-grades clean
 
@@ -144,6 +144,10 @@ load: $(STAMP)
 # Ten minutes of clients that come and go; `make soak ARGS='--seconds 60'` is a shorter run. Needs Linux.
 soak: $(STAMP)
 	$(BIN)/python -m bench.soak $(ARGS)
+
+# The robot's page with all of its panels open, in Chromium; `make page-soak ARGS='--seconds 60'` is a shorter run.
+page-soak: $(STAMP)-dev $(BROWSER)/node_modules/.installed $(PAGE)
+	$(BIN)/python -m bench.page_soak $(ARGS)
 
 # Fuzzing guided by coverage, two minutes, and two thousand extreme requests; `make fuzz ARGS='--seconds 600 session bridge'` for more of some.
 fuzz: $(STAMP)-dev

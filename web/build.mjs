@@ -77,6 +77,7 @@ async function buildAll() {
   mkdirSync(join(out, "web"), { recursive: true });
 
   const worker = await bundleAlone("src/decode/worker.ts", "web");
+  const worklet = await bundleAlone("src/device/microphone_worklet.ts", "web");
   const page = await build({
     ...shared,
     entryPoints: { app: "src/app/main.tsx" },
@@ -85,7 +86,11 @@ async function buildAll() {
     chunkNames: "[name]-[hash]",
     format: "esm",
     splitting: true,
-    define: { DECODE_WORKER: JSON.stringify(worker), ...NO_WASM },
+    define: {
+      DECODE_WORKER: JSON.stringify(worker),
+      MICROPHONE_WORKLET: JSON.stringify(worklet),
+      ...NO_WASM,
+    },
   });
   const [script, { cssBundle }] = Object.entries(page.metafile.outputs).find(
     ([, output]) => output.entryPoint === "src/app/main.tsx",

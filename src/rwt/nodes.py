@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rwt.settings.models import NodeName, Settings
     from rwt_graph.api import Graph
     from rwt_nodes.mesh_files import MeshFiles
-    from rwt_nodes.recording import Recorder
+    from rwt_nodes.recording import CommandedRecorder, Recorder
     from rwt_nodes.video import WebVideoServer
     from rwt_protocol.transport import Accept
 
@@ -78,8 +78,8 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNo
     """Start what the settings name and `stack` closes.
 
     Raises:
-        SettingsError: there are no packages in a folder of the setting `packages`, or the page's settings
-            cannot be used.
+        SettingsError: there are no packages in a folder of the setting `packages`, or the settings of the
+            recorder or the page cannot be used.
     """
     named = {name: stack.enter_context(closing(NODES[name](graph, settings))) for name in settings.nodes}
     nodes: list[object] = [*named.values()]
@@ -89,6 +89,8 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNo
         from rwt_nodes.demo import DemoRobot
 
         nodes.append(stack.enter_context(closing(DemoRobot(graph))))
+    if settings.recorder.folder is not None:
+        nodes.append(stack.enter_context(closing(_commanded_recorder(graph, settings))))
     video = cast("WebVideoServer | None", named.get("web_video_server"))
     return StartedNodes([*http_of(*nodes), *_web_page(settings)], video)
 
@@ -107,6 +109,18 @@ def _web_page(settings: Settings) -> Iterator[HttpExtension]:
         yield WebPage(files, layouts=settings.web.layouts, embed=settings.web.embed).http
     except WebPageError as error:
         raise SettingsError(f"`web`: {error}") from error
+
+
+def _commanded_recorder(graph: Graph, settings: Settings) -> CommandedRecorder:
+    from rwt_nodes.recording import CommandedRecorder, ExtraMissing, RecorderFolderError, RecorderLimits
+
+    given = settings.recorder
+    assert given.folder is not None  # It is started where a folder is named.
+    limits = RecorderLimits(given.recording_bytes, given.folder_bytes)
+    try:
+        return CommandedRecorder(graph, given.folder, limits)
+    except (RecorderFolderError, ExtraMissing) as error:
+        raise SettingsError(f"`recorder.folder`: {error}") from error
 
 
 def _mesh_files(settings: Settings) -> MeshFiles:

@@ -14,7 +14,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypedDict
 
 import anyio.to_thread
 import numpy as np
@@ -38,6 +38,14 @@ _KINDS = {
     "chromium": (NODE / "chromium.mjs", ("chromium", "chromium-browser", "google-chrome")),
     "firefox": (HERE / "firefox" / "firefox.mjs", ("firefox", "firefox-esr")),
 }
+
+
+class Size(TypedDict):
+    """Of a page, in its own pixels."""
+
+    width: int
+    height: int
+
 
 Pixels = Any
 """A numpy array of height, width and the three colours."""
@@ -124,10 +132,13 @@ class Browser:
         return await anyio.to_thread.run_sync(self._ask, command, arguments)
 
     @asynccontextmanager
-    async def page(self, url: str, width: int = 500, height: int = 400) -> AsyncIterator[Page]:
-        """A page of its own. An error on its console fails the test when the page is closed."""
+    async def page(
+        self, url: str, width: int = 500, height: int = 400, *, language: str = "en-GB"
+    ) -> AsyncIterator[Page]:
+        """A page of its own, for a person who speaks a language. An error on its console fails the test when
+        the page is closed."""
         name = f"page {next(self._numbers)}"
-        await self.ask("open", page=name, url=url, width=width, height=height)
+        await self.ask("open", page=name, url=url, width=width, height=height, locale=language)
         page = Page(self, name)
         try:
             yield page
@@ -178,6 +189,16 @@ class Page:
     async def wait(self, script: str) -> Any:
         """Wait until an expression is true."""
         return await self._ask("wait", script=script, timeout=PATIENCE * 1000)
+
+    async def inspect(self, method: str, **params: object) -> Any:
+        """Ask Chromium itself, by its DevTools protocol."""
+        return await self._ask("inspect", method=method, params=params)
+
+    async def trace(self, seconds: float) -> Path:
+        """What Chromium does for so many seconds, less than a minute, as a file in the form of its traces."""
+        path = self._browser.built / "trace.json"
+        await self._ask("trace", seconds=seconds, path=str(path))
+        return path
 
     async def complaints(self) -> list[str]:
         """Errors on its console and exceptions so far, but for those that are expected."""

@@ -15,20 +15,20 @@ import pytest
 
 from rwt import Server
 from rwt.web import serve_page
-from tests.browser.driver import REFUSED, Browser, Page, until
+from tests.browser.driver import REFUSED, Browser, Page, Size, until
 from tests.browser.stand import Stand, stand
 
 pytestmark = pytest.mark.anyio
 
 DISTROS = pytest.mark.parametrize("distro", ["jazzy", "noetic"])
-SIZE = {"width": 1400, "height": 900}
-PHONE = {"width": 390, "height": 844}
+SIZE: Size = {"width": 1400, "height": 900}
+PHONE: Size = {"width": 390, "height": 844}
 TOKEN = "0123456789abcdef0123"
 
 
 @asynccontextmanager
 async def dashboard(
-    browser: Browser, distro: str, path: str = "", *, robot: bool = True, size: dict[str, int] = SIZE
+    browser: Browser, distro: str, path: str = "", *, robot: bool = True, size: Size = SIZE
 ) -> AsyncIterator[tuple[Stand, Page]]:
     async with (
         stand(distro, browser.built, robot=robot) as served,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import anyio
 import pytest
 
 from rwt import Server, connect
+from rwt_program.errors import RobotError
 from tests.browser.driver import Browser, until
-from tests.browser.test_panels import open_panels, text
+from tests.browser.test_panels import open_panels, text, violations
 
 pytestmark = pytest.mark.anyio
 
@@ -44,3 +46,62 @@ async def test_who_drives_is_seen_and_the_stop_holds_for_everybody(browser: Brow
             await other.call("/gate/release_stop", {}, "rwt_gate_msgs/Stop")
             await page.click("text=Release")
             await page.wait("!document.querySelector('.stopped')")
+
+
+ASKING = {
+    "rules": {
+        "agent": {
+            "roles": ["agent"],
+            "services": ["/add_two_ints"],
+            "approval": {"roles": ["admin"], "seconds": 120, "remember_seconds": 600},
+        }
+    }
+}
+AGENT = "an-agent-s-token-0123456789"
+PERSON = "a-person-s-token-0123456789"
+
+
+async def test_a_person_answers_what_a_client_asks(browser: Browser) -> None:
+    tokens = {"agent": {"token": AGENT, "role": "agent"}, "person": {"token": PERSON, "role": "admin"}}
+    settings: dict[str, Any] = {
+        "gate": ASKING,
+        "auth": {"tokens": tokens, "default_role": "admin"},
+        "roles": {"agent": {"call": ["*"]}},
+    }
+    async with (
+        Server("ws://127.0.0.1:0", demo=True, **settings) as server,
+        connect(server.urls[0], headers={"Authorization": f"Bearer {AGENT}"}) as agent,
+    ):
+        outcomes: dict[int, object] = {}
+
+        async def ask(number: int) -> None:
+            request = {"a": number, "b": 1}
+            try:
+                answer: Any = await agent.call("/add_two_ints", request, "example_interfaces/AddTwoInts")
+                outcomes[number] = answer.sum
+            except RobotError as error:
+                outcomes[number] = str(error)
+
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 700, 600) as page, anyio.create_task_group() as tasks:
+            await open_panels(page, url, [("topics", {})])
+            # Whatever is open, that somebody waits is seen, and leads to the panel.
+            tasks.start_soon(ask, 1)
+            await page.click("text=A client waits for your yes")
+            await page.wait(f"{text('.approval')}.includes('rosbridge:')")
+            for part in ("(agent)", "wants to call", "/add_two_ints", '"a": 1', "gate.rules.agent"):
+                await page.wait(f"{text('.approval')}.includes({part!r})")
+            assert await violations(page) == []
+            await page.click("text=Yes, once")
+            await until(lambda: outcomes.get(1) == 2)
+            tasks.start_soon(ask, 2)
+            await page.wait(f"{text('.approval pre')}.includes('\"a\": 2')")
+            await page.click(".approval button:last-of-type")
+            await until(lambda: 2 in outcomes)
+            assert "no" in str(outcomes[2])
+            await page.wait(f"{text('.approvals')}.includes('Nothing waits')")
+            tasks.start_soon(ask, 3)
+            await page.click("text=Yes, for 10 min")
+            await until(lambda: outcomes.get(3) == 4)
+            await ask(4)
+            assert outcomes[4] == 5, "a yes for a while holds for the next"

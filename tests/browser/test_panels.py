@@ -11,10 +11,12 @@ from typing import Any
 from urllib.parse import quote
 
 import anyio
+import numpy as np
 import pytest
 from PIL import Image
 
 from rwt import Server
+from rwt_nodes.recording import open_recording
 from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Page, until
 from tests.browser.stand import Stand, stand
 
@@ -23,7 +25,19 @@ pytestmark = pytest.mark.anyio
 DISTROS = pytest.mark.parametrize("distro", ["jazzy", "noetic"])
 AXE = Path(__file__).parents[2] / "web" / "node_modules" / "axe-core" / "axe.min.js"
 KINDS = (
-    *("scene", "camera", "teleop", "goal", "device", "topics", "plot", "services", "actions", "parameters"),
+    *(
+        "scene",
+        "camera",
+        "teleop",
+        "goal",
+        "approvals",
+        "device",
+        "topics",
+        "plot",
+        "services",
+        "actions",
+        "parameters",
+    ),
     *("log", "diagnostics", "battery", "frames", "nodes", "player", "server"),
 )
 
@@ -265,6 +279,77 @@ async def test_the_device_is_a_sensor_when_it_is_asked_to_be(browser: Browser, d
             assert (picture.format, picture.width) == ("JPEG", 640)
 
 
+@DISTROS
+async def test_the_microphone_is_heard_when_it_is_asked_for(browser: Browser, distro: str) -> None:
+    async with panel(browser, distro, "device", robot=False, namespace="/phone") as (served, page):
+        sound: list[bytes] = []
+        described: list[Any] = []
+        served.node.subscribe(
+            "/phone/audio/audio", lambda said: sound.append(bytes(said.data)), "audio_common_msgs/AudioData"
+        )
+        served.node.subscribe("/phone/audio/audio_info", described.append, "audio_common_msgs/AudioInfo")
+        await page.wait("document.querySelector('[name=microphone]:not(:disabled)')")
+        assert sound == []
+        await page.click("[name=microphone]")
+
+        def loudest() -> int:
+            return max((int(np.abs(np.frombuffer(each, "<i2")).max()) for each in sound), default=0)
+
+        # The browser's test device beeps.
+        await until(lambda: bool(described) and loudest() > 1000)
+        info = described[0]
+        assert (info.channels, info.sample_format, info.bitrate) == (1, "S16LE", 16 * info.sample_rate)
+        assert {len(each) for each in sound} == {2 * -(-info.sample_rate // 20)}
+        assert await page.evaluate(f"{text('.sensor:has([name=microphone])')}.includes('sent')")
+        await page.click("[name=microphone]")
+        await until(
+            lambda: all(
+                topic.name != "/phone/audio/audio" or not topic.publishers for topic in served.graph.topics()
+            )
+        )
+
+
+async def test_a_recording_is_begun_and_ended_from_the_page(browser: Browser, tmp_path: Path) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True, recorder={"folder": tmp_path}) as server,
+        browser.page(f"{server.urls[0].replace('ws', 'http', 1)}/healthz", 700, 500) as page,
+    ):
+        await open_panels(page, server.urls[0].replace("ws", "http", 1) + "/", [("player", {})])
+        await page.click(".recorder input")
+        for key in "run 1":
+            await page.keyboard("press", key)
+        await page.click("text=Start recording")
+        await page.wait(f"{text('.recorder .problem')}.includes('expected up to 64 of the characters')")
+        await page.evaluate(
+            "((i) => { i.value = 'run'; i.dispatchEvent(new Event('input', {bubbles: true})) })"
+            "(document.querySelector('.recorder input'))"
+        )
+        await page.click("text=Start recording")
+        await page.wait(f"/run_.*: .* messages, .* of 1.1 GB/.test({text('.recorder [role=status]')})")
+        assert not await page.evaluate("document.querySelector('.recorder .problem')")
+        await page.click("text=Stop recording")
+        await page.wait(f"{text('.recorder [role=status]')}.startsWith('Last: run_')")
+        assert await violations(page) == []
+    with open_recording(files_in(tmp_path)) as recording:
+        assert "/odom" in {topic.name for topic in recording.topics}
+
+
+def files_in(folder: Path) -> list[Path]:
+    return list(folder.iterdir())
+
+
+async def test_the_page_speaks_german_to_those_who_do(browser: Browser) -> None:
+    async with (
+        stand("jazzy", browser.built) as served,
+        browser.page(served.url, 1300, 800, language="de-AT") as page,
+    ):
+        await page.wait(f"{text('.stop')} === 'Stopp'")
+        await page.wait(f"{text('.drive')}.includes('Halten bewegt')")
+        assert await page.evaluate("document.documentElement.lang") == "de"
+        for english in ("Add panel", "Layouts", "Topics with", "Turn left"):
+            assert not await page.evaluate(f"document.body.textContent.includes({english!r})"), english
+
+
 async def test_one_switch_drives(browser: Browser) -> None:
     async with panel(browser, "jazzy", "teleop") as (served, page):
         speeds: list[float] = []
@@ -281,11 +366,13 @@ async def test_one_switch_drives(browser: Browser) -> None:
         await page.wait("document.querySelector('.stopped')")
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-async def test_axe_finds_nothing(browser: Browser, theme: str) -> None:
+@pytest.mark.parametrize(
+    ("theme", "width", "height"), [("light", 1300, 800), ("dark", 1300, 800), ("light", 390, 844)]
+)
+async def test_axe_finds_nothing(browser: Browser, theme: str, width: int, height: int) -> None:
     async with (
         stand("jazzy", browser.built) as served,
-        browser.page(f"{served.url}healthz", 1300, 800) as page,
+        browser.page(f"{served.url}healthz", width, height) as page,
     ):
         await page.evaluate(f"localStorage.setItem('rwt-theme', {theme!r})")
         page.forgive(LEFT_MESH, LEFT_STREAM)
@@ -300,13 +387,18 @@ async def test_axe_finds_nothing(browser: Browser, theme: str) -> None:
             await page.goto(f"{served.url}healthz")
             await open_panels(page, served.url, [(kind, config)])
             await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
-            await page.evaluate(AXE.read_text(encoding="utf-8") + "; 1")
-            violations = await page.evaluate(
-                "axe.run({ resultTypes: ['violations'] }).then(r => r.violations.map(v =>"
-                " v.id + ': ' + v.nodes.map(n => n.target.join(' ') + ' ' + n.failureSummary).join(' | ')))"
-            )
-            found += [f"{kind}: {violation}" for violation in violations]
+            found += [f"{kind}: {violation}" for violation in await violations(page)]
         assert found == []
+
+
+async def violations(page: Page) -> list[str]:
+    """What axe finds wrong with a page."""
+    await page.evaluate(AXE.read_text(encoding="utf-8") + "; 1")
+    found: list[str] = await page.evaluate(
+        "axe.run({ resultTypes: ['violations'] }).then(r => r.violations.map(v =>"
+        " v.id + ': ' + v.nodes.map(n => n.target.join(' ') + ' ' + n.failureSummary).join(' | ')))"
+    )
+    return found
 
 
 async def test_the_first_load_is_small_and_asks_no_other_host(browser: Browser) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 STANDARD = ROOT / "src" / "rwt_interfaces" / "standard"
-OURS = {"rwt_gate_msgs"}
+OURS = {"rwt_gate_msgs", "rwt_recorder_msgs"}
 LICENCES = {"BSD", "BSD-3-Clause", "Apache-2.0"}
 
 

@@ -2,8 +2,9 @@
 import { expect, test } from "vitest";
 import { readLayout, robotUrl } from "../src/app/state";
 import "../src/panels/all";
+import { de } from "../src/i18n/de";
 import { en } from "../src/i18n/en";
-import { t, translate } from "../src/i18n/text";
+import { chooseLanguage, speak, t, translate } from "../src/i18n/text";
 import { panelKinds } from "../src/panels/registry";
 
 const panel = { id: "one", kind: "topics", config: {} };
@@ -49,4 +50,25 @@ test("a translation may leave texts out, and places are filled in", () => {
 test("every kind of panel has a title of its own", () => {
   const titles = panelKinds().map(({ title }) => en[title]);
   expect(new Set(titles).size).toBe(titles.length);
+});
+
+test("the tables of both languages have the same keys and places, and none is empty", () => {
+  expect(Object.keys(de)).toEqual(Object.keys(en));
+  const places = (text: string) => (text.match(/\{\w+\}/g) ?? []).sort();
+  for (const [key, text] of Object.entries(de)) {
+    expect([key, text.trim() !== "", places(text)]).toEqual([key, true, places(en[key as keyof typeof en])]);
+  }
+});
+
+test.each([
+  [["de-AT", "en"], "de"],
+  [["fr", "de", "en"], "de"],
+  [["en-GB", "de"], "en"],
+  [["constructor"], "en"],
+  [[], "en"],
+])("who prefers %j is spoken to in %s", async (languages, language) => {
+  expect(chooseLanguage(languages)).toBe(language);
+  await speak(language);
+  expect(t("stop.stop")).toBe(language === "de" ? "Stopp" : "Stop");
+  await speak("en");
 });

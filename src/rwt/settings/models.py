@@ -131,6 +131,22 @@ class ZenohSettings(Table):
     ] = 0
 
 
+class RecorderSettings(Table):
+    """Recordings that clients start and end, by `/recorder/start` and `/recorder/stop`. Needs the extra
+    `mcap`."""
+
+    folder: Annotated[
+        Path | None,
+        Field(description="where they are put; not set: there are no such services"),
+    ] = None
+    recording_bytes: Annotated[
+        Bytes, Field(description="content of one recording, before compression; there it ends")
+    ] = 1024 * MIB
+    folder_bytes: Annotated[
+        Bytes, Field(description="all files of the folder; there a recording ends, and none is begun")
+    ] = 8 * 1024 * MIB
+
+
 class WebSettings(Table):
     """The robot's own page, which browsers get at `/`."""
 
@@ -190,6 +206,7 @@ class Settings(BridgeSettings):
     limits: LimitSettings = LimitSettings()
     tls: TlsSettings = TlsSettings()
     dial: DialSettings = DialSettings()
+    recorder: RecorderSettings = RecorderSettings()
     web: WebSettings = WebSettings()
     foxglove: FoxgloveSettings = FoxgloveSettings()
     api: HttpSettings = HttpSettings()
@@ -219,6 +236,12 @@ class Settings(BridgeSettings):
     def _reachable(self) -> Settings:
         if not self.listen and not self.dial.urls:
             raise ValueError("`listen`: expected at least one URL, or one in `dial.urls`")
+        return self
+
+    @model_validator(mode="after")
+    def _one_recorder(self) -> Settings:
+        if self.workers > 1 and self.recorder.folder is not None:
+            raise ValueError("`recorder.folder`: a recorder sees one process: expected `workers = 1`")
         return self
 
     @model_validator(mode="after")

@@ -4,6 +4,7 @@ Importing this loads no optional library; they are loaded by what needs them.
 """
 
 from rwt_nodes.recording.channels import ENCODINGS, ChannelForm, Encoding, channel_form
+from rwt_nodes.recording.commanded import CommandedRecorder, RecorderFolderError, RecorderLimits
 from rwt_nodes.recording.errors import (
     ExtraMissing,
     RecordingError,
@@ -18,6 +19,9 @@ from rwt_nodes.recording.writer import COMPRESSIONS, Compression, RecordedChanne
 
 __all__ = [
     "Recorder",
+    "CommandedRecorder",
+    "RecorderLimits",
+    "RecorderFolderError",
     "RecordingOptions",
     "RecordingWriter",
     "RecordedChannel",

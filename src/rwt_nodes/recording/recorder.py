@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 LOOK_SECONDS: Final = 0.2
 """How often the graph is asked for topics that were not there before."""
 
+_MESSAGE_BYTES: Final = 31
+"""What MCAP writes of a message besides its content (its specification, the record Message)."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordingOptions:
@@ -30,12 +33,15 @@ class RecordingOptions:
         compression: of the chunks.
         split: when a new file is begun.
         overwrite: whether a file that is there may be replaced.
+        largest_bytes: content after which nothing more is taken, definitions included and before compression;
+            0: as much as there is.
     """
 
     encoding: Encoding = "ros"
     compression: Compression = "zstd"
     split: Split | None = field(default=None)
     overwrite: bool = False
+    largest_bytes: int = 0
 
 
 class Recorder:
@@ -52,6 +58,7 @@ class Recorder:
 
     Attributes:
         writer: what was written so far.
+        is_full: whether `largest_bytes` was reached; then it has stopped.
 
     Raises:
         RecordingNotWritten: the file cannot be made.
@@ -70,6 +77,8 @@ class Recorder:
         self._graph = graph
         self._selection = selection
         self._encoding = options.encoding
+        self._room = options.largest_bytes or None
+        self.is_full = False
         self.writer = RecordingWriter(
             path,
             graph.distro,
@@ -109,8 +118,22 @@ class Recorder:
 
     def record(self, channel: RecordedChannel, sample: Sample) -> None:
         """Write one sample."""
-        stamp = sample.stamp_ns
-        self.writer.write(channel, max(stamp, self._began_at), stamp, self._written(sample.payload))
+        stamp, data = sample.stamp_ns, self._written(sample.payload)
+        if self._takes(len(data) + _MESSAGE_BYTES):
+            self.writer.write(channel, max(stamp, self._began_at), stamp, data)
+
+    def _takes(self, size: int) -> bool:
+        """Whether so many bytes more are taken. The first that are too many end the recording."""
+        if self._room is None:
+            return True
+        if self.is_full or size > self._room:
+            if not self.is_full:
+                self.is_full = True
+                # Not from within a delivery to one of the subscriptions that this closes.
+                self._graph.clock.call_later(0.0, self.stop)
+            return False
+        self._room -= size
+        return True
 
     def _written(self, payload: Payload) -> bytes | memoryview:
         if self._encoding == "json":
@@ -121,9 +144,9 @@ class Recorder:
         """A channel for the topic and type of a sample."""
         info = self._graph.topic(sample.topic)
         offered_qos = () if info is None else tuple(publisher.qos for publisher in info.publishers)
-        return self.writer.add_channel(
-            channel_form(sample.topic, sample.payload.type, self._encoding, offered_qos)
-        )
+        form = channel_form(sample.topic, sample.payload.type, self._encoding, offered_qos)
+        self._takes(len(form.schema) + sum(len(value) for value in form.metadata.values()))
+        return self.writer.add_channel(form)
 
     def stop(self) -> None:
         """Record nothing more; what was taken is still written. To be called on the graph's thread."""

@@ -166,6 +166,15 @@ class RecordingWriter:
         channel.messages += 1
         self._queue.append((channel, log_time, publish_time, data, channel.messages))
 
+    @property
+    def is_writing(self) -> bool:
+        """Whether the thread that writes has not ended yet."""
+        return self._thread.is_alive()
+
+    def finish_soon(self) -> None:
+        """Take nothing more; what waits is written and the file ended, which :meth:`close` waits for."""
+        self._closing.set()
+
     def close(self) -> None:
         """Write what waits, end the file and wait for that. May be called twice.
 

@@ -21,10 +21,14 @@ export async function launch(executablePath) {
   });
   return {
     version: await browser.version(),
-    async open(width, height) {
+    async open(width, height, locale) {
       const context = await browser.createBrowserContext();
       const page = await context.newPage();
       await page.setViewport({ width, height, deviceScaleFactor: 1 });
+      // The browser's language is a setting of all of it; a page sees this one.
+      await page.evaluateOnNewDocument((languages) => {
+        Object.defineProperty(navigator, 'languages', { get: () => languages });
+      }, [locale]);
       page.setDefaultTimeout(PATIENCE);
       page.mouse.dblclick = (x, y) => page.mouse.click(x, y, { count: 2 });
       return { page, click: (selector) => click(page, selector), close: () => context.close() };

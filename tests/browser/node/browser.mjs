@@ -3,6 +3,7 @@
 // DRIVER is the module that knows the browser, PROGRAM the browser itself, and FOLDER gets the bundle of the libraries
 // that browsers cannot load as they are.
 
+import { writeFileSync } from 'node:fs';
 import { createInterface } from 'node:readline';
 import { dirname, join } from 'node:path';
 import { fileURLToPath } from 'node:url';
@@ -31,8 +32,8 @@ const browser = await launch(executablePath);
 const pages = new Map();
 
 const commands = {
-  async open({ page: name, url, width, height }) {
-    const opened = await browser.open(width, height);
+  async open({ page: name, url, width, height, locale }) {
+    const opened = await browser.open(width, height, locale);
     const { page } = opened;
     const complaints = [];
     page.on('console', (message) => {
@@ -64,6 +65,9 @@ const commands = {
   mouse: ({ page, action, args }) => pages.get(page).page.mouse[action](...args),
   keyboard: ({ page, action, args }) => pages.get(page).page.keyboard[action](...args),
   click: ({ page, selector }) => pages.get(page).click(selector),
+  // What only Chromium tells of itself.
+  inspect: ({ page, method, params }) => pages.get(page).inspect(method, params),
+  trace: async ({ page, seconds, path }) => void writeFileSync(path, await pages.get(page).trace(seconds)),
   complaints: ({ page }) => pages.get(page).complaints,
   async close({ page }) {
     await pages.get(page).close();

@@ -19,11 +19,25 @@ export async function launch(executablePath) {
   });
   return {
     version: browser.version(),
-    async open(width, height) {
-      const context = await browser.newContext({ viewport: { width, height }, deviceScaleFactor: 1 });
+    async open(width, height, locale) {
+      const context = await browser.newContext({ viewport: { width, height }, deviceScaleFactor: 1, locale });
       const page = await context.newPage();
       page.setDefaultTimeout(60000); // Less than the one who asks waits for the answer.
-      return { page, click: (selector) => page.click(selector), close: () => context.close() };
+      let inspector;
+      return {
+        page,
+        click: (selector) => page.click(selector),
+        async inspect(method, params) {
+          inspector ??= await context.newCDPSession(page);
+          return inspector.send(method, params);
+        },
+        async trace(seconds) {
+          await browser.startTracing(page, { categories: ['toplevel', 'devtools.timeline', 'disabled-by-default-devtools.timeline'] });
+          await new Promise((later) => setTimeout(later, seconds * 1000));
+          return browser.stopTracing();
+        },
+        close: () => context.close(),
+      };
     },
     close: () => browser.close(),
   };

@@ -65,6 +65,7 @@ export function Shell({ app }: { app: App }) {
           {stopText(app.stop)}
         </p>
       )}
+      <Waiting app={app} />
       <main id="panels" tabIndex={-1}>
         {session.state.value === "refused" && <TokenForm app={app} />}
         {session.connections.value === 0 && session.state.value === "lost" && <ConnectForm app={app} />}
@@ -86,6 +87,19 @@ export function Shell({ app }: { app: App }) {
 function robotName(app: App): string {
   const { host, pathname } = new URL(app.robot);
   return pathname === "/" ? host : host + pathname;
+}
+
+/** That clients wait for a person's yes, wherever the panel with it is. */
+function Waiting({ app }: { app: App }) {
+  const count = app.stop.gate.approvals.value.length;
+  if (count === 0) return null;
+  return (
+    <p class="approvals-waiting" role="status">
+      <button type="button" data-scan="press" onClick={() => app.open("approvals")}>
+        {count === 1 ? t("approvals.waiting.one") : t("approvals.waiting", { count })}
+      </button>
+    </p>
+  );
 }
 
 function StopButton({ app }: { app: App }) {

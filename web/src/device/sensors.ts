@@ -9,15 +9,19 @@ export interface SensorHost {
   version: 1 | 2;
   frame: string;
   publish: (message: Message) => void;
+  /** What tells how the messages are to be read, where the sensor has a topic for that. */
+  describe: (message: Message) => void;
   fail: (text: string) => void;
 }
 
 export interface Sensor {
-  name: "motion" | "position" | "battery" | "camera" | "joystick";
+  name: "motion" | "position" | "battery" | "camera" | "microphone" | "joystick";
   /** Without `/msg/`. */
   type: string;
   /** Below the device's namespace. */
   topic: string;
+  /** Where it tells how its messages are to be read. */
+  description?: { type: string; topic: string };
   /** Whether this browser has it, here. */
   available(): boolean;
   /** Begin; what is returned ends it. May ask the person, who may refuse: then it throws. */
@@ -188,6 +192,53 @@ const camera: Sensor = {
   },
 };
 
+/** Octets of a sample: signed, 16 bits, the lower first. */
+const SAMPLE_BYTES = 2;
+
+const microphone: Sensor = {
+  name: "microphone",
+  type: "audio_common_msgs/AudioData",
+  topic: "audio/audio",
+  description: { type: "audio_common_msgs/AudioInfo", topic: "audio/audio_info" },
+  available: () => Boolean(navigator.mediaDevices?.getUserMedia) && "AudioWorkletNode" in globalThis,
+  start: async ({ publish, describe }) => {
+    const stream = await navigator.mediaDevices.getUserMedia({ audio: { channelCount: 1 } });
+    const context = new AudioContext();
+    const end = () => {
+      for (const track of stream.getTracks()) track.stop();
+      void context.close();
+    };
+    try {
+      await context.audioWorklet.addModule(new URL(MICROPHONE_WORKLET, import.meta.url));
+      await context.resume();
+    } catch (error) {
+      end();
+      throw error;
+    }
+    const worklet = new AudioWorkletNode(context, "microphone", { numberOfOutputs: 0, channelCount: 1 });
+    worklet.port.onmessage = ({ data }: MessageEvent<ArrayBuffer>) => {
+      publish({ data: btoa(String.fromCharCode(...new Uint8Array(data))) });
+    };
+    context.createMediaStreamSource(stream).connect(worklet);
+    const tell = () =>
+      describe({
+        channels: 1,
+        sample_rate: context.sampleRate,
+        sample_format: "S16LE",
+        bitrate: context.sampleRate * SAMPLE_BYTES * 8,
+        coding_format: "WAVE",
+      });
+    tell();
+    // Again and again, for those who come later.
+    const timer = setInterval(tell, SLOW);
+    return () => {
+      clearInterval(timer);
+      worklet.port.onmessage = null;
+      end();
+    };
+  },
+};
+
 const joystick: Sensor = {
   name: "joystick",
   type: "sensor_msgs/Joy",
@@ -208,18 +259,26 @@ const joystick: Sensor = {
   },
 };
 
-export const SENSORS: readonly Sensor[] = [motion, position, battery, camera, joystick];
+export const SENSORS: readonly Sensor[] = [motion, position, battery, camera, microphone, joystick];
 
 /** Start a sensor of this device on a robot. */
 export async function startSensor(
   session: RobotSession,
   sensor: Sensor,
-  topic: string,
+  namespace: string,
   on: { message: () => void; fail: (text: string) => void },
 ): Promise<() => void> {
   const version = session.version.peek();
-  const type = version === 2 ? sensor.type.replace("/", "/msg/") : sensor.type;
-  const publisher = session.publisher(topic, type);
+  const topic = `${namespace}/${sensor.topic}`;
+  const typeName = (type: string) => (version === 2 ? type.replace("/", "/msg/") : type);
+  const publisher = session.publisher(topic, typeName(sensor.type));
+  const { description } = sensor;
+  const describer =
+    description && session.publisher(`${namespace}/${description.topic}`, typeName(description.type));
+  const dispose = () => {
+    publisher.dispose();
+    describer?.dispose();
+  };
   try {
     const end = await sensor.start({
       version,
@@ -229,13 +288,14 @@ export async function startSensor(
         publisher.publish(message);
         on.message();
       },
+      describe: (message) => describer?.publish(message),
     });
     return () => {
       end();
-      publisher.dispose();
+      dispose();
     };
   } catch (error) {
-    publisher.dispose();
+    dispose();
     throw error;
   }
 }

@@ -8,6 +8,7 @@ import { frames } from "./graph/frames";
 import { nodes } from "./graph/nodes";
 import { parameters } from "./graph/parameters";
 import { topics } from "./graph/topics";
+import { approvals } from "./health/approvals";
 import { battery, diagnostics } from "./health/diagnostics";
 import { log } from "./health/log";
 import { player } from "./health/player";
@@ -22,6 +23,7 @@ const inOrder = [
   camera,
   teleop,
   goal,
+  approvals,
   device,
   topics,
   plot,

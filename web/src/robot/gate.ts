@@ -15,6 +15,24 @@ interface Leases {
   leases: { topic: string; holder: string; role: string }[];
 }
 
+/** An act of a client that waits for a person's yes. */
+export interface Approval {
+  id: string;
+  /** `publish`, `call`, `goal` or `set_param`. */
+  act: string;
+  name: string;
+  rule: string;
+  client: string;
+  role: string;
+  /** The message, request or goal as JSON, cut where it is long. */
+  content: string;
+  asked: unknown;
+  /** For the answer, from `asked` on. */
+  seconds: number;
+  /** How long a yes may hold; 0: for this act alone. */
+  remember_seconds: number;
+}
+
 interface StopState {
   stopped: boolean;
   by: string;
@@ -35,6 +53,8 @@ export class Gate {
   readonly stop: Signal<StopState> = signal(MOVING);
   /** Who holds the topics that one client at a time publishes on. */
   readonly holders: Signal<ReadonlyMap<string, Holder>> = signal(new Map());
+  /** What waits for a yes. */
+  readonly approvals: Signal<readonly Approval[]> = signal([]);
 
   constructor(private readonly session: RobotSession) {
     this.present = computed(() => session.graph.value.services.includes(STOP));
@@ -42,6 +62,7 @@ export class Gate {
       if (!this.present.value) {
         this.stop.value = MOVING;
         this.holders.value = new Map();
+        this.approvals.value = [];
         return undefined;
       }
       const ends = [
@@ -54,6 +75,13 @@ export class Gate {
             leases.map(({ topic, holder, role }) => [topic, { name: holder, role }]),
           );
         }),
+        ...(session.may("subscribe", "/gate/approvals")
+          ? [
+              session.subscribe("/gate/approvals", "rwt_gate_msgs/Approvals", (message) => {
+                this.approvals.value = (message as unknown as { approvals: Approval[] }).approvals;
+              }),
+            ]
+          : []),
       ];
       return () => {
         for (const end of ends) end();
@@ -77,6 +105,16 @@ export class Gate {
    */
   async release(): Promise<void> {
     await this.ask("/gate/release_stop", "rwt_gate_msgs/Stop", { reason: "by the page" });
+  }
+
+  /**
+   * Answer what waits for a yes.
+   *
+   * @param seconds how long a yes holds for the same client, name and rule; 0: for this act alone
+   * @throws RobotError it does not answer, or the role may not
+   */
+  async answer(id: string, approve: boolean, seconds = 0): Promise<void> {
+    await this.ask("/gate/approve", "rwt_gate_msgs/Approve", { id, approve, seconds });
   }
 
   /** Give the lease of a topic back, whoever holds it: the server knows whether that is this page. */

@@ -1,4 +1,4 @@
-/** This device as a sensor of the robot: motion, position, battery, camera, joystick. */
+/** This device as a sensor of the robot: motion, position, battery, camera, microphone, joystick. */
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
@@ -58,7 +58,9 @@ function OneSensor(props: { context: PanelContext; sensor: Sensor; namespace: st
   const problem = useSignal("");
   const end = useRef<() => void>(() => undefined);
   useEffect(() => () => end.current(), []);
-  if (!session.may("publish", topic)) return <Refusal context={context} act="publish" name={topic} />;
+  const topics = [topic, ...(sensor.description ? [`${namespace}/${sensor.description.topic}`] : [])];
+  const closed = topics.find((each) => !session.may("publish", each));
+  if (closed) return <Refusal context={context} act="publish" name={closed} />;
   const change = async (wanted: boolean) => {
     end.current();
     end.current = () => undefined;
@@ -66,7 +68,7 @@ function OneSensor(props: { context: PanelContext; sensor: Sensor; namespace: st
     problem.value = "";
     if (!wanted) return;
     try {
-      end.current = await startSensor(session, sensor, topic, {
+      end.current = await startSensor(session, sensor, namespace, {
         message: () => count.value++,
         fail: (text) => {
           problem.value = text;

@@ -7,6 +7,7 @@ import { MessageForm } from "../../forms/message_form";
 import { MessageTree } from "../../forms/message_tree";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
+import { shortType } from "../../robot/names";
 import type { Message } from "../../robot/subscriptions";
 import type { Definitions } from "../../robot/typedefs";
 import { componentPanel, now, Refusal } from "../component";
@@ -62,7 +63,9 @@ function TopicsPanel({ context }: { context: PanelContext }) {
                     }}
                   />
                 </td>
-                <td class="faint">{type}</td>
+                <td class="faint" title={type}>
+                  {shortType(type)}
+                </td>
                 <Traffic context={context} name={name} />
               </tr>
             ))}

@@ -1,4 +1,4 @@
-/** Recording and playing, through the services that rosbag2's nodes have. */
+/** Recording and playing, through the services of the robot's recorder and those that rosbag2's nodes have. */
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
@@ -8,6 +8,7 @@ import { t } from "../../i18n/text";
 import type { Message } from "../../robot/subscriptions";
 import { componentPanel, Refusal } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
+import { hasRecorder, Recorder } from "./recorder";
 
 /** Milliseconds between two looks. */
 const PERIOD = 1000;
@@ -25,17 +26,20 @@ export function pausableNodes(services: readonly string[]): string[] {
 export const player: PanelKind = {
   name: "player",
   title: "player.title",
-  supportedTypes: [],
-  opens: (session) => pausableNodes(session.graph.value.services).length > 0,
+  supportedTypes: ["rwt_recorder_msgs/RecorderState"],
+  opens: ({ graph }) => hasRecorder(graph.value.services) || pausableNodes(graph.value.services).length > 0,
   place: "below",
   init: componentPanel(PlayerPanel),
 };
 
 function PlayerPanel({ context }: { context: PanelContext }) {
-  const found = pausableNodes(context.session.graph.value.services);
-  if (!found.length) return <p class="faint">{t("player.none")}</p>;
+  const { services } = context.session.graph.value;
+  const found = pausableNodes(services);
+  const records = hasRecorder(services);
+  if (!found.length && !records) return <p class="faint">{t("player.none")}</p>;
   return (
     <>
+      {records && <Recorder context={context} />}
       {found.map((node) => (
         <Pausable key={node} context={context} node={node} />
       ))}

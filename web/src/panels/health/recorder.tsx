@@ -1,0 +1,107 @@
+/** The robot's own recorder: begin, end, and how far it is. */
+
+import { useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { Problem } from "../../forms/problem";
+import { t } from "../../i18n/text";
+import { seconds } from "../../robot/names";
+import { now, Refusal } from "../component";
+import type { PanelContext } from "../registry";
+
+const START = "/recorder/start";
+const STOP = "/recorder/stop";
+const STATE = "/recorder/state";
+
+interface RecorderState {
+  recording: boolean;
+  file: string;
+  since: unknown;
+  messages: number;
+  bytes: number;
+  largest_bytes: number;
+  dropped: number;
+  problem: string;
+}
+
+/** Whether a robot with these services records by them. */
+export function hasRecorder(services: readonly string[]): boolean {
+  return services.includes(START) && services.includes(STOP);
+}
+
+/** A number of octets for people. */
+export function sizeText(octets: number): string {
+  if (octets < 1e3) return `${octets} B`;
+  const units = ["kB", "MB", "GB", "TB"];
+  let value = octets;
+  let unit = -1;
+  while (value >= 999.95 && unit < units.length - 1) {
+    value /= 1e3;
+    unit++;
+  }
+  return `${value.toFixed(1)} ${units[unit]}`;
+}
+
+export function Recorder({ context }: { context: PanelContext }) {
+  const { session, visible } = context;
+  const state = useSignal<RecorderState | null>(null);
+  const name = useSignal("");
+  const problem = useSignal("");
+  const isVisible = visible.value;
+  useEffect(() => {
+    if (!isVisible || !session.may("subscribe", STATE)) return undefined;
+    return session.subscribe(STATE, session.graph.peek().topics.get(STATE) ?? "", (message) => {
+      state.value = message as unknown as RecorderState;
+    });
+  }, [session, isVisible, state]);
+  if (!session.may("call", START)) return <Refusal context={context} act="call" name={START} />;
+  const ask = async (service: string, request: Record<string, unknown>) => {
+    try {
+      const answer = await session.call<{ success: boolean; message: string }>(service, request);
+      problem.value = answer.success ? "" : answer.message;
+    } catch (error) {
+      problem.value = (error as Error).message;
+    }
+  };
+  const recorded = state.value;
+  return (
+    <section class="player recorder">
+      <h2>{t("recorder.title")}</h2>
+      <form
+        class="plot-bar"
+        onSubmit={(event) => {
+          event.preventDefault();
+          if (recorded?.recording) void ask(STOP, {});
+          else void ask(START, { name: name.value.trim(), topics: [] });
+        }}
+      >
+        {!recorded?.recording && (
+          <label class="choice">
+            <span>{t("recorder.name")}</span>
+            <input
+              type="text"
+              maxLength={64}
+              value={name.value}
+              onInput={(event) => {
+                name.value = event.currentTarget.value;
+              }}
+            />
+          </label>
+        )}
+        <button type="submit">{recorded?.recording ? t("recorder.stop") : t("recorder.start")}</button>
+      </form>
+      {recorded?.file && <p role="status">{stateText(recorded)}</p>}
+      {recorded?.problem && <Problem text={recorded.problem} />}
+      {recorded && recorded.dropped > 0 && (
+        <Problem text={t("recorder.dropped", { count: recorded.dropped })} />
+      )}
+      {problem.value && <Problem text={problem.value} />}
+    </section>
+  );
+}
+
+function stateText({ recording, file, since, messages, bytes, largest_bytes }: RecorderState): string {
+  const size = sizeText(bytes);
+  if (!recording) return t("recorder.last", { file, messages, size });
+  const span = Math.max(0, Math.round(now.value / 1000 - seconds(since)));
+  return t("recorder.state", { file, seconds: span, messages, size, most: sizeText(largest_bytes) });
+}
