@@ -21,6 +21,13 @@ from rwt_rclpy.exceptions import UnsupportedEventTypeError as UnsupportedEventTy
 rclpy_implementation = sys.modules[__name__]
 
 
+def rclpy_get_rmw_implementation_identifier() -> str:
+    """What carries messages, as `rclpy.get_rmw_implementation_identifier` says."""
+    from rwt_rclpy.client_library import get_rmw_implementation_identifier
+
+    return get_rmw_implementation_identifier()
+
+
 def __getattr__(name: str) -> Any:
     raise AttributeError(
         f"rclpy's C extension, and so its {name!r}, is not available without ROS; use rclpy's Python modules"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from rwt_rclpy.execution.context import Context, get_default_context
 from rwt_rclpy.execution.signals import (
@@ -55,8 +55,8 @@ class InitContextManager:
     def __init__(self, context: Context) -> None:
         self.context = context
 
-    def __enter__(self) -> Context:
-        return self.context
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(self, *exc: object) -> None:
         if self.context is get_default_context():

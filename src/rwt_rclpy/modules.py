@@ -50,6 +50,7 @@ _RCLPY: Final = {
     "service_introspection": "endpoints.introspection",
     "signals": "execution.signals",
     "subscription": "endpoints.subscription",
+    "subscription_content_filter_options": "endpoints.content_filter",
     "task": "execution.task",
     "time": "clocks.time",
     "time_source": "clocks.time_source",
@@ -77,12 +78,18 @@ MODULES: Final = {
     "rosidl_adapter.parser": f"{_HERE}.companions.rosidl_adapter",
     "ros2node": f"{_HERE}.companions.ros2node",
     "ros2node.api": f"{_HERE}.companions.ros2node",
+    **{
+        each: f"{_HERE}.companions.ros2_queries"
+        for kind in ("topic", "service", "param")
+        for each in (f"ros2{kind}", f"ros2{kind}.api")
+    },
     "rosidl_runtime_py": f"{_HERE}.companions.rosidl_runtime_py",
     "rosidl_runtime_py.convert": f"{_HERE}.companions.rosidl_runtime_py",
     "rosidl_runtime_py.set_message": f"{_HERE}.companions.rosidl_runtime_py",
     "rosidl_runtime_py.import_message": f"{_HERE}.companions.rosidl_runtime_py",
     "rosidl_runtime_py.get_interfaces": f"{_HERE}.companions.rosidl_runtime_py",
     "rosidl_runtime_py.utilities": f"{_HERE}.companions.rosidl_runtime_py",
+    "rpyutils": f"{_HERE}.companions.rpyutils",
     "ament_index_python": f"{_HERE}.companions.ament_index_python",
     "ament_index_python.packages": f"{_HERE}.companions.ament_index_python",
     "ament_index_python.resources": f"{_HERE}.companions.ament_index_python",
@@ -107,7 +114,6 @@ ABSENT: Final = {
     "rclcpp": "C++ nodes; run them on a machine with ROS and join it over Zenoh or rosbridge",
     "rclcpp_components": "C++ components; run them on a machine with ROS",
     "rmw_implementation": "DDS; the graph of this project carries the messages",
-    "rpyutils": "rpyutils loads ROS's C libraries, of which there are none here",
     "rosidl_generator_py": "generated code; messages are made from definitions when they are imported",
     "launch": "launch files; start the nodes with `rwt run`, several in one process",
     "launch_ros": "launch files; start the nodes with `rwt run`, several in one process",

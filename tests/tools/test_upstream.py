@@ -139,7 +139,8 @@ def test_every_client_that_was_tried_is_on_the_list_and_can_be_run_or_says_why()
     known = read_suites()
     assert known.keys() == {
         "roslibjs", "roslibpy-ros1", "roslibpy-ros2", "rosbridge-suite", "rosbridge-library", "rosbridge2cpp",
-        "rosbridgecpp", "java_rosbridge", "jrosbridge", "roslibgo", "rosbridge-net", "vizanti", "ffmpeg",
+        "rclpy", "rosapi", "rosbridgecpp",
+        "java_rosbridge", "jrosbridge", "roslibgo", "rosbridge-net", "vizanti", "ffmpeg",
         "opencv", "keyboardteleopjs", "nav2djs", "mjpegcanvasjs",
     }  # fmt: skip
     for suite in known.values():

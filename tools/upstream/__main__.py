@@ -2,6 +2,7 @@
 
     python -m tools.upstream                             what there is
     python -m tools.upstream roslibpy-ros2 --checkout ../roslibpy
+    python -m tools.upstream rclpy --checkout ../rclpy --beside rcl_interfaces=../rcl_interfaces
 
 The exit code is 0 if exactly what is expected to fail fails, 1 if not, and 2 if the suite cannot be run here.
 """
@@ -16,8 +17,10 @@ import tempfile
 import threading
 import time
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
@@ -25,6 +28,8 @@ from urllib.parse import urlsplit
 from tools.upstream.results import Result, Verdict, judge, of_go, of_junit
 from tools.upstream.suites import HERE, LIST, CannotRun, Suite, check, read_suites
 
+_FILE_SECONDS: Final = 180.0
+"""How long one of many files may take."""
 _TELL_SECONDS: Final = 5.0
 """From one line about how far a suite is to the next."""
 
@@ -38,7 +43,18 @@ def main(arguments: Sequence[str] | None = None, *, suites_file: Path = LIST) ->
     )
     parser.add_argument("name", nargs="?", metavar="NAME", help="the suite")
     parser.add_argument("--checkout", type=Path, metavar="DIR", help="your checkout of it, made ready")
+    parser.add_argument(
+        "--beside",
+        action="append",
+        default=[],
+        type=_named_folder,
+        metavar="NAME=DIR",
+        help="your checkout of something else that the suite needs",
+    )
     parser.add_argument("--seconds", type=float, default=900.0, help="how long it may take (default 900)")
+    parser.add_argument(
+        "--only", metavar="WORD", default="", help="of several files those with it in their names"
+    )
     parser.add_argument("--verbose", "-v", action="store_true", help="show what the suite prints")
     options = parser.parse_args(arguments)
     try:
@@ -50,8 +66,10 @@ def main(arguments: Sequence[str] | None = None, *, suites_file: Path = LIST) ->
             raise CannotRun(f"no suite {options.name!r}; there are {', '.join(suites)}")
         suite, checkout = suites[options.name], options.checkout
         checkout = None if checkout is None else checkout.resolve()
-        check(options.name, suite, checkout)
-        verdict = _run(suite, checkout, options.seconds, options.verbose)
+        beside = dict(options.beside)
+        check(options.name, suite, checkout, beside)
+        run = _Run(suite, checkout, beside, options.seconds, options.verbose, options.only)
+        verdict = run.verdict()
     except CannotRun as error:
         print(f"upstream: {error}", file=sys.stderr)
         return 2
@@ -68,24 +86,84 @@ def _list(suites: dict[str, Suite]) -> None:
         )
 
 
-def _run(suite: Suite, checkout: Path | None, seconds: float, verbose: bool) -> Verdict:
-    with tempfile.TemporaryDirectory() as folder, _served(suite) as url:
-        report = Path(folder) / "report.xml"
-        port = urlsplit(url).port or 0
-        values = {
-            "url": url,
-            "http": f"http://127.0.0.1:{port}",
-            "port": str(port),
-            "report": str(report),
-            "python": sys.executable,
-            "checkout": str(checkout or ""),
-            "here": str(HERE),
-        }
-        command = [part.format(**values) for part in suite.run]
+def _named_folder(text: str) -> tuple[str, Path]:
+    name, equals, folder = text.partition("=")
+    if not name or not equals or not folder:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected NAME=DIR")
+    return name, Path(folder).resolve()
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """One run of a suite.
+
+    Attributes:
+        seconds: how long it may take.
+        verbose: whether all that it prints is shown.
+        only: of a suite of several files, those with this in their names.
+    """
+
+    suite: Suite
+    checkout: Path | None
+    beside: Mapping[str, Path]
+    seconds: float
+    verbose: bool
+    only: str = ""
+
+    def verdict(self) -> Verdict:
+        """Run it, and hold it against its list."""
+        suite = self.suite
+        with tempfile.TemporaryDirectory() as folder, _served(suite) as url:
+            port = urlsplit(url).port or 0
+            values = {
+                "url": url,
+                "http": f"http://127.0.0.1:{port}",
+                "port": str(port),
+                "python": sys.executable,
+                "checkout": str(self.checkout or ""),
+                "here": str(HERE),
+                "path": os.environ.get("PYTHONPATH", ""),
+                **{name: str(path) for name, path in self.beside.items()},
+            }
+            if suite.each:
+                results = tuple(self._each(values, Path(folder)))
+            else:
+                results = self._once(values, Path(folder), self.seconds)
+        verdict = judge(results, {**suite.sometimes, **suite.expected_failures}, suite.apart)
+        # What was left out cannot show that an entry of the list is stale.
+        stale = () if self.only else (each for each in verdict.stale if each not in suite.sometimes)
+        return replace(verdict, stale=tuple(stale))
+
+    def _once(self, values: Mapping[str, str], folder: Path, seconds: float) -> tuple[Result, ...]:
+        report = folder / "report.xml"
+        values = {**values, "report": str(report)}
+        command = [part.format(**values) for part in self.suite.run]
         print(f"running {' '.join(command)}", flush=True)
-        environment = {name: value.format(**values) for name, value in suite.environment.items()}
-        code, output = _finished(command, checkout or Path(folder), environment, seconds, verbose)
-        return judge(_results(suite, checkout, report, code, output), suite.expected_failures)
+        environment = {name: value.format(**values) for name, value in self.suite.environment.items()}
+        code, output = _finished(command, self.checkout or folder, environment, seconds, self.verbose)
+        return _results(self.suite, self.checkout, report, code, output)
+
+    def _each(self, values: Mapping[str, str], folder: Path) -> Iterator[Result]:
+        """Run each file in a process of its own, so that none meets what another leaves."""
+        checkout = self.checkout or folder
+        files = [each for each in sorted(checkout.glob(self.suite.each)) if self.only in each.name]
+        if not files:
+            raise CannotRun(f"{checkout}: no file {self.suite.each} with {self.only!r} in its name")
+        ends = time.monotonic() + self.seconds
+        for file in files:
+            place = folder / file.name
+            place.mkdir()
+            try:
+                results = self._once(
+                    {**values, "file": str(file)}, place, min(_FILE_SECONDS, ends - time.monotonic())
+                )
+            except CannotRun as error:
+                results = (Result(file.name, "failed", str(error).replace("\n", " ")[-300:]),)
+            failed = sum(result.outcome == "failed" for result in results)
+            print(
+                f"  {file.name}: {len(results)} tests" + (f", {failed} failed" if failed else ""), flush=True
+            )
+            yield from results
 
 
 def _results(suite: Suite, checkout: Path | None, report: Path, code: int, output: str) -> tuple[Result, ...]:
@@ -169,6 +247,8 @@ def _served(suite: Suite) -> Iterator[str]:
 
 
 def _report(verdict: Verdict) -> None:
+    for reason, count in Counter(reason for _, reason in verdict.apart).items():
+        print(f"  apart     {count}: {reason}")
     for result, reason in verdict.expected:
         print(f"  expected  {result.id}: {reason}")
     for result in verdict.unexpected:
@@ -178,7 +258,10 @@ def _report(verdict: Verdict) -> None:
     failed = len(verdict.expected) + len(verdict.unexpected)
     total = verdict.passed + failed
     expected = len(verdict.expected)
-    print(f"{verdict.passed} of {total} passed, {verdict.skipped} skipped, {expected} failed as expected")
+    share = f" ({100 * verdict.passed / total:.1f} %)" if total else ""
+    print(
+        f"{verdict.passed} of {total} passed{share}, {verdict.skipped} skipped, {expected} failed as expected"
+    )
 
 
 if __name__ == "__main__":

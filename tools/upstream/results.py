@@ -58,6 +58,7 @@ class Verdict:
 
     Attributes:
         passed, skipped: how many tests did.
+        apart: tests that are not counted, each with the reason.
         expected: failures that are expected, each with its reason.
         unexpected: failures that are not.
         stale: entries of the list whose tests, if there are any, did not fail.
@@ -65,6 +66,7 @@ class Verdict:
 
     passed: int
     skipped: int
+    apart: tuple[tuple[Result, str], ...]
     expected: tuple[tuple[Result, str], ...]
     unexpected: tuple[Result, ...]
     stale: tuple[str, ...]
@@ -76,14 +78,29 @@ class Verdict:
         return ran > 0 and not self.unexpected and not self.stale
 
 
-def judge(results: Iterable[Result], expected_failures: Mapping[str, str]) -> Verdict:
-    """Hold results against the list of expected failures: globs of ids, each with a reason."""
-    found = tuple(results)
+def judge(
+    results: Iterable[Result], expected_failures: Mapping[str, str], apart: Mapping[str, str] | None = None
+) -> Verdict:
+    """Hold results against the list of expected failures: globs of ids, each with a reason.
+
+    Args:
+        results: what the tests came to.
+        expected_failures: those that are expected to fail.
+        apart: those that cannot pass here by what they are, and are not counted; globs of ids.
+    """
+    counted, aside = [], []
+    for result in results:
+        reason = _entry(apart or {}, result)
+        if reason is None:
+            counted.append(result)
+        else:
+            aside.append((result, (apart or {})[reason]))
+    found = tuple(counted)
     expected, unexpected, used = [], [], set()
     for result in found:
         if result.outcome != "failed":
             continue
-        glob = next((each for each in expected_failures if fnmatchcase(result.id, each)), None)
+        glob = _entry(expected_failures, result)
         if glob is None:
             unexpected.append(result)
         else:
@@ -92,7 +109,13 @@ def judge(results: Iterable[Result], expected_failures: Mapping[str, str]) -> Ve
     return Verdict(
         passed=sum(result.outcome == "passed" for result in found),
         skipped=sum(result.outcome == "skipped" for result in found),
+        apart=tuple(aside),
         expected=tuple(expected),
         unexpected=tuple(unexpected),
         stale=tuple(glob for glob in expected_failures if glob not in used),
     )
+
+
+def _entry(globs: Iterable[str], result: Result) -> str | None:
+    """The first glob that a test's id fits, or None."""
+    return next((each for each in globs if fnmatchcase(result.id, each)), None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import shutil
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, Literal
 
@@ -30,11 +31,15 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     ready: str = ""
     serve: tuple[str, ...] | None = None
     port: int = 0
+    beside: dict[str, tuple[str, ...]] = {}
+    each: str = ""
     run: tuple[str, ...] = ()
     environment: dict[str, str] = {}
     results: Literal["junit", "go", "exit"] = "exit"
     reports: str = ""
     expected_failures: dict[str, str] = {}
+    sometimes: dict[str, str] = {}
+    apart: dict[str, str] = {}
     by_hand: str = ""
 
 
@@ -50,7 +55,7 @@ def read_suites(file: Path = LIST) -> dict[str, Suite]:
         raise CannotRun(f"{file}: {error}") from error
 
 
-def check(name: str, suite: Suite, checkout: Path | None) -> None:
+def check(name: str, suite: Suite, checkout: Path | None, beside: Mapping[str, Path]) -> None:
     """Check that a suite can be run.
 
     Raises:
@@ -61,17 +66,28 @@ def check(name: str, suite: Suite, checkout: Path | None) -> None:
     if suite.checkout:
         if checkout is None:
             raise CannotRun(f"{name} needs a checkout of {suite.repository}: name its folder with --checkout")
-        if not checkout.is_dir():
-            raise CannotRun(f"{checkout}: no such folder; it should be a checkout of {suite.repository}")
-        missing = [each for each in suite.checkout if not (checkout / each).exists()]
-        if missing:
-            raise CannotRun(
-                f"{checkout}: has no {', '.join(missing)}. A checkout of {suite.repository} has it after:"
-                f" {suite.ready}"
-            )
+        _check_folder(checkout, suite.checkout, suite.repository, suite.ready)
+    for other, files in suite.beside.items():
+        if other not in beside:
+            raise CannotRun(f"{name} needs a checkout of {other} too: --beside {other}=DIR")
+        _check_folder(beside[other], files, other, "nothing")
+    unknown = beside.keys() - suite.beside.keys()
+    if unknown:
+        wanted = ", ".join(suite.beside) or "none"
+        raise CannotRun(f"{name} takes no {', '.join(sorted(unknown))} beside it; it takes {wanted}")
     for tool in suite.tools:
         if shutil.which(tool) is None:
             raise CannotRun(f"{name} needs the program {tool}, which is not on the PATH")
     for module in suite.python:
         if importlib.util.find_spec(module) is None:
             raise CannotRun(f"{name} needs the Python package that has {module}, which is not installed")
+
+
+def _check_folder(folder: Path, files: tuple[str, ...], repository: str, ready: str) -> None:
+    if not folder.is_dir():
+        raise CannotRun(f"{folder}: no such folder; it should be a checkout of {repository}")
+    missing = [each for each in files if not (folder / each).exists()]
+    if missing:
+        raise CannotRun(
+            f"{folder}: has no {', '.join(missing)}. A checkout of {repository} has it after: {ready}"
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 from rwt_rclpy.messages.loaded import message_class
@@ -62,6 +63,24 @@ class Duration:
 
     def __ge__(self, other: object) -> bool:
         return self._ns >= other._ns if isinstance(other, Duration) else NotImplemented
+
+    def __add__(self, other: object) -> Duration:
+        return Duration(nanoseconds=self._ns + other._ns) if isinstance(other, Duration) else NotImplemented
+
+    def __sub__(self, other: object) -> Duration:
+        return Duration(nanoseconds=self._ns - other._ns) if isinstance(other, Duration) else NotImplemented
+
+    def __mul__(self, other: object) -> Duration:
+        """So many times as long; times infinity is :data:`Infinite`. Raises ValueError for NaN."""
+        if not isinstance(other, (int, float)) or isinstance(other, bool):
+            return NotImplemented
+        if math.isnan(other):
+            raise ValueError("a duration cannot be multiplied by NaN")
+        if math.isinf(other):
+            return Infinite if (other > 0) == (self._ns >= 0) else Duration(nanoseconds=INT64_MIN)
+        return Duration(nanoseconds=int(self._ns * other))
+
+    __rmul__ = __mul__
 
     def to_msg(self) -> Any:
         """The same as `builtin_interfaces.msg.Duration`."""

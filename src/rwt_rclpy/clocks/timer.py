@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import threading
 from collections.abc import Callable, Coroutine
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from rwt_rclpy.clocks import timekeeper
 from rwt_rclpy.clocks.clock import Clock, ClockChange, JumpThreshold, TimeJump
@@ -28,7 +28,13 @@ class TimerInfo:
         actual_call_time: when it was taken.
     """
 
-    def __init__(self, *, expected_call_time: int, actual_call_time: int, clock_type: ClockType) -> None:
+    def __init__(
+        self,
+        *,
+        expected_call_time: int = 0,
+        actual_call_time: int = 0,
+        clock_type: ClockType = ClockType.SYSTEM_TIME,
+    ) -> None:
         self.expected_call_time = Time(nanoseconds=expected_call_time, clock_type=clock_type)
         self.actual_call_time = Time(nanoseconds=actual_call_time, clock_type=clock_type)
 
@@ -166,6 +172,12 @@ class Timer(Entity):
             self._jump.unregister()
             self._jump = None
         self._clock.handle.watchers.discard(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.destroy()
 
     def is_ready(self) -> bool:
         """Whether it is due."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rwt_interfaces.definitions import parser
 from rwt_interfaces.definitions.model import WrittenType
+from rwt_interfaces.definitions.parser import parse_message
 from rwt_interfaces.distro import JAZZY
 
 
@@ -65,7 +65,7 @@ class MessageSpecification:
 
 def parse_message_string(pkg_name: str, msg_name: str, message_string: str) -> MessageSpecification:
     """Read a definition. Raises DefinitionError, which says on which line it cannot be read."""
-    found = parser.parse_message(message_string, f"{pkg_name}/{msg_name}", source="", distro=JAZZY)
+    found = parse_message(message_string, f"{pkg_name}/{msg_name}", source="", distro=JAZZY)
     return MessageSpecification(
         pkg_name,
         msg_name,

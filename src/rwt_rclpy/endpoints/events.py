@@ -1,8 +1,7 @@
 """`rclpy.event_handler`: what happens to publishers and subscriptions beside messages.
 
-In a graph of one process no pair of endpoints is incompatible and nothing is late, so that most events never
-come. Callbacks for those that never come are taken; those for events that come in ROS and would be missed
-here are refused.
+Deadlines, liveliness, matching and lost messages are told of; see :mod:`rwt_rclpy.endpoints.event_watches`.
+No pair of endpoints is incompatible in a graph without DDS, so that those events never come.
 """
 
 from __future__ import annotations
@@ -10,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.exceptions import UnsupportedEventTypeError
 from rwt_rclpy.execution.entity import Entity
+
+if TYPE_CHECKING:
+    from rwt_rclpy.endpoints.event_watches import Watched
 
 __all__ = [
     "EventHandler",
@@ -111,6 +113,9 @@ class EventHandler(Entity):
         self._handle = Destroyable("event")
         self._pending: Any = None
 
+    def active(self) -> None:
+        """A message was published or received, or a publisher has said that it is alive."""
+
     def happened(self, info: Any) -> None:
         """Have the callback called; a newer event takes the place of one that was not taken."""
         self._pending = info
@@ -137,7 +142,6 @@ class _EventCallbacks:
     """The callbacks for the events of an endpoint."""
 
     _types: ClassVar[Mapping[str, IntEnum]]
-    _refused: ClassVar[tuple[str, ...]]
 
     def __init__(self, *, use_default_callbacks: bool = True, **callbacks: OnEvent | None) -> None:
         for name in callbacks:
@@ -147,28 +151,16 @@ class _EventCallbacks:
             setattr(self, name, callbacks.get(name))
         self.use_default_callbacks = use_default_callbacks
 
-    def create_event_handlers(self, callback_group: Any, parent: Any, topic_name: str) -> list[EventHandler]:
-        """A handler for each callback.
+    def create_event_handlers(self, callback_group: Any, watched: Watched) -> list[EventHandler]:
+        """A handler for each callback."""
+        from rwt_rclpy.endpoints.event_watches import make_handler
 
-        Raises:
-            UnsupportedEventTypeError: the events of one come in ROS, and would not come here.
-        """
-        handlers: list[EventHandler] = []
-        for name, kind in self._types.items():
-            callback = getattr(self, name)
-            if callback is None:
-                continue
-            if name in self._refused:
-                raise UnsupportedEventTypeError(
-                    f"{topic_name}: the event {kind.name} does not come in a graph without DDS; leave out the"
-                    f" callback {name!r}, or catch UnsupportedEventTypeError"
-                )
-            handlers.append(
-                EventHandler(
-                    callback_group=callback_group, callback=callback, event_type=kind, parent_impl=parent
-                )
-            )
-        return handlers
+        callbacks = ((getattr(self, name), kind) for name, kind in self._types.items())
+        return [
+            make_handler(callback_group, callback, kind, watched)
+            for callback, kind in callbacks
+            if callback is not None
+        ]
 
 
 class SubscriptionEventCallbacks(_EventCallbacks):
@@ -182,7 +174,6 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         "incompatible_type": QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
         "matched": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
     }
-    _refused = ("deadline", "liveliness", "matched")
 
 
 class PublisherEventCallbacks(_EventCallbacks):
@@ -195,4 +186,3 @@ class PublisherEventCallbacks(_EventCallbacks):
         "incompatible_type": QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
         "matched": QoSPublisherEventType.RCL_PUBLISHER_MATCHED,
     }
-    _refused = ("deadline", "liveliness", "matched")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 from rwt_interfaces.payload import Payload
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.endpoints.events import QoSPublisherEventType
 from rwt_rclpy.messages.classes import Message
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ class Publisher:
         else:
             raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
         self._link.publish(self._publisher, payload)
+        for handler in self.event_handlers:
+            handler.active()
 
     def get_subscription_count(self) -> int:
         """How many subscriptions there are."""
@@ -89,8 +92,11 @@ class Publisher:
         self._handle.destroy_when_not_in_use()
 
     def assert_liveliness(self) -> None:
-        """Say that it is alive, which nobody doubts within a process."""
+        """Say that it is alive, as every message says too."""
         self._handle.check()
+        for handler in self.event_handlers:
+            if handler.event_type is QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST:
+                handler.active()
 
     def wait_for_all_acked(self, timeout: Duration | None = None) -> bool:
         """Wait until all subscriptions have what was published: they do when `publish` returns."""

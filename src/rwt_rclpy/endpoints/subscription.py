@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import inspect
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Self
 
 from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.endpoints.content_filter import ContentFilter, ContentFilterOptions, InvalidFilter
 from rwt_rclpy.endpoints.events import EventHandler, QoSMessageLostInfo, QoSSubscriptionEventType
 from rwt_rclpy.endpoints.qos import HistoryPolicy, QoSProfile
+from rwt_rclpy.exceptions import RCLError
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.logs.logger import get_logger
 from rwt_rclpy.messages.classes import Message
@@ -53,6 +55,7 @@ class Subscription(Entity):
         qos_profile: QoSProfile,
         raw: bool,
         event_handlers: list[EventHandler],
+        content_filter: ContentFilterOptions | None = None,
     ) -> None:
         super().__init__(callback_group)
         self._link = link
@@ -72,6 +75,9 @@ class Subscription(Entity):
         self.raw = raw
         self.qos_profile = qos_profile
         self.event_handlers = event_handlers
+        self._filter: ContentFilter | None = None
+        if content_filter is not None:
+            self.set_content_filter(content_filter.filter_expression, content_filter.expression_parameters)
 
     def opened(self, subscription: Any) -> None:
         """Take what the graph gives for it."""
@@ -124,12 +130,45 @@ class Subscription(Entity):
             self._tell_of_loss()
         self._received += 1
         samples.append((sample.detach(), self._received))
+        for handler in self.event_handlers:
+            handler.active()
         self.wake()
 
     def _tell_of_loss(self) -> None:
         for handler in self.event_handlers:
             if handler.event_type is QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST:
                 handler.happened(QoSMessageLostInfo(self._lost, 1))
+
+    @property
+    def is_cft_enabled(self) -> bool:
+        """Whether a content filter is set."""
+        return self._filter is not None
+
+    def set_content_filter(self, filter_expression: str, expression_parameters: Sequence[str] = ()) -> None:
+        """Call back only with messages that an expression of DDS fits; an empty one ends that.
+
+        Raises:
+            InvalidFilter: the expression cannot be read, or names a field that the message has not.
+            InvalidHandle: the subscription was destroyed.
+        """
+        self._handle.check()
+        fields = frozenset(self.msg_type.get_fields_and_field_types())
+        wanted = filter_expression.strip()
+        self._filter = ContentFilter(wanted, expression_parameters, fields) if wanted else None
+
+    def get_content_filter(self) -> ContentFilterOptions:
+        """The content filter that is set. Raises RCLError when there is none."""
+        self._handle.check()
+        if self._filter is None:
+            raise RCLError(f"the subscription to {self.topic} has no content filter")
+        return ContentFilterOptions(self._filter.expression, list(self._filter.parameters))
+
+    def _is_wanted(self, value: Any) -> bool:
+        try:
+            return self._filter is None or self._filter.matches(value)
+        except InvalidFilter as error:
+            get_logger("rclpy").error(f"a message on {self.topic} is left out: {error}")
+            return False
 
     # What an executor asks
 
@@ -159,6 +198,8 @@ class Subscription(Entity):
                 continue
             try:
                 payload = sample.payload
+                if self._filter is not None and not self._is_wanted(payload.value()):
+                    continue
                 message = payload.cdr() if self.raw else self._from_graph(payload.value())
             except InvalidMessage as error:
                 get_logger("rclpy").error(f"a message on {sample.topic} does not fit its type: {error}")

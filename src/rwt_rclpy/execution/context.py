@@ -87,13 +87,17 @@ class Context:
 
         Raises:
             RuntimeError: it was initialised before, or the domain is negative.
+            UnicodeEncodeError: an argument is not of characters of UTF-8.
             UnknownROSArgsError: an argument after ``--ros-args`` is not ROS's.
         """
         with self._lock:
             domain = domain_of(domain_id)
             if self._handle is not None:
                 raise RuntimeError("Context.init() must only be called once")
-            arguments = parse_arguments(sys.argv if args is None else args)
+            given = sys.argv if args is None else args
+            for each in given:
+                each.encode()  # A wrong locale leaves surrogates in it, which no name may have.
+            arguments = parse_arguments(given)
             arguments.refuse_unknown()
             self._handle = ContextHandle(arguments, domain)
             _initialised.add(self)
@@ -183,7 +187,8 @@ class Context:
             self._handle.destroy_when_not_in_use()
 
     def __enter__(self) -> Self:
-        self.init()
+        if self._handle is None:
+            self.init()
         return self
 
     def __exit__(self, *exc: object) -> None:

@@ -468,10 +468,10 @@ class MultiThreadedExecutor(Executor):
         future.resume_with(self.wake)
         self._spin_once_impl(timeout_sec, lambda: future.done() or future.cancelled())
 
-    def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Run nothing more, and wait for what runs."""
+    def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = False) -> bool:
+        """Run nothing more, and wait for what runs; with `wait_for_threads` for the threads themselves."""
         done = super().shutdown(timeout_sec)
-        self._pool.shutdown(wait=False)
+        self._pool.shutdown(wait=wait_for_threads)
         return done
 
 

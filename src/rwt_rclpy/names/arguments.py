@@ -189,7 +189,9 @@ def parse_remap(text: str) -> Remap:
     """Read a rule ``[node:]from:=to``. Raises RCLInvalidROSArgsError."""
     left, separator, new = text.partition(":=")
     if not separator or not left or not new:
-        raise RCLInvalidROSArgsError(f"Couldn't parse remap rule '{text}': expected [NODE:]FROM:=TO")
+        raise RCLInvalidROSArgsError(
+            f"Failed to parse ROS arguments: the remap rule '{text}' should be [NODE:]FROM:=TO"
+        )
     node, kind = "", "name"
     for scheme, named in (("rostopic://", "topic"), ("rosservice://", "service")):
         if left.startswith(scheme):
@@ -203,14 +205,18 @@ def parse_remap(text: str) -> Remap:
     for each in (left, new):
         wrong = wrong_in_topic_name(each)
         if wrong is not None:
-            raise RCLInvalidROSArgsError(f"Couldn't parse remap rule '{text}': {each}: {wrong[0]}")
+            raise RCLInvalidROSArgsError(
+                f"Failed to parse ROS arguments: the remap rule '{text}': {each}: {wrong[0]}"
+            )
     return Remap(node, kind, left, new)
 
 
 def _parse_parameter(text: str) -> tuple[str, str, Any]:
     left, separator, value = text.partition(":=")
     if not separator or not left:
-        raise RCLInvalidROSArgsError(f"Couldn't parse parameter override rule '{text}': expected NAME:=VALUE")
+        raise RCLInvalidROSArgsError(
+            f"Failed to parse ROS arguments: the parameter '{text}' should be NAME:=VALUE"
+        )
     node, colon, name = left.partition(":")
     if not colon:
         node, name = "", left

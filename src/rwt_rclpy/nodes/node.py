@@ -13,6 +13,8 @@ from rwt_rclpy.clocks.time_source import TimeSource
 from rwt_rclpy.clocks.timer import Rate, Timer
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.client import Client, wait_until
+from rwt_rclpy.endpoints.content_filter import ContentFilterOptions
+from rwt_rclpy.endpoints.event_watches import Watched
 from rwt_rclpy.endpoints.events import EventHandler, PublisherEventCallbacks, SubscriptionEventCallbacks
 from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
 from rwt_rclpy.endpoints.overriding import QoSOverridingOptions, _declare_qos_parameters
@@ -395,13 +397,22 @@ class Node(NodeParameters):
                 profile = copy.copy(profile)
                 _declare_qos_parameters(Publisher, self, name, profile, qos_overriding_options)
             group = callback_group or self._default_callback_group
-            handlers = (event_callbacks or PublisherEventCallbacks()).create_event_handlers(group, None, name)
+            handlers = (event_callbacks or PublisherEventCallbacks()).create_event_handlers(
+                group, self._rwt_watched(name, profile, publishers=False)
+            )
             qos = graph_qos(profile)
             made = self._rwt_link.run(lambda: self._rwt_participant.advertise(name, interface, qos))
         publisher = publisher_class(self._rwt_link, made, msg_type, topic, profile, handlers)
         self._publishers.append(publisher)
         self._add_events(handlers, group)
         return publisher
+
+    def _rwt_watched(self, topic: str, profile: QoSProfile, *, publishers: bool) -> Watched:
+        """An endpoint that is about to be made, for the handlers of its events."""
+        queries = self._rwt_queries
+        return Watched(
+            profile, lambda: queries.count(topic, publishers=publishers), self._rwt_link.timekeeper
+        )
 
     def _add_events(self, handlers: list[EventHandler], group: CallbackGroup) -> None:
         if handlers:
@@ -421,14 +432,17 @@ class Node(NodeParameters):
         event_callbacks: SubscriptionEventCallbacks | None = None,
         qos_overriding_options: QoSOverridingOptions | None = None,
         raw: bool = False,
+        content_filter_options: ContentFilterOptions | None = None,
     ) -> Subscription:
         """Call back with the messages of a topic.
 
         Args:
             callback: takes the message, and its info when it has a second parameter.
             raw: give it CDR.
+            content_filter_options: which messages it wants.
 
         Raises:
+            InvalidFilter: the content filter cannot be read, or names a field that the message has not.
             TypeConflict: the topic has another type.
             InvalidTopicNameException: ROS does not allow the name.
             RuntimeError: the callback takes neither one argument nor two.
@@ -442,10 +456,18 @@ class Node(NodeParameters):
                 _declare_qos_parameters(Subscription, self, name, profile, qos_overriding_options)
             group = callback_group or self._default_callback_group
             handlers = (event_callbacks or SubscriptionEventCallbacks()).create_event_handlers(
-                group, None, name
+                group, self._rwt_watched(name, profile, publishers=True)
             )
             subscription = Subscription(
-                self._rwt_link, msg_type, topic, callback, group, profile, raw, handlers
+                self._rwt_link,
+                msg_type,
+                topic,
+                callback,
+                group,
+                profile,
+                raw,
+                handlers,
+                content_filter_options,
             )
             self._rwt_adopt(subscription, group)
             qos = graph_qos(profile)
@@ -455,9 +477,7 @@ class Node(NodeParameters):
                 )
             )
         self._subscriptions.append(subscription)
-        self._rwt_events.extend(handlers)
-        for handler in handlers:
-            self._rwt_adopt(handler, group)
+        self._add_events(handlers, group)
         self._rwt_gather()
         return subscription
 

@@ -1,0 +1,135 @@
+"""`ros2topic.api`, `ros2service.api` and `ros2param.api`: questions about a graph, as programs ask them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import rwt_rclpy.client_library as rclpy
+from rwt_rclpy.companions.rosidl_runtime_py import get_message, get_service
+from rwt_rclpy.endpoints.client import Client
+from rwt_rclpy.messages.loaded import classes
+from rwt_rclpy.names.validation import topic_or_service_is_hidden
+from rwt_rclpy.parameters.parameter import get_parameter_value as get_parameter_value
+
+if TYPE_CHECKING:
+    from rwt_rclpy.nodes.graph_queries import NamesAndTypes
+    from rwt_rclpy.nodes.node import Node
+
+#: How long the services of a node's parameters are waited for, in seconds.
+SERVICES_SECONDS = 5.0
+
+
+def _shown(found: NamesAndTypes, hidden: bool) -> NamesAndTypes:
+    return [each for each in found if hidden or not topic_or_service_is_hidden(each[0])]
+
+
+def get_topic_names_and_types(*, node: Node, include_hidden_topics: bool = False) -> NamesAndTypes:
+    """Every topic with its types; hidden ones, with a part that begins with an underscore, when asked."""
+    return _shown(node.get_topic_names_and_types(), include_hidden_topics)
+
+
+def get_topic_names(*, node: Node, include_hidden_topics: bool = False) -> list[str]:
+    """The names of :func:`get_topic_names_and_types`."""
+    found = get_topic_names_and_types(node=node, include_hidden_topics=include_hidden_topics)
+    return [name for name, _ in found]
+
+
+def get_service_names_and_types(*, node: Node, include_hidden_services: bool = False) -> NamesAndTypes:
+    """Every service with its types; hidden ones when asked."""
+    return _shown(node.get_service_names_and_types(), include_hidden_services)
+
+
+def get_service_names(*, node: Node, include_hidden_services: bool = False) -> list[str]:
+    """The names of :func:`get_service_names_and_types`."""
+    found = get_service_names_and_types(node=node, include_hidden_services=include_hidden_services)
+    return [name for name, _ in found]
+
+
+def _class(found: NamesAndTypes, name: str, load: Any) -> Any:
+    types = dict(found).get(name, [])
+    if len(types) > 1:
+        raise RuntimeError(f"{name} has several types, {', '.join(types)}: expected one")
+    return load(types[0]) if types else None
+
+
+def get_msg_class(
+    node: Node, topic: str, blocking: bool = False, include_hidden_topics: bool = False
+) -> Any | None:
+    """The class of a topic's messages; None when there is no such topic.
+
+    Args:
+        node: the node that asks.
+        topic: the topic's name.
+        blocking: whether to wait until there is one.
+        include_hidden_topics: whether it may be a hidden one.
+
+    Raises:
+        RuntimeError: the topic has several types.
+    """
+    name = node.resolve_topic_name(topic, only_expand=True)
+    while True:
+        known = get_topic_names_and_types(node=node, include_hidden_topics=include_hidden_topics)
+        found = _class(known, name, get_message)
+        if found is not None or not blocking or not node.context.ok():
+            return found
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+
+def get_service_class(
+    node: Node, service: str, blocking: bool = False, include_hidden_services: bool = False
+) -> Any | None:
+    """The class of a service; None when there is no such service. The rest is as of :func:`get_msg_class`."""
+    name = node.resolve_service_name(service, only_expand=True)
+    while True:
+        known = get_service_names_and_types(node=node, include_hidden_services=include_hidden_services)
+        found = _class(known, name, get_service)
+        if found is not None or not blocking or not node.context.ok():
+            return found
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+
+def _call(node: Node, node_name: str, service: str, kind: str, **fields: Any) -> Any:
+    """Call a service of a node's parameters, spinning the node that asks.
+
+    Raises:
+        RuntimeError: nobody offers it within :data:`SERVICES_SECONDS`.
+    """
+    full = node_name if node_name.startswith("/") else f"/{node_name}"
+    name = f"{full}/{service}"
+    client: Client = node.create_client(classes().service(f"rcl_interfaces/{kind}"), name)
+    try:
+        if not client.wait_for_service(timeout_sec=SERVICES_SECONDS):
+            raise RuntimeError(f"nobody offers {name}: wait for service timed out")
+        future = client.call_async(client.srv_type.Request(**fields))
+        rclpy.spin_until_future_complete(node, future)
+        return future.result()
+    finally:
+        node.destroy_client(client)
+
+
+def call_get_parameters(*, node: Node, node_name: str, parameter_names: Sequence[str]) -> Any:
+    """The response of a node about the values of its parameters. Raises RuntimeError when it offers none."""
+    return _call(node, node_name, "get_parameters", "GetParameters", names=list(parameter_names))
+
+
+def call_set_parameters(*, node: Node, node_name: str, parameters: Sequence[Any]) -> Any:
+    """The response of a node that is to set parameters. Raises RuntimeError when it offers none."""
+    return _call(node, node_name, "set_parameters", "SetParameters", parameters=list(parameters))
+
+
+def call_list_parameters(
+    *, node: Node, node_name: str, prefixes: Sequence[str] | None = None, prefix: str | None = None
+) -> Any:
+    """The response of a node about the names of its parameters. Raises RuntimeError when it offers none."""
+    wanted = list(prefixes or ([prefix] if prefix else ()))
+    return _call(node, node_name, "list_parameters", "ListParameters", prefixes=wanted)
+
+
+def call_describe_parameters(
+    *, node: Node, node_name: str, parameter_names: Sequence[str] | None = None
+) -> Any:
+    """The response of a node about what its parameters are. Raises RuntimeError when it offers none."""
+    return _call(
+        node, node_name, "describe_parameters", "DescribeParameters", names=list(parameter_names or ())
+    )

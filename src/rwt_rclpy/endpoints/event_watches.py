@@ -1,0 +1,171 @@
+"""What tells of deadlines, of liveliness and of matching: handlers that watch an endpoint.
+
+Deadlines and leases are due at a moment, which executors wait for as for a timer. What joins and leaves a
+topic is looked for :data:`LOOKS_PER_SECOND` times a second, and only while a program has a callback for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Final
+
+from rwt_rclpy.clocks.duration import S_TO_NS, Duration, Infinite
+from rwt_rclpy.endpoints.events import (
+    EventHandler,
+    OnEvent,
+    QoSDeadlineInfo,
+    QoSLivelinessChangedInfo,
+    QoSMatchedInfo,
+)
+from rwt_rclpy.endpoints.qos import LivelinessPolicy
+
+if TYPE_CHECKING:
+    from rwt_rclpy.clocks.timekeeper import Timekeeper
+    from rwt_rclpy.endpoints.qos import QoSProfile
+
+#: How often a topic's other end is counted.
+LOOKS_PER_SECOND: Final = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """A publisher or a subscription, as handlers of its events see it.
+
+    Attributes:
+        profile: its quality of service.
+        others: counts the endpoints at the other end of its topic.
+        timekeeper: what time is measured by.
+    """
+
+    profile: QoSProfile
+    others: Callable[[], int]
+    timekeeper: Timekeeper
+
+
+class DeadlineHandler(EventHandler):
+    """Tells how often a message did not follow the last one within the deadline."""
+
+    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
+        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+        self._period_ns = watched.profile.deadline.nanoseconds
+        self._keeper = watched.timekeeper
+        self._next_ns: int | None = None
+        self._missed = 0
+
+    def active(self) -> None:
+        """A message was published or received."""
+        waited = self._next_ns is not None
+        self._next_ns = self._keeper.steady_ns() + self._period_ns
+        if not waited:
+            self.wake()
+
+    def has_work(self) -> bool:
+        """Whether a deadline has gone by."""
+        return self._next_ns is not None and bool(self._handle) and self._keeper.steady_ns() >= self._next_ns
+
+    def due_in_ns(self) -> int | None:
+        """Nanoseconds until the deadline; None before the first message."""
+        return None if self._next_ns is None else self._next_ns - self._keeper.steady_ns()
+
+    def take(self) -> Callable[[], object] | None:
+        """The callback with how many deadlines have gone by."""
+        late = None if self._next_ns is None else self._keeper.steady_ns() - self._next_ns
+        if late is None or late < 0 or self._next_ns is None:
+            return None
+        missed = late // self._period_ns + 1
+        self._next_ns += missed * self._period_ns
+        self._missed += missed
+        info = QoSDeadlineInfo(self._missed, missed)
+        return lambda: self.callback(info)
+
+
+class LeaseHandler(DeadlineHandler):
+    """Tells that a publisher has not said in time that it is alive."""
+
+    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
+        super().__init__(group, callback, kind, watched)
+        self._period_ns = watched.profile.liveliness_lease_duration.nanoseconds
+
+    def take(self) -> Callable[[], object] | None:
+        """The callback, once for each time that it is lost."""
+        if not self.has_work():
+            return None
+        self._next_ns = None
+        self._missed += 1
+        info = QoSDeadlineInfo(self._missed, 1)
+        return lambda: self.callback(info)
+
+
+class MatchedHandler(EventHandler):
+    """Tells how many endpoints the other end of the topic has."""
+
+    def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
+        super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+        self._others = watched.others
+        self._keeper = watched.timekeeper
+        self._look_ns = self._keeper.steady_ns()
+        self._told = 0
+        self._now = 0
+        self._total = 0
+
+    def active(self) -> None:
+        """Messages say nothing about how many endpoints there are."""
+
+    def has_work(self) -> bool:
+        """Whether there are more or fewer than were told of."""
+        now = self._keeper.steady_ns()
+        if now >= self._look_ns and self._handle:
+            self._look_ns = now + S_TO_NS // LOOKS_PER_SECOND
+            self._now = self._others()
+        return self._now != self._told and bool(self._handle)
+
+    def due_in_ns(self) -> int | None:
+        """Nanoseconds until it looks again."""
+        return self._look_ns - self._keeper.steady_ns() if self._handle else None
+
+    def take(self) -> Callable[[], object] | None:
+        """The callback with the new number."""
+        change, self._told = self._now - self._told, self._now
+        if not change:
+            return None
+        info = self._info(self._now, change)
+        return lambda: self.callback(info)
+
+    def _info(self, now: int, change: int) -> Any:
+        more = max(0, change)
+        self._total += more
+        return QoSMatchedInfo(self._total, more, now, change)
+
+
+class LivelinessHandler(MatchedHandler):
+    """Tells how many publishers are alive: those that are there."""
+
+    def _info(self, now: int, change: int) -> Any:
+        return QoSLivelinessChangedInfo(now, change, 0, 0)
+
+
+def _is_a_span(duration: Duration) -> bool:
+    """Whether a duration is one at all: 0 and infinity stand for none."""
+    return 0 < duration.nanoseconds < Infinite.nanoseconds
+
+
+def make_handler(group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> EventHandler:
+    """The handler of a kind of event; one that never calls where the profile asks for nothing."""
+    profile = watched.profile
+    made: type[DeadlineHandler] | type[MatchedHandler] | None = None
+    # By name: events of publishers and of subscriptions share numbers, and so are equal.
+    match kind.name:
+        case "RCL_PUBLISHER_OFFERED_DEADLINE_MISSED" | "RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED":
+            made = DeadlineHandler if _is_a_span(profile.deadline) else None
+        case "RCL_PUBLISHER_LIVELINESS_LOST":
+            by_hand = profile.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC
+            made = LeaseHandler if by_hand and _is_a_span(profile.liveliness_lease_duration) else None
+        case "RCL_SUBSCRIPTION_LIVELINESS_CHANGED":
+            made = LivelinessHandler
+        case "RCL_PUBLISHER_MATCHED" | "RCL_SUBSCRIPTION_MATCHED":
+            made = MatchedHandler
+    if made is None:
+        return EventHandler(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
+    return made(group, callback, kind, watched)
