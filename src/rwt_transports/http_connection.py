@@ -368,6 +368,10 @@ class HttpConnection:
                 async for chunk in chunks:
                     self._send(h11.Data(data=chunk))
                     await self._drained()
+        except ConnectionError as error:
+            # What it comes from has broken off, as the robot behind a hub: no fault of this program.
+            logger.info("the answer to %s broke off: %s", self, error)
+            self._end()
         except Exception:
             logger.exception("a streamed body failed")
             self._end()

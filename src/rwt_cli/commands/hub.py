@@ -22,14 +22,18 @@ from rwt_cli.errors import CommandError
 from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.errors import TransportError
 from rwt_transports.http import MetricFamily, Proxies
+from rwt_transports.limits import Limits
 from rwt_transports.relay.hub import open_hub
+from rwt_transports.relay.waiting_bytes import OF_ADDRESS
 
 logger = logging.getLogger("rwt_cli.hub")
 
 TOKEN_VARIABLE = "ROBOT_HUB_TOKEN"
 """Not one of the `RWT_` variables, which are settings of a server."""
 
-_TOKEN = re.compile(r"[A-Za-z0-9._~-]{16,256}")
+_TOKEN = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9_.-]{0,63}=)?[A-Za-z0-9._~-]{16,256}")
+_KIB = 1024
+_LIMITS = Limits()
 _EXAMPLES = f"""\
 examples:
   rwt hub --token 0123456789abcdef                         try it on this machine
@@ -61,7 +65,8 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
         action="append",
         default=[],
         metavar="TOKEN",
-        help="let in robots that show this token: 16 to 256 of A-Z a-z 0-9 - . _ ~; several may be given",
+        help="let in robots that show this token: 16 to 256 of A-Z a-z 0-9 - . _ ~; NAME=TOKEN lets in the"
+        " robot NAME alone, which then needs it; several may be given",
     )
     parser.add_argument(
         "--token-file",
@@ -85,10 +90,55 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
         metavar="ADDRESS",
         help="address or network of a reverse proxy whose Forwarded headers count; several may be given",
     )
+    _add_bounds(parser)
     parser.add_argument("--access-log", action="store_true", help="log each HTTP request")
     parser.add_argument("--log-format", choices=FORMATS, default="text", help="how to log (default text)")
     parser.add_argument("--verbose", "-v", action="store_true", help="log more")
     parser.set_defaults(run=_run)
+
+
+def _add_bounds(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--connections",
+        type=_whole(1, 1_000_000),
+        default=_LIMITS.connections,
+        metavar="COUNT",
+        help=f"open connections, those of robots and of plain HTTP included (default {_LIMITS.connections})",
+    )
+    parser.add_argument(
+        "--connections-per-address",
+        type=_whole(0, 1_000_000),
+        default=_LIMITS.connections_per_address,
+        metavar="COUNT",
+        help="those of clients of one address that is not this machine's; 0 for any number (default"
+        f" {_LIMITS.connections_per_address})",
+    )
+    parser.add_argument(
+        "--message-bytes",
+        type=_whole(_KIB, 1 << 30),
+        default=_LIMITS.message_bytes,
+        metavar="BYTES",
+        help=f"largest message, either way (default {_LIMITS.message_bytes})",
+    )
+    parser.add_argument(
+        "--waiting-bytes",
+        type=_whole(_KIB, 1 << 40),
+        default=OF_ADDRESS,
+        metavar="BYTES",
+        help="bytes that may wait for clients of one address, or for their robots, before the connection with"
+        f" the most is ended; all addresses together four times as many (default {OF_ADDRESS})",
+    )
+
+
+def _whole(least: int, most: int) -> Callable[[str], int]:
+    """Reads a whole number of an option."""
+
+    def read(text: str) -> int:
+        if text.isascii() and text.isdecimal() and len(text) < 20 and least <= int(text) <= most:
+            return int(text)
+        raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got {text:.40}")
+
+    return read
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -126,7 +176,9 @@ def _tokens(arguments: argparse.Namespace) -> tuple[str, ...]:
     for token in tokens:
         if _TOKEN.fullmatch(token) is None:
             # Without the token: it would stay in a terminal or log.
-            raise CommandError("a token is 16 to 256 of the characters A-Z a-z 0-9 - . _ ~", exit_code=2)
+            raise CommandError(
+                "a token is 16 to 256 of the characters A-Z a-z 0-9 - . _ ~, or NAME=TOKEN", exit_code=2
+            )
     return tuple(tokens)
 
 
@@ -146,6 +198,13 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
     opened = open_hub(
         arguments.url,
         tokens=tokens,
+        limits=Limits(
+            connections=arguments.connections,
+            connections_per_address=arguments.connections_per_address,
+            message_bytes=arguments.message_bytes,
+            incoming_bytes=arguments.waiting_bytes,
+        ),
+        waiting_bytes=arguments.waiting_bytes,
         tls=context,
         hosts=arguments.host,
         proxies=proxies,

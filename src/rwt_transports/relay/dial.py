@@ -116,13 +116,25 @@ async def dial(
             tasks.start_soon(server.run)
             return server
 
-        robot = _Robot(status, accept, serve_page, backoff, connect_one, counted)
+        most = (limits or Limits()).connections
+        robot = _Robot(status, _bounded(status, accept, most), serve_page, backoff, connect_one, counted)
         tasks.start_soon(robot.run, tasks)
         try:
             yield status
         finally:
             with anyio.move_on_after((limits or Limits()).close_seconds, shield=True):
                 await robot.leave()
+
+
+def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
+    """Takes in no more clients than a listener would."""
+
+    def accept_some(sink: Sink, info: PeerInfo) -> Endpoint:
+        if status.clients > most:
+            raise Refused(503, f"all {most} connections of this robot are taken (limits.connections)")
+        return accept(sink, info)
+
+    return accept_some
 
 
 def check_dial_url(url: str) -> str:

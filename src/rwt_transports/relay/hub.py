@@ -49,6 +49,7 @@ from rwt_transports.relay.protocol import (
     is_robot_name,
     split_client_path,
 )
+from rwt_transports.relay.waiting_bytes import OF_ADDRESS, WaitingBytes
 from rwt_transports.websocket.close_codes import (
     GOING_AWAY,
     POLICY,
@@ -104,9 +105,11 @@ class Hub:
     """Every robot that has dialled in, and the clients of each.
 
     Args:
-        tokens: bearer tokens of which a robot must show one; none lets every robot in.
+        tokens: bearer tokens of which a robot must show one, or ``NAME=TOKEN``; none lets every robot in.
         grace: seconds for which a robot without a connection still counts as here.
         addresses: counts the connections of each address; a robot's own, one for each of its clients, do not.
+        waiting_bytes: of messages that one side has sent and the other not taken, for the clients of one
+            address; see :class:`~rwt_transports.relay.waiting_bytes.WaitingBytes`.
     """
 
     def __init__(
@@ -114,16 +117,23 @@ class Hub:
         tokens: Collection[str] = (),
         grace: float = GRACE_SECONDS,
         addresses: AddressCount | None = None,
+        waiting_bytes: int = OF_ADDRESS,
     ) -> None:
         self._grace = grace
+        self.waiting = WaitingBytes(waiting_bytes)
         self.addresses = addresses or AddressCount()
         self._robots: dict[str, Robot] = {}
         self.counts = HubCounts()
         self.take_tokens(tokens)
 
     def take_tokens(self, tokens: Collection[str]) -> None:
-        """Ask these tokens of robots that dial in from now on; those that are here stay."""
-        self._tokens = tuple(token.encode() for token in tokens)
+        """Ask these tokens of robots that dial in from now on; those that are here stay. ``NAME=TOKEN`` lets
+        in the robot of that name alone, which no other token then does."""
+        bound = [token.partition("=") for token in tokens]
+        self._tokens = tuple(
+            (name if equals else "", (token if equals else name).encode()) for name, equals, token in bound
+        )
+        self._names = {name for name, _ in self._tokens if name}
 
     @property
     def robots(self) -> tuple[Robot, ...]:
@@ -186,7 +196,7 @@ class Hub:
     def _check_robot(self, info: PeerInfo, name: str) -> None:
         if "origin" in info.headers:
             raise Refused(403, "robots dial in here, not web pages; a page connects to /NAME")
-        if self._tokens and not self._knows(info.headers.get("authorization", "")):
+        if self._tokens and not self._knows(info.headers.get("authorization", ""), name):
             logger.warning("a robot that calls itself %.80r has no right token (%s)", name, info.address)
             raise Refused(
                 401,
@@ -196,11 +206,12 @@ class Hub:
         if not is_robot_name(name):
             raise Refused(400, f"a robot cannot be called {name[:80]!r}; a name is {NAME_RULE}")
 
-    def _knows(self, authorization: str) -> bool:
+    def _knows(self, authorization: str, name: str) -> bool:
         scheme, _, token = authorization.partition(" ")
         shown = token.strip().encode()
         # All are compared, so that the time says nothing.
-        right = [hmac.compare_digest(shown, known) for known in self._tokens]
+        wanted = name if name in self._names else ""
+        right = [hmac.compare_digest(shown, known) and its == wanted for its, known in self._tokens]
         return scheme.lower() == "bearer" and any(right)
 
     def _replace(self, robot: Robot, info: PeerInfo) -> None:
@@ -215,7 +226,7 @@ class Hub:
     def left(self, side: _RobotEnd, *, for_good: bool) -> None:
         """A connection of a robot has ended; `for_good`: the robot itself says that it is going away."""
         robot = side.robot
-        self.addresses.enter(side.address)
+        self.addresses.enter(side.own_address)
         robot.pairs.discard(side)
         if side in robot.idle:
             robot.idle.remove(side)
@@ -241,7 +252,7 @@ class Hub:
             raise Refused(404, f"no robot called {name[:80]!r} is here; GET / lists those that are")
         if len(robot.waiting) >= MOST_WAITING:
             raise Refused(503, f"{MOST_WAITING} clients wait for {name} already")
-        client = _ClientEnd(self, robot, sink, encode_assignment(info, path))
+        client = _ClientEnd(self, robot, sink, info.address, encode_assignment(info, path))
         robot.waiting.append(client)
         self.counts.clients += 1
         return client
@@ -260,7 +271,7 @@ class Hub:
             return HttpResponse(status=308, headers={"Location": f"{prefix}/{query}"})
         if len(robot.waiting) >= MOST_WAITING:
             return HttpResponse(f"{MOST_WAITING} clients wait for {name} already\n".encode(), 503)
-        reader = _PageEnd(self, robot, encode_request(request, path, prefix))
+        reader = _PageEnd(self, robot, request.address, encode_request(request, path, prefix))
         robot.waiting.append(reader)
         self.counts.pages += 1
         self.match(robot)
@@ -285,9 +296,14 @@ class RelaySink(Protocol):
 
 
 class _RelayEnd(ABC):
-    """One of the two connections that the hub joins."""
+    """One of the two connections that the hub joins.
 
-    def __init__(self, hub: Hub, robot: Robot, sink: RelaySink) -> None:
+    Attributes:
+        address: of the client; of a robot's end that has none yet the robot's.
+    """
+
+    def __init__(self, hub: Hub, robot: Robot, sink: RelaySink, address: str) -> None:
+        self.address = address
         self.hub = hub
         self.robot = robot
         self.sink = sink
@@ -312,27 +328,50 @@ class _RelayEnd(ABC):
     def too_early(self, frame: Frame) -> None:
         """Keep a message that came before the other end was there."""
         self._early.append(frame)
+        self.hub.waiting.take(self, frame.size)
 
     def join(self, other: _RelayEnd) -> None:
         """Pass messages on to `other` from now on."""
         self.other = other
-        for frame in self._early:
+        early, self._early = self._early, []
+        self.hub.waiting.give_back(self)
+        for frame in early:
             self._pass_on(frame, other)
-        self._early.clear()
 
     def _pass_on(self, frame: Frame, other: _RelayEnd) -> None:
         other.sink.send(frame)
         self._passed += frame.size
         self.hub.counts.bytes += frame.size
         if self._passed >= PASS_BYTES and self.flow_control is not None and other.flow_control is not None:
-            self._passed = 0
+            passed, self._passed = self._passed, 0
             self.flow_control.pause()
-            other.flow_control.when_empty(self.flow_control.resume)
+            other.flow_control.when_empty(self._taken)
+            self.hub.waiting.take(self, passed)
+
+    def _taken(self) -> None:
+        """The other side has taken all that waited for it."""
+        self.hub.waiting.give_back(self)
+        if self.flow_control is not None:
+            self.flow_control.resume()
+
+    def cut(self, reason: str) -> None:
+        """End both connections: too much waits."""
+        client = self.client
+        client.closed(POLICY, reason)
+        client.hang_up(POLICY, reason)
+
+    @property
+    def client(self) -> _RelayEnd:
+        """The client's end of the two."""
+        return self
 
     def closed(self, code: int, reason: str) -> None:
         """The connection has ended: end the other one, too."""
+        self.hub.waiting.give_back(self)
+        self._early.clear()
         other, self.other = self.other, None
         if other is not None:
+            self.hub.waiting.give_back(other)
             other.other = None
             other.end(code, reason)
 
@@ -352,16 +391,22 @@ class _RobotEnd(_RelayEnd):
     """A connection that a robot has opened."""
 
     def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str) -> None:
-        super().__init__(hub, robot, sink)
-        self.address = address
+        super().__init__(hub, robot, sink, address)
+        self.own_address = address
         self._let_go = False
+
+    @property
+    def client(self) -> _RelayEnd:
+        """The client's end of the two."""
+        return self.other or self
 
     def too_early(self, frame: Frame) -> None:
         """Refuse a message of a robot that has no client yet."""
         self.sink.close(POLICY, "a robot speaks after the assignment of a client")
 
     def begin(self, client: _Waiting) -> None:
-        """Serve this client."""
+        """Serve this client, to whose account messages of the robot for it go, too."""
+        self.address = client.address
         self.sink.send(Frame(client.assignment))
         self.join(client)
         client.join(self)
@@ -385,8 +430,8 @@ class _ClientEnd(_RelayEnd):
         since: when it was first seen waiting.
     """
 
-    def __init__(self, hub: Hub, robot: Robot, sink: Sink, assignment: bytes) -> None:
-        super().__init__(hub, robot, sink)
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str, assignment: bytes) -> None:
+        super().__init__(hub, robot, sink, address)
         self.assignment = assignment
         self.since: float | None = None
 
@@ -415,9 +460,9 @@ class _PageEnd(_RelayEnd):
         inbox: what comes of the page.
     """
 
-    def __init__(self, hub: Hub, robot: Robot, assignment: bytes) -> None:
+    def __init__(self, hub: Hub, robot: Robot, address: str, assignment: bytes) -> None:
         self.inbox = PageInbox()
-        super().__init__(hub, robot, self.inbox)
+        super().__init__(hub, robot, self.inbox, address)
         self.flow_control = self.inbox
         self.assignment = assignment
         self.since: float | None = None
@@ -430,6 +475,10 @@ class _PageEnd(_RelayEnd):
 
     def end(self, code: int, reason: str) -> None:
         self.inbox.close(code, reason)
+
+    def hang_up(self, code: int, reason: str) -> None:
+        self.inbox.drop()
+        super().hang_up(code, reason)
 
 
 _Waiting = _ClientEnd | _PageEnd
@@ -486,12 +535,13 @@ async def open_hub(
     proxies: Proxies = NO_PROXIES,
     access_log: bool = False,
     metrics_page: MetricsPage | None = None,
+    waiting_bytes: int = OF_ADDRESS,
 ) -> AsyncIterator[OpenHub]:
     """Let robots dial in at `url` within the block, and clients reach them; leaving it closes all with 1001.
 
     Args:
         url: ``ws://HOST:PORT`` or ``wss://HOST:PORT``; port 0 picks a free one.
-        tokens: bearer tokens of which a robot must show one; none lets every robot in.
+        tokens: bearer tokens of which a robot must show one, or ``NAME=TOKEN``; none lets every robot in.
         limits: bounds of the listener and of each connection.
         tls: certificate and key for ``wss``.
         hosts: names by which the hub may be addressed; see :class:`~rwt_transports.http.Hosts`.
@@ -499,13 +549,14 @@ async def open_hub(
         proxies: whose word about their clients counts.
         access_log: whether each HTTP request is logged, to ``rwt_transports.access``.
         metrics_page: writes ``/metrics``; without it there is none.
+        waiting_bytes: see :class:`Hub`.
 
     Raises:
         BadUrl: the URL is not one to listen on.
         ListenError: the address cannot be had.
     """
     addresses = AddressCount((limits or Limits()).connections_per_address)
-    hub = Hub(tokens, grace, addresses)
+    hub = Hub(tokens, grace, addresses, waiting_bytes)
     async with (
         listen(
             url,
@@ -572,6 +623,12 @@ def _metrics(hub: Hub, metrics_page: MetricsPage) -> HttpResponse:
         each("rwt_hub_idle_connections", "Connections of a robot that wait.", lambda it: len(it.idle)),
         each("rwt_hub_used_connections", "Those that serve a client or a page.", lambda it: len(it.pairs)),
         each("rwt_hub_waiting", "Clients and pages that wait for one.", lambda it: len(it.waiting)),
+        MetricFamily(
+            "rwt_hub_waiting_bytes",
+            "gauge",
+            "Bytes that one side has sent and the other has not taken.",
+            [({}, hub.waiting.total)],
+        ),
         total("rwt_hub_clients_total", "Clients that came.", counts.clients),
         total("rwt_hub_pages_total", "Requests for pages of robots.", counts.pages),
         total("rwt_hub_passed_bytes_total", "Bytes passed on, both ways.", counts.bytes),

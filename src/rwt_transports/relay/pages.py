@@ -139,6 +139,10 @@ class PageInbox:
             self._ended = (code, reason)
         self._changed.set()
 
+    def drop(self) -> None:
+        """Forget what came and was not read."""
+        self._frames.clear()
+
     def when_empty(self, callback: Callable[[], None]) -> None:
         """Call `callback` once what came has been read."""
         if self._frames:

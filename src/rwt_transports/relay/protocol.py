@@ -16,6 +16,7 @@ one, ``body`` in base64; the robot answers with a head,
 from __future__ import annotations
 
 import re
+from http import HTTPStatus
 from typing import Annotated, Final
 
 import msgspec
@@ -37,6 +38,8 @@ TRANSPORT: Final = "dial"
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _TAKEN: Final = frozenset({"robots", "healthz", "metrics"})
+_HEADER_NAME: Final = re.compile(r"[!#$%&'*+.^_`|~0-9A-Za-z-]{1,256}")
+_STATUSES: Final = frozenset(HTTPStatus)
 NAME_RULE: Final = "a letter or digit, then up to 63 of A-Z a-z 0-9 _ . -, and not " + " or ".join(
     sorted(_TAKEN)
 )
@@ -127,9 +130,13 @@ def decode_head(data: bytes) -> tuple[int, str, dict[str, str]]:
         head = _head_decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise BadAssignment("expected the head of a page") from None
-    texts = (head.content_type, *head.headers, *head.headers.values())
+    texts = (head.content_type, *head.headers.values())
     if not all(text.isascii() and text.isprintable() for text in texts):
         raise BadAssignment("expected headers of printable ASCII")
+    if not all(_HEADER_NAME.fullmatch(name) for name in head.headers):
+        raise BadAssignment("expected the names of headers (RFC 9110 section 5.6.2)")
+    if head.status not in _STATUSES:
+        raise BadAssignment(f"{head.status} is no status of HTTP")
     return head.status, head.content_type, head.headers
 
 
