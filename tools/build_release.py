@@ -2,9 +2,10 @@
 
     python -m tools.build_release [--out dist]
 
-Wheels and source distributions of `robot-web-tools` and `rosbridge-conformance` are built twice, from two
-copies of what is committed, with the time of the last commit in them; the two must be equal. Then `twine` and
-`check-wheel-contents` look at them, and `SHA256SUMS` is written beside them. Nothing is published.
+Wheels and source distributions of `robot-web-tools` and `rosbridge-conformance`, and the npm package of
+the elements, are built twice, from two copies of what is committed, in folders with other names and at other
+times; the two must be equal. Then `twine`, `check-wheel-contents`, `pyroma` and `publint` look at them, and
+`SHA256SUMS` is written beside them. Nothing is published.
 """
 
 from __future__ import annotations
@@ -28,6 +29,13 @@ DISTRIBUTIONS: Mapping[str, Path] = {"robot-web-tools": Path(), "rosbridge-confo
 
 OURS = ("rwt", "rosbridge_conformance")
 """How the names begin that may stand at the top of site-packages."""
+
+
+LEAST_RATING = "10"
+"""What `pyroma` has to say of each distribution, of 10."""
+
+UNASKED = "Url,AuthorEmail"
+"""What pyroma is not asked: the repository's address, which the first release adds, and that of an author."""
 
 
 class ReleaseError(Exception):
@@ -59,15 +67,20 @@ def build_release(out: Path) -> list[Path]:
     """
     when = output("git", "log", "-1", "--format=%ct")
     with tempfile.TemporaryDirectory() as folder:
-        first, second = (build_once(Path(folder) / name, when) for name in ("first", "second"))
+        first = build_once(Path(folder) / "first", when)
+        second = build_once(Path(folder) / "second of another length", when)
         if sums(first) != sums(second):
             odd = sorted(set(sums(first).items()) ^ set(sums(second).items()))
             raise ReleaseError(f"two builds of the same commit differ: {sorted({name for name, _ in odd})}")
         for file in first:
             if file.suffix == ".whl":
                 check_top_level(file)
-        check("twine", "check", "--strict", *map(str, first))
-        check("check_wheel_contents", *(str(file) for file in first if file.suffix == ".whl"))
+        python = [file for file in first if file.suffix != ".tgz"]
+        check("twine", "check", "--strict", *map(str, python))
+        check("check_wheel_contents", *(str(file) for file in python if file.suffix == ".whl"))
+        for file in python:
+            if file.suffix == ".gz":
+                check("pyroma", "--min", LEAST_RATING, "--skip-tests", UNASKED, "--file", str(file))
         shutil.rmtree(out, ignore_errors=True)
         out.mkdir(parents=True)
         files = [Path(shutil.copy2(file, out)) for file in first]
@@ -86,6 +99,12 @@ def build_once(folder: Path, when: str) -> list[Path]:
     web = str(copy / "web")
     run("npm", "ci", "--prefix", web, "--no-audit", "--no-fund", "--loglevel=error")
     run("npm", "run", "--silent", "--prefix", web, "build")
+    widgets = folder / "widgets"
+    out = folder / "out"
+    out.mkdir()
+    run("node", f"{web}/package_widgets.mjs", str(widgets))
+    run("npm", "pack", "--silent", "--pack-destination", str(out), str(widgets))
+    run("node", f"{web}/node_modules/publint/src/cli.js", "--strict", str(widgets))
     for where in DISTRIBUTIONS.values():
         run(
             *(
@@ -94,12 +113,12 @@ def build_once(folder: Path, when: str) -> list[Path]:
                 "build",
                 "--no-isolation",
                 "--outdir",
-                str(folder / "out"),
+                str(out),
                 str(copy / where),
             ),
             environment={"SOURCE_DATE_EPOCH": when},
         )
-    return sorted((folder / "out").iterdir())
+    return sorted(out.iterdir())
 
 
 def check_top_level(wheel: Path) -> None:

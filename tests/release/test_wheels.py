@@ -60,6 +60,7 @@ def test_release_is_complete(built: Path) -> None:
         "robot_web_tools.tar.gz",
         "rosbridge_conformance-py3-none-any.whl",
         "rosbridge_conformance.tar.gz",
+        "robot-web-tools-widgets.tgz",
         "SHA256SUMS",
     }
 
