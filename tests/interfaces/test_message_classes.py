@@ -107,6 +107,7 @@ def test_a_program_with_these_classes_runs() -> None:
 
 
 @pytest.mark.timeout(180)  # It reads all that the program imports.
+@pytest.mark.timeout(700)  # It reads all packages, where none has seen them yet.
 def test_a_type_checker_finds_its_mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MYPYPATH", str(ROOT / "src"))
     (tmp_path / "right.py").write_text(PROGRAM, encoding="utf-8")
