@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from os import PathLike
 from typing import TYPE_CHECKING, Literal
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_interfaces.registry import Registry
 
-__all__ = ["install", "installed", "uninstall", "use_graph"]
+__all__ = ["install", "installed", "join", "uninstall", "use_graph"]
 
 Which = Literal["ros", "rwt_rclpy"]
 
@@ -74,6 +75,25 @@ def use_graph(graph: Graph | None) -> None:
     from rwt_rclpy.middleware.link import DOMAINS, Link
 
     DOMAINS.use(None if graph is None else Link(graph))
+
+
+def join(where: str | None = None) -> AbstractContextManager[None]:
+    """Let nodes that are made in a block join the graph of a server, or one over Zenoh.
+
+    >>> with rwt_rclpy.join("ws://127.0.0.1:9090"):
+    ...     rclpy.init()
+    ...     rclpy.spin(rclpy.create_node("talker"))
+
+    Args:
+        where: ``memory``, ``ws://HOST:PORT``, ``unix:///PATH``, ``zenoh`` or ``zenoh:tcp/HOST:PORT``; None
+            takes what the variable RWT_RCLPY_GRAPH says.
+
+    Raises:
+        CannotJoin: it is none of these, or cannot be reached; when the block is entered.
+    """
+    from rwt_rclpy.middleware.joining import joined
+
+    return joined(where)
 
 
 def uninstall() -> None:

@@ -32,6 +32,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="DIR",
         help="folder of .msg, .srv and .action files",
     )
+    parser.add_argument(
+        "--graph",
+        metavar="WHERE",
+        help="the graph to join: memory (default), ws://HOST:PORT or unix:///PATH of a server, zenoh, or"
+        " zenoh:ENDPOINT; without it what RWT_RCLPY_GRAPH says",
+    )
     parser.add_argument("-m", dest="module", metavar="NAME", help="run a module instead of a file")
     parser.add_argument(
         "program", nargs=argparse.REMAINDER, metavar="FILE …", help="the file and its arguments"
@@ -42,10 +48,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if rwt_rclpy.install(given.interfaces) == "ros":
             print("rwt_rclpy: ROS is installed, and its own rclpy runs", file=sys.stderr)  # noqa: T201 - it is a command
-        if given.module:
-            run_module(given.module, given.program)
-        else:
-            run_file(Path(given.program[0]), given.program[1:])
+        with rwt_rclpy.join(given.graph):
+            if given.module:
+                run_module(given.module, given.program)
+            else:
+                run_file(Path(given.program[0]), given.program[1:])
     except RobotError as error:
         print(f"rwt_rclpy: {error}", file=sys.stderr)  # noqa: T201 - it is a command
         return 2

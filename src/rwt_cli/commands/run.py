@@ -21,6 +21,7 @@ examples:
   rwt run talker.py --ros-args -r chatter:=/talk   with the arguments of ROS
   rwt run demo_nodes_py talker                     an executable of a package's source, as `ros2 run`
   rwt run --serve ws://127.0.0.1:9090 talker.py    and let browsers and roslibjs see it
+  rwt run --graph ws://127.0.0.1:9090 talker.py    as a node of a server that runs already
 """
 
 
@@ -38,6 +39,12 @@ def add_run_command(commands: Commands) -> None:
     )
     parser.add_argument(
         "--serve", metavar="URL", help="serve the program's graph to rosbridge clients at ws://HOST:PORT"
+    )
+    parser.add_argument(
+        "--graph",
+        metavar="WHERE",
+        help="the graph to join: memory (default), ws://HOST:PORT or unix:///PATH of a server, zenoh, or"
+        " zenoh:ENDPOINT; without it what RWT_RCLPY_GRAPH says",
     )
     parser.add_argument(
         "--root", type=Path, default=Path(), metavar="DIR", help="where packages are looked for (default .)"
@@ -67,8 +74,15 @@ def _run(arguments: Arguments) -> int:
                 )
             print("ROS is installed, and its own rclpy runs", file=sys.stderr)
         with ExitStack() as stack:
+            if arguments.serve and arguments.graph:
+                raise CommandError(
+                    "--serve serves a graph of this process, and --graph joins another: give one of them",
+                    exit_code=2,
+                )
             if arguments.serve:
                 _serve(arguments.serve, stack)
+            else:
+                stack.enter_context(rwt_rclpy.join(arguments.graph))
             _start(arguments.program, arguments.root)
     except RobotError as error:
         raise CommandError(str(error)) from error

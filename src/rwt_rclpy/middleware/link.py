@@ -113,6 +113,11 @@ class Domains:
                 found = self._links[domain] = Link(MemoryGraph(classes().registry, WallClock()))
             return found
 
+    @property
+    def given(self) -> Link | None:
+        """The graph that was given for all domains."""
+        return self._given
+
     def use(self, link: Link | None) -> None:
         """Give one graph for all domains; None goes back to a graph of this process for each."""
         self._given = link
@@ -160,7 +165,7 @@ class VirtualDomain:
         self._before: tuple[Timekeeper, Link | None] | None = None
 
     def __enter__(self) -> VirtualDomain:
-        given = DOMAINS._given
+        given = DOMAINS.given
         self._before = keep_time_by(self.time), given
         DOMAINS.use(Link(self.graph, self.time))
         return self
