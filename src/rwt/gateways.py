@@ -46,7 +46,9 @@ def _http(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpE
     from rwt_http import HttpGateway
 
     offered = {"gateways": ["rosbridge", *settings.gateways], "nodes": list(settings.nodes)}
-    return HttpGateway(graph, access, settings.api, settings.unregister_timeout, offered)
+    several = settings.workers > 1
+    linger = settings.unregister_timeout
+    return HttpGateway(graph, access, settings.api, linger, offered, several_processes=several)
 
 
 def _mcp(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:

@@ -220,10 +220,12 @@ class Goals:
 
     Args:
         settings: of the gateway.
+        several_processes: whether another process may know a goal that this one does not.
     """
 
-    def __init__(self, settings: HttpSettings) -> None:
+    def __init__(self, settings: HttpSettings, *, several_processes: bool = False) -> None:
         self._most = settings.goals
+        self._several_processes = several_processes
         self.keep_seconds = settings.goal_seconds
         self._known: dict[tuple[str, str], Goal] = {}
         self._of_client: dict[HttpClient, dict[Goal, None]] = {}
@@ -238,6 +240,12 @@ class Goals:
             HttpProblem: there is none, or it has been forgotten.
         """
         goal = self._known.get((action, id))
+        if goal is None and self._several_processes:
+            raise HttpProblem(
+                "misdirected", f"no goal {id} of {action} is known to this process of the server, which has"
+                " several (workers): each knows those that were sent to it", instead="ask over the connection"
+                " that the goal was sent over, or again over another one",
+            )  # fmt: skip
         if goal is None:
             raise HttpProblem(
                 "not-found", f"no goal {id} of {action} is known here; those that have ended are kept for"
@@ -289,12 +297,13 @@ class Actions:
     Args:
         clients: who asks.
         settings: of the gateway.
+        several_processes: whether a request may come to another process than the goal was sent to.
     """
 
-    def __init__(self, clients: Clients, settings: HttpSettings) -> None:
+    def __init__(self, clients: Clients, settings: HttpSettings, *, several_processes: bool = False) -> None:
         self._clients = clients
         self._settings = settings
-        self.goals = Goals(settings)
+        self.goals = Goals(settings, several_processes=several_processes)
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """The actions that are shown, with their types."""

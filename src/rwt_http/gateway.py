@@ -57,6 +57,7 @@ class HttpGateway:
         settings: of the gateway.
         linger: seconds that a client is there after its last request, and a publisher after its client.
         capabilities: what else is offered on the port, for ``/version``.
+        several_processes: whether other processes serve the same port, each with the goals sent to it.
     """
 
     name: Final = "http"
@@ -69,6 +70,8 @@ class HttpGateway:
         settings: HttpSettings,
         linger: float = 10.0,
         capabilities: Mapping[str, object] = MappingProxyType({}),
+        *,
+        several_processes: bool = False,
     ) -> None:
         self._settings = settings
         self._capabilities = capabilities
@@ -77,7 +80,7 @@ class HttpGateway:
         log = partial(access.audit.write, logging.INFO, "%s")
         self.shared = SharedGraph(graph, GATEWAY_NODE, linger, log)
         self._clients = Clients(access, self.shared, linger)
-        self._actions = actions.Actions(self._clients, settings)
+        self._actions = actions.Actions(self._clients, settings, several_processes=several_processes)
         self.websockets: Mapping[str, AcceptPeer] = {}
         self.http: HttpExtension[GraphView] = HttpExtension(
             tuple(self._routes(topics.Topics(self._clients, settings, access))), self._section, self._metrics

@@ -57,6 +57,7 @@ KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
         "not-acceptable": Kind(406, "Not in a form that was asked for", "accept application/json"),
         "conflict": Kind(409, "In contradiction to what is here", "use the type and policies that are here"),
         "goal-rejected": Kind(409, "The goal was rejected", "send another, or send it later"),
+        "misdirected": Kind(421, "Perhaps at another process", "ask again over another connection"),
         "too-large": Kind(413, "More than may be sent", "send every field of the type, or less"),
         "unsupported-media-type": Kind(
             415, "Not a form that is read here", "send application/json or application/cbor"

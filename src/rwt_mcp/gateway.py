@@ -170,7 +170,7 @@ class McpGateway:
             graph, NODE, _LINGER_SECONDS, partial(access.audit.write, logging.INFO, "%s")
         )
         self._visitors = Visitors(self.shared.counters, graph.clock, _LINGER_SECONDS)
-        self._goals = GoalTable(settings.goals)
+        self._goals = GoalTable(settings.goals, several_processes=several_processes)
         self._asks_about = any_of(settings.confirm)
         self._callers: set[_Caller] = set()
         self._sessions: dict[str, _Session] = {}

