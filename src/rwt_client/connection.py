@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ssl
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Final, Literal, TypedDict, Unpack
@@ -58,6 +58,7 @@ class ConnectKeywords(TypedDict, total=False):
     headers: Mapping[str, str] | None
     tls: ssl.SSLContext | None
     limits: Limits | None
+    ice_servers: Sequence[Mapping[str, str]] | None
 
 
 @asynccontextmanager
@@ -73,6 +74,7 @@ async def connect(
     headers: Mapping[str, str] | None = None,
     tls: ssl.SSLContext | None = None,
     limits: Limits | None = None,
+    ice_servers: Sequence[Mapping[str, str]] | None = None,
 ) -> AsyncIterator[Robot]:
     """Connect to a robot for the length of the block, on asyncio or trio.
 
@@ -89,6 +91,9 @@ async def connect(
         headers: request headers, for ``ws`` and ``wss``.
         tls: how to check the server's certificate; by default against the system's authorities.
         limits: bounds of the connection, among them the largest message.
+        ice_servers: STUN and TURN servers for ``webrtc+http`` and ``webrtc+https``, each like
+            ``{"urls": "turn:turn.example.org", "username": "…", "credential": "…"}``; by default those that
+            the robot names, and an empty list asks none.
 
     Raises:
         BadAddress: the URL is not one to connect to.
@@ -99,7 +104,7 @@ async def connect(
     bounds = limits or Limits()
     fragments = FragmentLimits(max_size=2 * bounds.message_bytes)
     session = ReconnectingSession(status_level, WireLimits(bounds.message_bytes, fragments=fragments))
-    dial = _dial(target, bounds, timeout, headers, tls)
+    dial = _dial(target, bounds, timeout, headers, tls, ice_servers)
     reconnector = _Reconnector(session, dial, reconnect)
     name = target if isinstance(target, str) else "memory"
     async with background_tasks() as tasks:
@@ -134,12 +139,21 @@ def _dial(
     timeout: float | None,
     headers: Mapping[str, str] | None,
     tls: ssl.SSLContext | None,
+    ice_servers: Sequence[Mapping[str, str]] | None,
 ) -> Dial:
     """How to open a connection to `target`."""
     if not isinstance(target, str):
         return partial(_dial_memory, target)
     patience = _FOREVER if timeout is None else timeout
-    return partial(_dial_url, target, limits=limits, tls=tls, headers=headers, timeout=patience)
+    return partial(
+        _dial_url,
+        target,
+        limits=limits,
+        tls=tls,
+        headers=headers,
+        timeout=patience,
+        ice_servers=ice_servers,
+    )
 
 
 @asynccontextmanager

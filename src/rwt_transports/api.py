@@ -247,6 +247,9 @@ class RemoteAddress:
         target: path and query of a request by HTTP, for drivers that make one.
         headers: of that request.
         limits: bounds of the connection, for drivers that keep some of them.
+        seconds: that connecting may take.
+        ice_servers: STUN and TURN servers, each as the W3C's ``RTCIceServer``, for drivers that ask some;
+            None for those that the other side names.
     """
 
     host: str = ""
@@ -256,9 +259,20 @@ class RemoteAddress:
     target: str = ""
     headers: Mapping[str, str] = field(default_factory=dict)
     limits: Limits = field(default_factory=Limits)
+    seconds: float = 10.0
+    ice_servers: Sequence[Mapping[str, str]] | None = None
 
     def __str__(self) -> str:
         return self.path or f"{self.host}:{self.port}"
+
+
+@runtime_checkable
+class FindsPath(Protocol):
+    """What connects by a path that is found, and not given by the address."""
+
+    @property
+    def path(self) -> str:
+        """The path in words, once there is a connection."""
 
 
 class Connector(Protocol):

@@ -6,8 +6,8 @@ import errno
 import os
 import socket
 import ssl
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Final, TypedDict
 
@@ -15,7 +15,7 @@ import anyio
 from websockets.uri import WebSocketURI
 
 from rwt_protocol.transport import Accept
-from rwt_transports.api import Link
+from rwt_transports.api import Connector, FindsPath, Link
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.errors import ConnectError, TransportError
@@ -31,6 +31,7 @@ class OutgoingConnection:
     Attributes:
         opened: set once messages can be sent, or once it has failed.
         error: why it could not be opened.
+        connector: what opens it.
     """
 
     target: ConnectUrl
@@ -39,7 +40,13 @@ class OutgoingConnection:
     opened: anyio.Event = field(default_factory=anyio.Event)
     error: TransportError | None = None
     connection: Connection | None = None
+    connector: Connector | None = None
     _draining: anyio.Event | None = None
+
+    @property
+    def path(self) -> str:
+        """The path that was found to the other side, in words; empty where the address says all."""
+        return self.connector.path if isinstance(self.connector, FindsPath) else ""
 
     def attach(self, link: Link, address: str, port: int) -> None:
         """The bytes can flow; called by a driver."""
@@ -152,6 +159,7 @@ class ConnectOptions(TypedDict, total=False):
     tls: ssl.SSLContext | None
     headers: Mapping[str, str] | None
     timeout: float
+    ice_servers: Sequence[Mapping[str, str]] | None
 
 
 @asynccontextmanager
@@ -163,6 +171,7 @@ async def connect(
     tls: ssl.SSLContext | None = None,
     headers: Mapping[str, str] | None = None,
     timeout: float = 10.0,  # noqa: ASYNC109 - raises our own error
+    ice_servers: Sequence[Mapping[str, str]] | None = None,
 ) -> AsyncIterator[OutgoingConnection]:
     """Connect to `url` for the length of the block; the endpoint that `accept` makes gets what arrives.
 
@@ -177,6 +186,8 @@ async def connect(
         tls: how to check the server's certificate; by default against the system's authorities.
         headers: request headers, for the schemes that have them.
         timeout: seconds for all of it, from looking up the name to the end of the handshake.
+        ice_servers: STUN and TURN servers for WebRTC, each like ``{"urls": "turn:turn.example.org",
+            "username": "…", "credential": "…"}``; None asks those that the robot names.
 
     Raises:
         BadUrl: the URL is not one to connect to.
@@ -195,11 +206,12 @@ async def connect(
                     target=target.path,
                     headers=outgoing.headers,
                     limits=state.limits,
+                    seconds=timeout,
+                    ice_servers=ice_servers,
                 )
-                try:
-                    await target.scheme.connector().connect(address, outgoing.attach, tasks)
-                except OSError as error:
-                    raise ConnectError(_explain(target, error)) from error
+                outgoing.connector = target.scheme.connector()
+                with explained(target):
+                    await outgoing.connector.connect(address, outgoing.attach, tasks)
                 await outgoing.opened.wait()
             if patience.cancelled_caught:
                 raise ConnectError(f"cannot connect to {url}: no answer within {timeout:g} s")
@@ -209,6 +221,15 @@ async def connect(
             yield outgoing
         finally:
             await state.end(1000, "")
+
+
+@contextmanager
+def explained(target: ConnectUrl) -> Iterator[None]:
+    """Make of an OSError of the block a ConnectError that says in one line why there is no connection."""
+    try:
+        yield
+    except OSError as error:
+        raise ConnectError(_explain(target, error)) from error
 
 
 _NO_TLS: Final = "it does not speak TLS there; is it ws:// or tcp://, without an s?"

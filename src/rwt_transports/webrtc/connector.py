@@ -13,6 +13,8 @@ from rwt_transports.background import runs_asyncio
 from rwt_transports.errors import ConnectError, Refused
 from rwt_transports.http import is_local
 from rwt_transports.limits import AddressCount
+from rwt_transports.webrtc.ice import BadIceServer, kinds_of
+from rwt_transports.webrtc.ice_servers import read_configuration, read_ice_servers
 from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.webrtc.sdp import CANDIDATES, OFFER_BYTES, BadDescription, read_description
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -22,17 +24,26 @@ if TYPE_CHECKING:
 
     from rwt_protocol.transport import PeerInfo, Sink
     from rwt_transports.api import Attach, RemoteAddress
+    from rwt_transports.webrtc.ice import IceServer
 
 LABEL: Final = "rosbridge"
 PATH: Final = "webrtc"
 REQUEST_SECONDS: Final = 20.0
+LONGEST_SECONDS: Final = 60.0
+PATH_PART: Final = 0.7
+"""The part of the time for connecting in which a path has to be found."""
 
 
 class DataChannelConnector:
     """Opens a data channel to a server; satisfies :class:`rwt_transports.api.Connector`.
 
     The channel is ordered and loses nothing.
+
+    Attributes:
+        path: how the server was found, in words.
     """
+
+    path = ""
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Reach the server by HTTP, find a path to it, and attach the channel once it is open.
@@ -45,11 +56,17 @@ class DataChannelConnector:
         require_asyncio()
         limits = address.limits
         ended, opened = anyio.Event(), anyio.Event()
+        servers = await find_servers(address)
         peer = Peer(
             PeerTerms(
-                limits, ReceiveBufferPool(2 * limits.message_bytes), AddressCount(), candidates=CANDIDATES
+                limits,
+                ReceiveBufferPool(2 * limits.message_bytes),
+                AddressCount(),
+                candidates=CANDIDATES,
+                # Before time is up for all of it, so that what was tried can be told.
+                connect_seconds=PATH_PART * min(address.seconds, LONGEST_SECONDS),
             ),
-            (),
+            servers,
             _refuse,
             address.host,
             loopback=is_local(address.host),
@@ -61,6 +78,7 @@ class DataChannelConnector:
 
         def on_open() -> None:
             # Within the callback that reports the channel: no message can come before.
+            self.path = peer.way
             attach(peer.link(channel), address.host, address.port)
             opened.set()
 
@@ -73,7 +91,11 @@ class DataChannelConnector:
             raise ConnectError(f"{address} answers what cannot be used: {error}") from error
         await opened.wait()
         if peer.closed:
-            raise ConnectError(f"{address}: {peer.reason}")
+            asked = ", ".join(server.url for server in servers) or "no STUN or TURN server"
+            raise ConnectError(
+                f"{address}: {peer.reason}; this side: {kinds_of(offer)}; the robot: "
+                f"{kinds_of(answer.decode('utf-8', 'replace'))}; asked: {asked}"
+            )
 
 
 def require_asyncio() -> None:
@@ -102,8 +124,33 @@ async def _hold(peer: Peer, ended: anyio.Event) -> None:
             await peer.close(1000, "closed by this side")
 
 
+async def find_servers(address: RemoteAddress) -> tuple[IceServer, ...]:
+    """The STUN and TURN servers to ask: those that are given, or else those that the robot names.
+
+    Raises:
+        OSError: nobody answers by HTTP.
+        ConnectError: what names them cannot be used.
+    """
+    try:
+        if address.ice_servers is not None:
+            return read_ice_servers(address.ice_servers)
+        status, body = await anyio.to_thread.run_sync(_ask, address, "GET", None, abandon_on_cancel=True)
+        # Who refuses that, or does not know it, says why when it gets an offer.
+        return read_configuration(body) if status == 200 else ()
+    except BadIceServer as error:
+        raise ConnectError(f"{address}: {error}") from error
+
+
 def _post(address: RemoteAddress, offer: bytes) -> bytes:
     """Send an offer; returns the answer. Blocks; raises OSError and ConnectError."""
+    status, body = _ask(address, "POST", offer)
+    if status != 201:
+        raise ConnectError(f"{address} refuses the offer: {_why(status, body)}")
+    return body
+
+
+def _ask(address: RemoteAddress, method: str, content: bytes | None) -> tuple[int, bytes]:
+    """Ask the server's ``/webrtc``: the status and the answer. Blocks; raises OSError and ConnectError."""
     path, _, query = address.target.partition("?")
     target = f"{path.rstrip('/')}/{PATH}" + (f"?{query}" if query else "")
     connection = (
@@ -114,17 +161,17 @@ def _post(address: RemoteAddress, offer: bytes) -> bytes:
         )
     )
     try:
-        headers = {**address.headers, "Content-Type": "application/sdp", "Accept": "application/sdp"}
-        connection.request("POST", target, offer, headers)
+        headers = dict(address.headers)
+        if content is not None:
+            headers |= {"Content-Type": "application/sdp", "Accept": "application/sdp"}
+        connection.request(method, target, content, headers)
         response = connection.getresponse()
         body = response.read(OFFER_BYTES)
     except http.client.HTTPException as error:
         raise ConnectError(f"{address} does not speak HTTP: {error!r}") from error
     finally:
         connection.close()
-    if response.status != 201:
-        raise ConnectError(f"{address} refuses the offer: {_why(response.status, body)}")
-    return body
+    return response.status, body
 
 
 def _why(status: int, body: bytes) -> str:

@@ -33,6 +33,8 @@ CONSENT_EXPIRES_SECONDS: Final = 3.6
 CONSENT_ASKED: Final = 3
 """It must have been asked so often without an answer: a process that stood still itself has not listened."""
 LOOPBACK: Final = "127.0.0.1"
+GATHER_SECONDS: Final = 2
+"""How long STUN and TURN servers have: one that does not answer must not hold up those who need none."""
 
 
 class BadIceServer(TransportError):
@@ -108,19 +110,21 @@ def prepare(transport: RTCIceTransport, *, loopback: bool) -> None:
     """
     connection = transport.iceGatherer._connection  # aiortc offers no way to configure it.
     connection.query_consent = partial(_query_consent, connection)  # type: ignore[method-assign] # as above
-    if loopback:
-        gather = connection.get_component_candidates
-        connection.get_component_candidates = partial(_with_loopback, gather)  # type: ignore[method-assign] # as above
+    more = (LOOPBACK,) if loopback else ()
+    gather = connection.get_component_candidates
+    connection.get_component_candidates = partial(_gather, gather, more)  # type: ignore[method-assign] # as above
 
 
-async def _with_loopback(
+async def _gather(
     gather: Callable[[int, list[str], int], Coroutine[object, object, list[Candidate]]],
+    more: tuple[str, ...],
     component: int,
     addresses: list[str],
-    timeout: int = 5,  # noqa: ASYNC109 - the signature is aioice's
+    timeout: int = GATHER_SECONDS,  # noqa: ASYNC109 - the signature is aioice's
 ) -> list[Candidate]:
-    """The candidates of this machine's loopback address too, which aioice leaves out."""
-    return await gather(component, [*addresses, LOOPBACK], timeout)
+    """The candidates of further addresses of this machine too, such as its loopback's, which aioice leaves
+    out; and without its five seconds for servers that do not answer."""
+    return await gather(component, [*addresses, *more], timeout)
 
 
 async def _query_consent(connection: Connection) -> None:
@@ -169,3 +173,26 @@ def describe(transport: RTCIceTransport) -> Mapping[str, str]:
         "local": f"{pair.local_candidate.type} {pair.local_candidate.host}:{pair.local_candidate.port}",
         "remote": f"{pair.remote_candidate.type} {pair.remote_addr[0]}:{pair.remote_addr[1]}",
     }
+
+
+def way(transport: RTCIceTransport) -> str:
+    """How the two sides have found each other: ``directly``, ``through a NAT (STUN)`` or ``by a relay
+    (TURN)``; empty before they have."""
+    path = describe(transport)
+    if not path:
+        return ""
+    kinds = {end.partition(" ")[0] for end in path.values()}
+    if "relay" in kinds:
+        found = "by a relay (TURN)"
+    elif kinds & {"srflx", "prflx"}:
+        found = "through a NAT (STUN)"
+    else:
+        found = "directly"
+    return f"{found}: {path['local']} to {path['remote']}"
+
+
+def kinds_of(description: str) -> str:
+    """The candidates of a session description in words, for errors."""
+    found = [line.split() for line in description.splitlines() if line.startswith("a=candidate:")]
+    named = sorted({f"{words[7]} {words[4]}" for words in found if len(words) > 7})
+    return ", ".join(named) or "none"

@@ -17,7 +17,7 @@ from rwt_transports.errors import log_exception
 from rwt_transports.limits import KIB, AddressCount, Limits
 from rwt_transports.webrtc.association import Association
 from rwt_transports.webrtc.channels import ChannelLink
-from rwt_transports.webrtc.ice import IceServer, configuration, describe, prepare
+from rwt_transports.webrtc.ice import IceServer, configuration, prepare, way
 from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -225,14 +225,18 @@ class Peer:
         """Data channels that are open."""
         return sum(bool(state.connections) for state in self._states)
 
+    @property
+    def way(self) -> str:
+        """How the other side was found, in words; empty before it was."""
+        return "; ".join(filter(None, (way(transport) for transport in self._prepared)))
+
     # -- the end -------------------------------------------------------------------------------------------
 
     def _state_changed(self) -> None:
         state = self.connection.connectionState
         if state == "connected" and not self.connected:
             self.connected = True
-            path = [describe(transport) for transport in self._prepared]
-            logger.info("a peer of %s is connected: %s", self._address or "?", path)
+            logger.info("a peer of %s is connected %s", self._address or "?", self.way)
         elif state in ("failed", "closed"):
             self.fail("the peer is gone" if self.connected else "no path was found, or the handshake failed")
 

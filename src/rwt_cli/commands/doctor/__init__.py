@@ -26,6 +26,7 @@ from rwt_cli.verbs import (
 
 if TYPE_CHECKING:
     import ssl
+    from collections.abc import Mapping
 
     from rwt_cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
 
@@ -135,9 +136,12 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
         tls = tls_of(arguments)
         for finding in await _over_http(url, min(limit, _PATIENCE), tls):
             report(finding)
+        headers = request_headers(arguments)
+        for finding in await _ice_servers(url, headers, tls):
+            report(finding)
         probe = WireProbe()
-        async with connect(url, probe.accept, headers=request_headers(arguments), timeout=limit, tls=tls):
-            report(_connected(url, bool(token_of(arguments))))
+        async with connect(url, probe.accept, headers=headers, timeout=limit, tls=tls) as connection:
+            report(_connected(url, bool(token_of(arguments)), connection.path))
             examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
             async for finding in examination.findings():
                 report(finding)
@@ -151,8 +155,26 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
         )
 
 
-def _connected(url: str, token: bool) -> Finding:
-    text = f"connected to {url}"
+async def _ice_servers(
+    url: str, headers: Mapping[str, str] | None, tls: ssl.SSLContext | None
+) -> list[Finding]:
+    """Whether the STUN and TURN servers that a robot names help; none where the URL is not WebRTC's.
+
+    Raises:
+        TransportError: nothing is answered to the question for them.
+    """
+    if not url.lower().startswith("webrtc+"):
+        return []
+    from rwt_cli.commands.doctor.ice import examine_servers  # aiortc, which is an extra
+
+    return [
+        Finding("ICE server", verdict, text, advice)
+        for verdict, text, advice in await examine_servers(url, headers, tls)
+    ]
+
+
+def _connected(url: str, token: bool, path: str) -> Finding:
+    text = f"connected to {url}" + (f" {path}" if path else "")
     return Finding("connection", "ok", f"{text}; the token was not refused" if token else text)
 
 
@@ -164,6 +186,12 @@ def _how_to_connect(error: str, token: bool) -> str:
             else "it wants a token: --token or RWT_TOKEN"
         )
         return f"{advice}; or it does not let in this address or origin"
+    if "no path was found" in error:
+        return (
+            "of these candidates none reaches the other: with a NAT between them set `webrtc.servers` of the"
+            " robot to a STUN server, and where that is not enough to a TURN server; let UDP through"
+            " firewalls"
+        )
     if "nobody listens" in error or "refused" in error:
         return "start the server (`rwt serve`, or rosbridge's launch file), and compare port and address"
     if "name" in error or "resolve" in error:
