@@ -15,7 +15,7 @@ PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc paper load soak page-soak schemathesis lichtblick \
+.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 ros-mcp fuzz mutants conformance \
 client-grades clean
 
@@ -126,6 +126,10 @@ bench: $(STAMP)-dev
 # How old /cmd_vel and /odom are over a bad line, by WebSocket and by WebRTC; needs Linux, root and /dev/net/tun.
 bench-webrtc: $(STAMP)-dev
 	$(BIN)/python -m bench.webrtc $(ARGS)
+
+# A robot and an operator, each behind a masquerading router: found by STUN or by TURN; needs Linux, root, nft and coturn.
+nat: $(STAMP)-dev
+	$(BIN)/python -m bench.nat $(ARGS)
 
 # What more of everything costs, and the plots of docs/explanation/performance.md; some minutes.
 growth: $(STAMP)-dev
