@@ -1,9 +1,10 @@
 """What a message costs the bridge alone: CPU time from the bytes that came to the frames that leave, in one
 process without a network.
 
-A publish goes to one subscriber; a call to a service of a node in the same process. `one` is a message in
-each read of the connection, `16` are sixteen messages in one read. Rounds of both checkouts take turns, and
-what is compared is the best of each: other work on the machine makes rounds longer, never shorter.
+A publish goes to one subscriber; a call to a service of a node in the same process, or to one that another
+client offers and answers. `one` is a message in each read of the connection, `16` are sixteen messages in one
+read. Rounds of both checkouts take turns, and what is compared is the best of each: other work on the machine
+makes rounds longer, never shorter.
 
 Example: python -m bench.dispatch --against ../before
 """
@@ -17,7 +18,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from itertools import repeat
+from itertools import islice, repeat
 from pathlib import Path
 from typing import Final
 
@@ -48,7 +49,7 @@ OPS: Final = {
     "publish": {"op": "publish", "topic": "/cmd_vel", "type": "geometry_msgs/Twist", "msg": TWIST},
     "call": {"op": "call_service", "service": "/add_two_ints", "id": "1", "args": {"a": 1, "b": 2}},
 }
-CASES: Final = ("publish, one", "publish, 16", "call, one", "call, 16")
+CASES: Final = ("publish, one", "publish, 16", "call, one", "call, 16", "call of a client, 16")
 
 
 class TurningClock(SimulatedClock):
@@ -126,7 +127,53 @@ class Client:
         self.endpoint.receive(json.dumps(op).encode(), False)
 
 
-def spent(clock: TurningClock, client: Client, receiver: Client, message: bytes, in_a_read: int) -> float:
+class Provider:
+    """A client that offers the service, and the answers to what it will be asked.
+
+    Attributes:
+        client: the client.
+    """
+
+    def __init__(self, bridge: Bridge) -> None:
+        self.client = Client(bridge)
+        service = str(OPS["call"]["service"])
+        self.client.say(
+            {"op": "advertise_service", "service": service, "type": "example_interfaces/AddTwoInts"}
+        )
+        self._asked = 0
+        self._answers = iter(
+            [
+                json.dumps(
+                    {
+                        "op": "service_response",
+                        "id": f"service_request:{service}:{number}",
+                        "service": service,
+                        "values": {"sum": 3},
+                        "result": True,
+                    }
+                ).encode()
+                for number in range(1, 2 * MESSAGES + 1)
+            ]
+        )
+
+    def answer(self, clock: TurningClock) -> None:
+        """Answer sixteen calls, in one read."""
+        self._asked += 16
+        while self.client.sent < self._asked:  # On a busy machine some wait for a turn.
+            clock.advance(0.0)
+        self.client.received += 1
+        for answer in islice(self._answers, 16):
+            self.client.endpoint.receive(answer, False)
+
+
+def spent(
+    clock: TurningClock,
+    client: Client,
+    receiver: Client,
+    message: bytes,
+    in_a_read: int,
+    provider: Provider | None = None,
+) -> float:
     """Microseconds of CPU time for one message of which `receiver` is sent one frame, in turns of sixteen."""
     receive, before = client.endpoint.receive, receiver.sent
     begin = time.process_time()
@@ -135,6 +182,10 @@ def spent(clock: TurningClock, client: Client, receiver: Client, message: bytes,
             client.received += 1
             for _ in repeat(None, in_a_read):
                 receive(message, False)
+        if provider is not None:
+            provider.answer(clock)
+        clock.advance(0.0)
+    for _ in range(16):  # Some may wait for a turn.
         clock.advance(0.0)
     seconds = time.process_time() - begin
     if receiver.sent - before != MESSAGES:
@@ -147,18 +198,22 @@ def measured(case: str) -> float:
     clock = TurningClock(time.time_ns())
     graph = MemoryGraph(registry=Registry(JAZZY), clock=clock)
     bridge = Bridge(graph, Settings())
-    node = Node(graph, "adder")
-    node.advertise_service(
-        "/add_two_ints", "example_interfaces/AddTwoInts", lambda request: {"sum": request.a + request.b}
-    )
     op, _, in_a_read = case.partition(", ")
+    provider: Provider | None = None
+    if op == "call":
+        node = Node(graph, "adder")
+        node.advertise_service(
+            "/add_two_ints", "example_interfaces/AddTwoInts", lambda request: {"sum": request.a + request.b}
+        )
+    elif op == "call of a client":
+        provider = Provider(bridge)
     client = receiver = Client(bridge)
     if op == "publish":
         receiver = Client(bridge)
         receiver.say({"op": "subscribe", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"})
-    message = json.dumps(OPS[op]).encode()
-    spent(clock, client, receiver, message, 1)
-    return spent(clock, client, receiver, message, 1 if in_a_read == "one" else 16)
+    message = json.dumps(OPS[op.removesuffix(" of a client")]).encode()
+    spent(clock, client, receiver, message, 1, provider)
+    return spent(clock, client, receiver, message, 1 if in_a_read == "one" else 16, provider)
 
 
 def one_round() -> dict[str, float]:

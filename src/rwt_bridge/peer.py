@@ -17,6 +17,7 @@ from rwt_bridge.reply import Replies
 from rwt_delivery.counters import UNKNOWN
 from rwt_delivery.turns import SHARE, TakesTurns
 from rwt_program.errors import RobotError
+from rwt_protocol.codecs.quick_calls import UsualCall
 from rwt_protocol.errors import ProtocolError
 from rwt_protocol.ops import OPS, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal
@@ -157,7 +158,9 @@ class Peer(TakesTurns[_Waiting]):
         self.messages += 1
         if self._rate is None or self._may_send(now):
             usual = None if binary else self._session.split_publish(data)
-            if usual is None or not self._publish_exact(*usual, data):
+            if (usual is None or not self._publish_exact(*usual, data)) and (
+                binary or usual is not None or not self._call_usual(data)
+            ):
                 items = self._session.decode(data, binary, now)
                 if len(items) == 1:
                     self._do(items[0])
@@ -176,6 +179,22 @@ class Peer(TakesTurns[_Waiting]):
             assert isinstance(op, Op)  # Its payload has passed the check of its type.
             self._after(op, self._bridge.dispatcher.refused(self, op, error))
             return True
+
+    def _call_usual(self, data: bytes) -> bool:
+        """Do what the usual call or response in a frame asks; False, and nothing is done, if it is none."""
+        usual = self._session.split_call(data)
+        if usual is None:
+            return False
+        try:
+            if isinstance(usual, UsualCall):
+                self.services.call_usual(usual)
+            else:
+                self.services.answer_usual(usual)
+        except Exception as error:
+            (op,) = self._session.decode(data, False, self._began)
+            assert isinstance(op, Op)  # It was read as one before.
+            self._after(op, self._bridge.dispatcher.refused(self, op, error))
+        return True
 
     def _read(self, data: bytes, binary: bool, now: float) -> None:
         self.messages += 1

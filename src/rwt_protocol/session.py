@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from rwt_protocol.codecs import BINARY_CODECS, JSON, png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitLimits
 from rwt_protocol.codecs.head_tail_split import head_members
+from rwt_protocol.codecs.quick_calls import UsualCall, UsualResponse, split_call
 from rwt_protocol.codecs.quick_publish import QUICK, never, split_publish
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
@@ -25,6 +26,8 @@ from rwt_protocol.spelling import nearest
 from rwt_protocol.transport import Frame
 
 _MOST_INSIDE: Final = 4
+
+_QUICK_OPS: Final = frozenset({"publish", "call_service", "service_response"})
 
 _DEEP: Final = 64
 """Levels that no message type has. A payload that fits its type has no more than that."""
@@ -88,6 +91,8 @@ class Session:
             every other frame, for which :meth:`decode` is there. See
             :mod:`rwt_protocol.codecs.quick_publish` for what is known of the two. While the client is to be
             told of successes or of defaults, it is None for all.
+        split_call: a text frame that is a usual small `call_service` or `service_response`; None for every
+            other frame, as of `split_publish`.
     """
 
     __slots__ = (
@@ -104,6 +109,7 @@ class Session:
         "call",
         "encode",
         "response",
+        "split_call",
         "split_publish",
     )
 
@@ -131,11 +137,12 @@ class Session:
         self._is_quick = (
             codec is None
             and direction is Direction.TO_SERVER
-            and "publish" in self._readers
+            and self._readers.keys() >= _QUICK_OPS
             and limits.max_message_size >= QUICK
             and limits.split.max_depth >= _DEEP
         )
         self.split_publish: Callable[[bytes], tuple[bytes, bytes] | None] = never
+        self.split_call: Callable[[bytes], UsualCall | UsualResponse | None] = never
         self._note_level()
 
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
@@ -245,7 +252,9 @@ class Session:
         return ()
 
     def _note_level(self) -> None:
-        self.split_publish = split_publish if self._is_quick and not self.wants_status("warning") else never
+        is_quick = self._is_quick and not self.wants_status("warning")
+        self.split_publish = split_publish if is_quick else never
+        self.split_call = split_call if is_quick else never
 
     def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
         """What a piece completes, as if it had come whole (FRG-11).

@@ -14,6 +14,7 @@ from rwt_bridge.bridge import Bridge
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
+from rwt_graph.program.node import Node
 from rwt_interfaces.registry import Registry
 from rwt_protocol.codecs.quick_publish import never
 from rwt_protocol.session import Session
@@ -162,3 +163,95 @@ def test_the_bytes_go_out_as_they_came(client: Client, other: Client) -> None:
         client.say_raw('{"op":"publish","topic":"/t","msg":{ "data" : 1 }}')
     frames: list[Frame] = [frame for frame, _ in other.frames]
     assert [frame.data for frame in frames] == [b'{"op":"publish","topic":"/t","msg":{ "data" : 1 }}'] * 2
+
+
+CALL = '{"op":"call_service","id":"7","service":"/add","args":{"a":1,"b":2}}'
+CALLS = {
+    "exact ones": [CALL] * 3,
+    "no id": [CALL.replace('"id":"7",', "")],
+    "an id that is null": [CALL.replace('"7"', "null")],
+    "an id that is a number": [CALL.replace('"7"', "7")],
+    "an id in the name": [CALL.replace('"id":"7",', "").replace("/add", "/add#9")],
+    "no arguments": ['{"op":"call_service","id":"7","service":"/add"}'],
+    "arguments by position": [CALL.replace('{"a":1,"b":2}', "[1,2]")],
+    "arguments that are null": [CALL.replace('{"a":1,"b":2}', "null")],
+    "arguments that do not fit": [CALL.replace("2", '"two"')],
+    "arguments that are completed": [CALL.replace(',"b":2', "")],
+    "arguments that are no JSON": [CALL.replace('"b"', '"\\b\\q"')],
+    "NaN": [CALL.replace("2", "NaN")],
+    "a type, which has no effect": [CALL.replace('"args"', '"type":"std_srvs/Trigger","args"')],
+    "a timeout": [CALL.replace('"args"', '"timeout":3.5,"args"')],
+    "a member that nobody knows": [CALL.replace('"args"', '"colour":"red","args"')],
+    "two ids": [CALL.replace('"id":"7"', '"id":"7","id":"8"')],
+    "two in one frame": [CALL + CALL],
+    "no such service": [CALL.replace("/add", "/subtract")],
+    "a service of a client": [CALL.replace("/add", "/remote")] * 2,
+    "a name in another spelling": [CALL.replace("/add", "remote")],
+    "cut short": [CALL[:-1]],
+    "in binary frames": [CALL],
+}
+RESPONSE = '{"op":"service_response","id":"ID","service":"/remote","values":{"sum":3},"result":true}'
+RESPONSES = {
+    "an exact one": RESPONSE,
+    "without a result": RESPONSE.replace(',"result":true', ""),
+    "a failure": RESPONSE.replace("true", "false").replace('{"sum":3}', '"no"'),
+    "a failure with an object": RESPONSE.replace("true", "false"),
+    "values that do not fit": RESPONSE.replace("3", '"three"'),
+    "values that are completed": RESPONSE.replace('"sum":3', ""),
+    "values that are null": RESPONSE.replace('{"sum":3}', "null"),
+    "an unknown id": RESPONSE.replace("ID", "other"),
+    "an id that is a number": RESPONSE.replace('"ID"', "1"),
+    "another service": RESPONSE.replace("/remote", "/add"),
+}
+
+
+def _answered(calls: list[str], response: str, *, in_full: bool, binary: bool = False) -> list[object]:
+    """What comes of calls, and of what a provider says to each that reaches it."""
+    clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
+    graph = MemoryGraph(registry=Registry(), clock=clock)
+    bridge = Bridge(graph, Settings())
+    node = Node(graph, "adder")
+    node.advertise_service(
+        "/add", "example_interfaces/AddTwoInts", lambda request: {"sum": request.a + request.b}
+    )
+    client, provider = Client(bridge), Client(bridge)
+    provider.say("advertise_service", service="/remote", type="example_interfaces/AddTwoInts")
+    for each in (client, provider):
+        each.say("set_level", level="error")
+        each.heard()
+        if in_full:
+            each.peer._session.split_call = never
+    heard: list[object] = []
+    for call in calls:
+        client.say_raw(call, binary=binary)
+        for asked in provider.heard():
+            heard.append(asked)
+            provider.say_raw(response.replace("ID", asked["id"]), binary=binary)
+        clock.advance(100.0)
+        heard += [client.heard(), provider.heard(), client.peer.messages, provider.peer.messages]
+    return heard
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_the_outcome_of_a_call_is_that_of_reading_in_full(name: str) -> None:
+    binary = name == "in binary frames"
+    quick, full = (_answered(CALLS[name], RESPONSE, in_full=each, binary=binary) for each in (False, True))
+    assert quick == full
+
+
+@pytest.mark.parametrize("name", RESPONSES)
+def test_the_outcome_of_a_response_is_that_of_reading_in_full(name: str) -> None:
+    call = CALLS["a service of a client"]
+    quick, full = (_answered(call, RESPONSES[name], in_full=each) for each in (False, True))
+    assert quick == full
+    assert len(quick) == 2 * 5  # The provider was asked twice.
+
+
+def test_usual_calls_and_responses_are_not_read_in_full(client: Client, decoded: list[bytes]) -> None:
+    client.say("advertise_service", service="/remote", type="example_interfaces/AddTwoInts")
+    decoded.clear()
+    client.say_raw(CALL.replace("/add", "/remote"))
+    (asked,) = client.heard()
+    client.say_raw(RESPONSE.replace("ID", asked["id"]))
+    assert [each["values"] for each in client.heard()] == [{"sum": 3}]
+    assert not decoded

@@ -19,6 +19,7 @@ from rwt_protocol.codecs import JSON, png
 from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
+from rwt_protocol.codecs.quick_calls import UsualCall
 from rwt_protocol.errors import Refused
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.ops import Direction, Op
@@ -59,6 +60,7 @@ def _frames(chosen: Session, data: bytes) -> None:
     for now, each in enumerate(data[1:].split(b"\x1e")):
         binary = bool(each) and each[0] >= 0xA0
         _check_usual(chosen, each)
+        _check_usual_call(chosen, each)
         found = chosen.decode(each, binary, float(now))
         assert len(found) <= (MOST_MESSAGES + 1) * (4 if binary else 1), "more ops than a frame can hold"
         for item in found:
@@ -79,6 +81,20 @@ def _check_usual(chosen: Session, data: bytes) -> None:
     assert isinstance(members, dict)
     assert (members["op"], members["topic"], "qos" in members) == ("publish", topic.decode(), False)
     assert msgspec.json.decode(members["msg"]) == value  # type: ignore[call-overload]  # it is undecoded
+
+
+def _check_usual_call(chosen: Session, data: bytes) -> None:
+    """A usual call or response is what a parse of the frame finds."""
+    usual = chosen.split_call(data)
+    if usual is None:
+        return
+    (members,) = JSON.split(data, LIMITS.split)
+    assert isinstance(members, dict)
+    assert (members["service"], members.get("id")) == (usual.service, usual.id)
+    payload = usual.args if isinstance(usual, UsualCall) else usual.values
+    name = "args" if isinstance(usual, UsualCall) else "values"
+    assert bytes(members.get(name, b"{}")) == bytes(payload)  # type: ignore[call-overload]  # it is undecoded
+    assert set(members) <= {"op", "service", "id", "args", "type", "values", "result"}
 
 
 def _check_item(item: Op | Refusal) -> None:

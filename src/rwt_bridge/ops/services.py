@@ -17,6 +17,7 @@ from rwt_protocol.ops import (
     ServiceResponse,
     UnadvertiseService,
 )
+from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt_access.client_graph import ClientGraph
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
     from rwt_graph.api import ServiceCall
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
+    from rwt_protocol.codecs.quick_calls import UsualCall, UsualResponse
     from rwt_protocol.dispatcher import Steps
+    from rwt_protocol.payloads import Encodable
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:
@@ -87,11 +90,20 @@ class Services:
 
     def call(self, op: CallService) -> None:
         """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14)."""
-        service, suffix = split_suffix(op.service)
-        mark = suffix if op.id is None else op.id
-        replies, name, fragment_size = self._replies, op.service, op.fragment_size
+        seconds = self._timeout if op.timeout is None else op.timeout
+        self._call(op.service, op.id, op.args, seconds, op.fragment_size)
 
-        # Without the op, whose arguments would be kept until then.
+    def call_usual(self, asked: UsualCall) -> None:
+        """As :meth:`call`."""
+        self._call(asked.service, asked.id, RawJson(bytes(asked.args)), self._timeout, None)
+
+    def _call(
+        self, name: str, id: str | int | None, args: Encodable, seconds: float, fragment_size: int | None
+    ) -> None:
+        service, suffix = split_suffix(name)
+        mark = suffix if id is None else id
+        replies = self._replies
+
         def on_reply(outcome: Payload | CallFailed) -> None:
             """Answer the client: exactly one reply per call (SRV-14)."""
             if isinstance(outcome, CallFailed):
@@ -99,11 +111,10 @@ class Services:
             else:
                 replies.respond(name, outcome, mark, fragment_size)
 
-        seconds = self._timeout if op.timeout is None else op.timeout
         try:
             self._graph.call_service(
                 service,
-                lambda type: arguments_of(type.request, op.args, "call_service.args", self._now),
+                lambda type: arguments_of(type.request, args, "call_service.args", self._now),
                 on_reply,
                 seconds if seconds > 0 else None,
             )
@@ -146,8 +157,15 @@ class Services:
         if not op.result:
             call.fail(failure_text(op.values, "the service failed and gave no reason"))
             return
+        self._reply(type, call, object_or_empty(op.values))
+
+    def answer_usual(self, given: UsualResponse) -> None:
+        """As :meth:`answer`."""
+        type, call = self._asked(given.service, given.id)
+        self._reply(type, call, RawJson(bytes(given.values)))
+
+    def _reply(self, type: ServiceType, call: ServiceCall, values: Encodable) -> None:
         try:
-            values = object_or_empty(op.values)
             response = payload_of(type.response, values, "service_response.values", self._now)
         except Refused as refused:
             call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
