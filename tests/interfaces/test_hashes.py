@@ -53,6 +53,8 @@ def test_every_message_has_the_fingerprints_of_its_distribution(registries: dict
         ("move_base_msgs/MoveBaseAction", "70b6aca7c7f7746d8d1609ad94c80bb8"),
         ("audio_common_msgs/AudioData", "f43a8e1b362b75baa741461b46adc7e0"),
         ("audio_common_msgs/AudioInfo", "9413d9b7029680d3b1db6ed0ae535f88"),
+        ("map_msgs/OccupancyGridUpdate", "b295be292b335c34718bd939deebe1c9"),
+        ("map_msgs/PointCloud2Update", "6c58e4f249ae9cd2b24fb1ee0f99195e"),
         ("octomap_msgs/Octomap", "9a45536b45c5e409cd49f04bb2d9999f"),
         ("octomap_msgs/OctomapWithPose", "20b380aca6a508a657e95526cddaf618"),
         ("turtle_actionlib/ShapeGoal", "3b9202ab7292cebe5a95ab2bf6b9c091"),

@@ -91,6 +91,7 @@ export const de: Record<TextKey, string> = {
   "teleop.right": "Nach rechts drehen",
   "camera.title": "Kamera",
   "camera.picture": "Bild von {topic}",
+  "camera.webrtc": "WebRTC",
   "camera.stream": "MJPEG",
   "camera.compressed": "Komprimierte Nachrichten",
   "camera.raw": "Rohe Nachrichten",

@@ -1,5 +1,6 @@
 /** nav_msgs/OccupancyGrid and its updates: a picture on the ground. */
 
+import { effect, untracked } from "@preact/signals-core";
 import {
   DataTexture,
   DoubleSide,
@@ -45,8 +46,15 @@ export class MapLayer extends Layer {
     this.colours = mapColours(this.isCost);
     this.hear((message) => this.takeWhole(message));
     const updates = `${context.topic}_updates`;
-    if (context.session.graph.peek().topics.has(updates))
-      this.hear((message) => this.takePart(message), {}, updates);
+    let hears = false;
+    // They may be offered later than the map, and are where the map has changed by then.
+    this.until(
+      effect(() => {
+        if (hears || !context.session.graph.value.topics.has(updates)) return;
+        hears = true;
+        untracked(() => this.hear((message) => this.takePart(message), {}, updates));
+      }),
+    );
   }
 
   private takeWhole(message: Message): void {

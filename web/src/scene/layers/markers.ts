@@ -9,9 +9,6 @@ import {
   DoubleSide,
   Group,
   InstancedMesh,
-  Line,
-  LineBasicMaterial,
-  LineSegments,
   Matrix4,
   Mesh,
   MeshLambertMaterial,
@@ -22,6 +19,9 @@ import {
   SphereGeometry,
   Vector3,
 } from "three";
+import { LineMaterial } from "three/addons/lines/LineMaterial.js";
+import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
+import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { CSS2DObject } from "three/addons/renderers/CSS2DRenderer.js";
 import type { RobotSession } from "../../robot/session";
 import type { Message } from "../../robot/subscriptions";
@@ -63,6 +63,8 @@ export interface Marker {
 const MOST_MARKERS = 10_000;
 const MOST_POINTS = 200_000;
 const MOST_LABEL = 500;
+/** Metres, of lines without a width. */
+const THINNEST = 0.01;
 const Y_TO_X = new Quaternion().setFromUnitVectors(new Vector3(0, 1, 0), new Vector3(1, 0, 0));
 const Y_TO_Z = new Quaternion().setFromUnitVectors(new Vector3(0, 1, 0), new Vector3(0, 0, 1));
 
@@ -97,15 +99,28 @@ function hasColours(marker: Marker): boolean {
   return marker.colors.length > 0 && marker.colors.length === marker.points.length;
 }
 
-function lineMaterial(marker: Marker): LineBasicMaterial {
-  const { a } = marker.color;
+/** Lines as wide as `scale.x` says, in metres: between each two points, or between those of each pair. */
+function lines(marker: Marker, isStrip: boolean): Object3D {
+  const { points, colors, color, scale } = marker;
   const own = hasColours(marker);
-  return new LineBasicMaterial({
-    color: own ? 0xffffff : colourOf(marker.color),
+  const at = vectors(points);
+  const order: number[] = [];
+  for (let from = 0; from + 1 < at.length; from += isStrip ? 1 : 2) order.push(from, from + 1);
+  const geometry = new LineSegmentsGeometry();
+  geometry.setPositions(order.flatMap((each) => (at[each] as Vector3).toArray()));
+  if (own) geometry.setColors(order.flatMap((each) => colourOf(colors[each] as Rgba).toArray()));
+  const material = new LineMaterial({
+    color: own ? 0xffffff : colourOf(color).getHex(),
     vertexColors: own,
-    transparent: a < 1,
-    opacity: a || 1,
+    worldUnits: true,
+    linewidth: scale.x > 0 ? scale.x : THINNEST,
+    transparent: color.a > 0 && color.a < 1,
+    opacity: color.a || 1,
+    side: DoubleSide,
   });
+  const drawn = new LineSegments2(geometry, material);
+  drawn.frustumCulled = false;
+  return drawn;
 }
 
 /** One shape at each point. */
@@ -170,9 +185,8 @@ export function drawMarker(marker: Marker, session: RobotSession, redraw: () => 
       return scaled(cylinder, scale);
     }
     case 4:
-      return new Line(geometryOf(points, colors), lineMaterial(marker));
     case 5:
-      return new LineSegments(geometryOf(points, colors), lineMaterial(marker));
+      return lines(marker, marker.type === 4);
     case 6:
       return instances(marker, new BoxGeometry());
     case 7:
