@@ -23,9 +23,14 @@ Object3D.DEFAULT_UP.set(0, 0, 1);
 
 const GROUND = new Plane(new Vector3(0, 0, 1), 0);
 
+const FIELD_OF_VIEW = 50;
+
+/** What the library's points are to be asked for so that they are as large as one metre is: it leaves the field of view out. */
+export const METRE_OF_POINTS = 1 / Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
+
 export class View {
   readonly scene = new Scene();
-  readonly camera = new PerspectiveCamera(50, 1, 0.05, 500);
+  readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.05, 500);
   readonly controls: OrbitControls;
   readonly canvas: HTMLCanvasElement;
   /** Called before each frame that is drawn. */

@@ -25,7 +25,7 @@ import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js
 import { CSS2DObject } from "three/addons/renderers/CSS2DRenderer.js";
 import type { RobotSession } from "../../robot/session";
 import type { Message } from "../../robot/subscriptions";
-import { disposeTree } from "../view";
+import { disposeTree, METRE_OF_POINTS } from "../view";
 import { Layer, type LayerContext } from "./layer";
 import { loadMesh } from "./meshes";
 import { type Pose, placeAt } from "./poses";
@@ -196,7 +196,7 @@ export function drawMarker(marker: Marker, session: RobotSession, redraw: () => 
       const color = own ? 0xffffff : colourOf(marker.color);
       return new Points(
         geometryOf(points, colors),
-        new PointsMaterial({ size: scale.x, color, vertexColors: own }),
+        new PointsMaterial({ size: scale.x * METRE_OF_POINTS, color, vertexColors: own }),
       );
     }
     case 9: {
