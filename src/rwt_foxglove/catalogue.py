@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from rwt_foxglove.wire.json_schema import schema_where_needed
+from rwt_foxglove.wire.payloads import JSON
 from rwt_foxglove.wire.server_messages import encoded, text, texts
 
 if TYPE_CHECKING:
@@ -27,12 +29,14 @@ class Channel:
         topic: absolute name.
         type: of its messages.
         announced: what is said of it, in JSON.
+        in_json: whether its messages are JSON, for viewers cannot read what the robot serialises.
     """
 
     id: int
     topic: str
     type: MessageType
     announced: bytes
+    in_json: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,8 +81,11 @@ class Catalogue:
         known = self._channels.get(topic.name)
         if known is None or known.type.name != topic.type.name:
             self._count += 1
-            announced = encoded({"id": self._count, "topic": topic.name, **_schema(topic.type)})
-            known = self._channels[topic.name] = Channel(self._count, topic.name, topic.type, announced)
+            schema = _schema(topic.type)
+            announced = encoded({"id": self._count, "topic": topic.name, **schema})
+            known = self._channels[topic.name] = Channel(
+                self._count, topic.name, topic.type, announced, schema["encoding"] == JSON
+            )
         return known
 
     def service(self, name: str, type: ServiceType) -> OfferedService:
@@ -106,8 +113,17 @@ class Catalogue:
 
 
 def _schema(type: MessageType) -> dict[str, str]:
-    """A type as Foxglove's protocol describes it: its definition with all that it contains, as in MCAP."""
+    """A type as Foxglove's protocol describes it: its definition with all that it contains, as in MCAP; or as
+    JSON Schema."""
     registry = type.registry
+    json_schema = schema_where_needed(type)
+    if json_schema is not None:
+        return {
+            "encoding": JSON,
+            "schemaName": registry.type_name(type),
+            "schemaEncoding": "jsonschema",
+            "schema": encoded(json_schema).decode(),
+        }
     serialisation = registry.distro.serialisation
     return {
         "encoding": serialisation,

@@ -26,13 +26,21 @@ if TYPE_CHECKING:
 
 
 class MessageEncoding:
-    """Samples as messages of a channel, whose subscriptions all share a frame with a gap for their ids."""
+    """Samples as messages of a channel, whose subscriptions all share a frame with a gap for their ids.
 
-    name: Final = "foxglove"
-    form: Form = "serialised"
+    Attributes:
+        name: as metrics call it.
+        form: what the messages are made of: what the robot serialises, or JSON.
+    """
+
+    def __init__(self, name: str, form: Form) -> None:
+        self.name: Final = name
+        self.form: Final = form
 
     def publish_encoder(self, topic: str) -> Callable[[Sample], Frame]:
         """An encoder for the samples of one topic."""
+        if self.form == "json":
+            return lambda sample: message_data(sample.stamp_ns, tuple(sample.payload.json_parts()))
         return lambda sample: message_data(sample.stamp_ns, sample.payload.serialised_parts())
 
 
@@ -58,7 +66,8 @@ class _NumberedFlow:
         self._flow.send_message([piece.filled(self._number) for piece in pieces], expires_ns)
 
 
-ENCODING: Final = MessageEncoding()
+SERIALISED: Final = MessageEncoding("foxglove", "serialised")
+IN_JSON: Final = MessageEncoding("foxglove-json", "json")
 
 _BECAUSE: Final[Mapping[DropReason, str]] = {
     DropReason.QUEUE: "this connection is slower than its publisher, and the newest count",
@@ -80,6 +89,7 @@ class _Delivery:
     ) -> None:
         clock, topic = graph.clock, channel.topic
         self.channel = channel
+        self._encoding = IN_JSON if channel.in_json else SERIALISED
         self._graph = graph
         self._fanout = fanout
         self._notice = Notice(replies.sink, topic)
@@ -101,7 +111,7 @@ class _Delivery:
 
     def begin(self) -> None:
         """Let samples flow, those that are kept for late readers first."""
-        stream = self._fanout.join(self._gate, self.channel.topic, ENCODING)
+        stream = self._fanout.join(self._gate, self.channel.topic, self._encoding)
         kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
         for sample in kept:
             stream.replay(sample, self._gate)
@@ -112,7 +122,7 @@ class _Delivery:
         self._flow.close()
         self._drops.close()
         self._notice.close()
-        self._fanout.leave(self._gate, self.channel.topic, ENCODING)
+        self._fanout.leave(self._gate, self.channel.topic, self._encoding)
         self._graph.unsubscribe(self._fanout)
 
 

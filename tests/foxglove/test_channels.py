@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,60 @@ def test_the_first_text_says_what_the_server_is(viewer: Viewer) -> None:
     assert info["supportedEncodings"] == ["cdr", "json"]
     assert info["metadata"] == {"ROS_DISTRO": "jazzy"}
     assert len(info["sessionId"]) == 32
+
+
+WIDE = """\
+std_msgs/Header header
+wstring<=5 word
+uint8[] octets
+geometry_msgs/Point[2] corners
+bool yes
+"""
+
+
+def test_what_viewers_cannot_read_serialised_is_a_channel_in_json(clock: SimulatedClock) -> None:
+    registry = Registry()
+    registry.add_text(WIDE, "shop_msgs/Wide")
+    graph = MemoryGraph(registry, clock)
+    gateway = FoxgloveGateway(graph, Access(graph, Settings()))
+    wide = Node(graph, "robot").advertise("/wide", "shop_msgs/Wide", latch=True)
+    wide.publish({"word": "größe", "octets": b"\x00\xff", "yes": True})
+    viewer = Viewer(gateway)
+    viewer.heard()
+    channel = viewer.channels["/wide"]
+    assert (channel["encoding"], channel["schemaEncoding"]) == ("json", "jsonschema")
+    assert channel["schemaName"] == "shop_msgs/msg/Wide"
+    time = {"type": "object", "properties": {name: {"type": "integer"} for name in ("sec", "nanosec")}}
+    point = {"type": "object", "properties": {axis: {"type": "number"} for axis in "xyz"}}
+    assert json.loads(channel["schema"]) == {
+        "type": "object",
+        "properties": {
+            "header": {"type": "object", "properties": {"stamp": time, "frame_id": {"type": "string"}}},
+            "word": {"type": "string"},
+            "octets": {"type": "string", "contentEncoding": "base64"},
+            "corners": {"type": "array", "items": point},
+            "yes": {"type": "boolean"},
+        },
+    }
+    viewer.subscribe("/wide", 9)
+    (message,) = viewer.heard_data()
+    assert message.subscription == 9
+    read = json.loads(message.payload)
+    assert (read["word"], read["octets"], read["yes"]) == ("größe", "AP8=", True)
+    assert len(read["corners"]) == 2 and read["header"]["frame_id"] == ""
+
+
+def test_a_channel_whose_schema_would_be_too_large_stays_serialised(clock: SimulatedClock) -> None:
+    registry = Registry()
+    registry.add_text("wstring w\n", "p/L0")
+    for level in range(1, 16):
+        registry.add_text(f"L{level - 1} a\nL{level - 1} b\n", f"p/L{level}")
+    graph = MemoryGraph(registry, clock)
+    gateway = FoxgloveGateway(graph, Access(graph, Settings()))
+    Node(graph, "robot").advertise("/large", "p/L15")
+    viewer = Viewer(gateway)
+    viewer.heard()
+    assert viewer.channels["/large"]["encoding"] == "cdr"
 
 
 def test_a_channel_describes_its_type_with_all_that_it_contains(

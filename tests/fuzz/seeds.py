@@ -16,6 +16,7 @@ from rwt_interfaces.payload import Payload
 from rwt_protocol.transport import Frame
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES
 from tests.fuzz.admission_targets import TOKEN
+from tests.fuzz.asgi_targets import requests
 from tests.fuzz.foxglove_targets import conversations
 from tests.fuzz.interface_targets import TYPES
 from tests.protocol.wire_examples import EXAMPLES
@@ -64,6 +65,7 @@ def seeds(name: str) -> Iterator[bytes]:
         "settings": _settings,
         "http_resources": _resources,
         "gate": _gates,
+        "asgi": lambda: iter(requests()),
     }[name]()
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from tests.fuzz import (
     admission_targets,
     agent_targets,
+    asgi_targets,
     foxglove_targets,
     gate_targets,
     http_targets,
@@ -45,6 +46,7 @@ TARGETS: Mapping[str, Target] = {
         agent_targets.agent,
         http_targets.http_resources,
         gate_targets.gate,
+        asgi_targets.asgi,
     )
 }
 
