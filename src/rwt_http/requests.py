@@ -157,7 +157,7 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
     body = request.body
     if media_of(request) == CBOR and body:
         return Payload.from_value(type, _cbor_map(body), now)
-    if not body.strip():
+    if not body:
         return Payload.from_json(type, b"{}", now)
     if len(body) < IN_STEPS:
         return Payload.from_json(type, body, now)

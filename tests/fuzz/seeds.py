@@ -65,8 +65,12 @@ def seeds(name: str) -> Iterator[bytes]:
         "settings": _settings,
         "http_resources": _resources,
         "gate": _gates,
-        "asgi": lambda: iter(requests()),
+        "asgi": _scopes,
     }[name]()
+
+
+def _scopes() -> Iterator[bytes]:
+    yield from requests()
 
 
 def _descriptions() -> Iterator[bytes]:

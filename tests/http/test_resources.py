@@ -202,6 +202,13 @@ async def test_where_a_body_does_not_fit_is_a_pointer(client: httpx.AsyncClient)
     assert answer.json()["where"] == "/linear/y"
 
 
+async def test_no_body_is_a_message_of_defaults_and_blanks_are_none(client: httpx.AsyncClient) -> None:
+    path = "/api/services/open/add"
+    assert (await client.post(path)).json() == {"sum": 0}
+    blanks = await client.post(path, content=b"\n", headers={"Content-Type": "application/json"})
+    assert blanks.status_code == 422 and "not valid JSON" in blanks.json()["detail"]
+
+
 async def test_nothing_is_left_of_requests_that_are_over(server: Server, client: httpx.AsyncClient) -> None:
     await client.get("/api/topics/open/label")
     await client.get("/api/topics/open/heard?wait=0.01")
