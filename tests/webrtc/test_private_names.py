@@ -105,3 +105,13 @@ async def test_values_of_ice() -> None:
     assert "self.get_component_candidates(component=" in inspect.getsource(Connection.gather_candidates)
     for name in ("_nominated", "_query_consent_task", "remote_password"):
         assert hasattr(connection, name)
+
+
+@pytest.mark.anyio
+async def test_the_certificate_of_a_handshake() -> None:
+    connection = RTCPeerConnection()
+    connection.createDataChannel("any")
+    assert connection.sctp is not None
+    certificate = connection.sctp.transport._RTCDtlsTransport__local_certificate  # type: ignore[attr-defined]
+    assert list(inspect.signature(certificate._create_ssl_context).parameters) == ["srtp_profiles"]
+    await connection.close()

@@ -17,6 +17,7 @@ from rwt_transports.errors import log_exception
 from rwt_transports.limits import KIB, AddressCount, Limits
 from rwt_transports.webrtc.association import Association
 from rwt_transports.webrtc.channels import ChannelLink
+from rwt_transports.webrtc.dtls import accept_rsa
 from rwt_transports.webrtc.ice import IceServer, configuration, prepare, way
 from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message
 from rwt_transports.websocket.close_codes import GOING_AWAY
@@ -135,16 +136,18 @@ class Peer:
         gathered."""
         connection = self.connection
         sctp = connection.sctp
-        transports = {each.sender.transport.transport for each in connection.getTransceivers()}
+        handshakes = {each.sender.transport for each in connection.getTransceivers()}
         if sctp is not None:
-            transports.add(sctp.transport.transport)
+            handshakes.add(sctp.transport)
             if self._association is None:
                 self._association = Association.adopt(
                     sctp, self._terms.limits, self._terms.buffers, self.fail
                 )
-        for transport in transports - self._prepared:
-            prepare(transport, loopback=self._loopback)
-            self._prepared.add(transport)
+        for handshake in handshakes:
+            if handshake.transport not in self._prepared:
+                accept_rsa(handshake)
+                prepare(handshake.transport, loopback=self._loopback)
+                self._prepared.add(handshake.transport)
 
     async def describe(self) -> str:
         """Gather candidates; returns this side's description, an offer or an answer, complete."""
