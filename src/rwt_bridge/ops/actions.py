@@ -6,7 +6,15 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final, Never, Protocol
 
 from rwt_bridge.ops.offers import Offer, Offers
-from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
+from rwt_bridge.ops.payloads import (
+    IN_STEPS,
+    arguments_in_steps,
+    arguments_of,
+    failure_text,
+    object_or_empty,
+    payload_in_steps,
+    payload_of,
+)
 from rwt_bridge.ops.services import split_suffix
 from rwt_graph.api import GoalEvents
 from rwt_graph.errors import InvalidTransition
@@ -24,6 +32,7 @@ from rwt_protocol.ops import (
     SendActionGoal,
     UnadvertiseAction,
 )
+from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt_access.client_graph import ClientGraph
@@ -31,6 +40,11 @@ if TYPE_CHECKING:
     from rwt_graph.api import ClientGoal, ServerGoal
     from rwt_interfaces.structs import ActionType
     from rwt_protocol.dispatcher import Steps
+    from rwt_protocol.payloads import Encodable
+
+#: Where they stand in their ops.
+_FEEDBACK: Final = "action_feedback.values"
+_RESULT: Final = "action_result.values"
 
 _OUTCOMES: Final = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
 
@@ -72,7 +86,7 @@ class SentGoal:
 
     __slots__ = ("_client", "_ended", "_fragment_size", "_goal", "_listening", "_name", "action", "id")
 
-    def __init__(self, client: Actions, op: SendActionGoal) -> None:
+    def __init__(self, client: Actions, op: SendActionGoal, args: Payload | None) -> None:
         name, suffix = split_suffix(op.action)
         self._client = client
         # Not the op, whose arguments would be kept as long as the goal runs.
@@ -86,6 +100,8 @@ class SentGoal:
 
         def goal_of(type: ActionType) -> Payload:
             client.graph.registry.action(op.action_type)
+            if args is not None and args.type is type.goal:
+                return args
             return arguments_of(type.goal, op.args, "send_action_goal.args", client.now)
 
         self._goal: ClientGoal = client.graph.send_goal(self.action, goal_of, events)
@@ -220,14 +236,27 @@ class Actions:
         """Goals of this client that wait for their result."""
         return len(self._sent)
 
-    def send_goal(self, op: SendActionGoal) -> None:
-        """Send a goal to an action of the graph (ACT-01 … ACT-05).
+    def send_goal(self, op: SendActionGoal) -> Steps | None:
+        """Send a goal to an action of the graph (ACT-01 … ACT-05); a large one is checked in steps.
 
         Its type must exist (ACT-04), and may be another than the server's: one action goes by several
         packages' names, and whether the goal fits is told by its fields.
         """
+        if op.args.size >= IN_STEPS:
+            return self._send_in_steps(op)
+        self._send_goal(op)
+        return None
+
+    def _send_in_steps(self, op: SendActionGoal) -> Steps:
+        action = self.graph.action(split_suffix(op.action)[0])
+        goal: Payload | None = None
+        if action is not None:
+            goal = yield from arguments_in_steps(action.type.goal, op.args, "send_action_goal.args", self.now)
+        self._send_goal(op, goal)
+
+    def _send_goal(self, op: SendActionGoal, args: Payload | None = None) -> None:
         try:
-            goal = SentGoal(self, op)
+            goal = SentGoal(self, op, args)
         except ProviderNotFound as missing:
             raise Refused(str(missing)) from None
         if not goal.ended:
@@ -275,24 +304,46 @@ class Actions:
         if provided is not None:
             self._offers.remove(provided)
 
-    def feedback(self, op: ActionFeedback) -> None:
-        """Pass on the feedback of a client that offers the action (ACT-14)."""
+    def feedback(self, op: ActionFeedback) -> Steps | None:
+        """Pass on the feedback of a client that offers the action (ACT-14); a large one in steps."""
         type, goal = self._goal(op.op, op.action, op.id)
         values = object_or_empty(op.values)
-        goal.feedback(payload_of(type.feedback, values, "action_feedback.values", self.now))
+        if isinstance(values, RawJson) and values.size >= IN_STEPS:
+            return self._feedback_in_steps(op, type, values)
+        goal.feedback(payload_of(type.feedback, values, _FEEDBACK, self.now))
+        return None
 
-    def result(self, op: ActionResult) -> None:
-        """End a goal with the result of the client that offers the action (ACT-15, ACT-16)."""
+    def _feedback_in_steps(self, op: ActionFeedback, type: ActionType, values: RawJson) -> Steps:
+        feedback = yield from payload_in_steps(type.feedback, values, _FEEDBACK, self.now)
+        _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
+        goal.feedback(feedback)
+
+    def result(self, op: ActionResult) -> Steps | None:
+        """End a goal with the result of the client that offers the action (ACT-15, ACT-16); a large one is
+        checked in steps."""
         type, goal = self._goal(op.op, op.action, op.id)
         if not op.result:
             abort(type, goal, failure_text(op.values, "the action failed and gave no reason"))
-            return
+            return None
+        values = object_or_empty(op.values)
+        steps = self._end_in_steps(op, type, values)
+        if isinstance(values, RawJson) and values.size >= IN_STEPS:
+            return steps
+        for _ in steps:
+            pass
+        return None
+
+    def _end_in_steps(self, op: ActionResult, type: ActionType, values: Encodable) -> Steps:
         try:
-            values = object_or_empty(op.values)
-            result = payload_of(type.result, values, "action_result.values", self.now)
+            if isinstance(values, RawJson) and values.size >= IN_STEPS:
+                result = yield from payload_in_steps(type.result, values, _RESULT, self.now)
+            else:
+                result = payload_of(type.result, values, _RESULT, self.now)
         except Refused as refused:
+            _, goal = self._goal(op.op, op.action, op.id)
             abort(type, goal, f"the provider's result does not fit {type.name}: {refused.reason}")
             raise
+        _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
         status = GoalStatus(op.status)
         try:
             goal.finish(status if status in _OUTCOMES else GoalStatus.ABORTED, result)
@@ -343,7 +394,7 @@ class _HasActions(Protocol):
     def actions(self) -> Actions: ...
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasActions, Never], None]]] = {
+HANDLERS: Final[Mapping[type[Op], Callable[[_HasActions, Never], Steps | None]]] = {
     SendActionGoal: lambda client, op: client.actions.send_goal(op),
     CancelActionGoal: lambda client, op: client.actions.cancel(op),
     ActionFeedback: lambda client, op: client.actions.feedback(op),

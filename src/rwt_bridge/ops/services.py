@@ -6,7 +6,15 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final, Never, Protocol
 
 from rwt_bridge.ops.offers import Offer, Offers
-from rwt_bridge.ops.payloads import arguments_of, failure_text, object_or_empty, payload_of
+from rwt_bridge.ops.payloads import (
+    IN_STEPS,
+    arguments_in_steps,
+    arguments_of,
+    failure_text,
+    object_or_empty,
+    payload_in_steps,
+    payload_of,
+)
 from rwt_graph.names import resolve
 from rwt_program.errors import CallFailed, ProviderNotFound
 from rwt_protocol.errors import Refused
@@ -35,6 +43,9 @@ def split_suffix(name: str) -> tuple[str, str | None]:
     base, hash_, suffix = name.partition("#")
     return (base, suffix) if hash_ else (name, None)
 
+
+#: Where an answer stands in its op.
+_ANSWER: Final = "service_response.values"
 
 Asked = tuple["ServiceType", "ServiceCall"]
 
@@ -88,18 +99,39 @@ class Services:
         self._now = graph.clock.time_ns
         self._provided: dict[str, _Provided] = {}
 
-    def call(self, op: CallService) -> None:
-        """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14)."""
+    def call(self, op: CallService) -> Steps | None:
+        """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14); large arguments
+        are checked in steps."""
         seconds = self._timeout if op.timeout is None else op.timeout
+        if op.args.size >= IN_STEPS:
+            return self._call_in_steps(op, seconds)
         self._call(op.service, op.id, op.args, seconds, op.fragment_size)
+        return None
 
     def call_usual(self, asked: UsualCall) -> None:
         """As :meth:`call`."""
         self._call(asked.service, asked.id, RawJson(bytes(asked.args)), self._timeout, None)
 
+    def _call_in_steps(self, op: CallService, seconds: float) -> Steps:
+        service = self._graph.service(split_suffix(op.service)[0])
+        request: Payload | None = None
+        if service is not None:
+            request = yield from arguments_in_steps(
+                service.type.request, op.args, "call_service.args", self._now
+            )
+        self._call(op.service, op.id, op.args, seconds, op.fragment_size, request)
+
     def _call(
-        self, name: str, id: str | int | None, args: Encodable, seconds: float, fragment_size: int | None
+        self,
+        name: str,
+        id: str | int | None,
+        args: Encodable,
+        seconds: float,
+        fragment_size: int | None,
+        request: Payload | None = None,
     ) -> None:
+        """Call a service; `request` is its arguments, where they have been checked already against the type
+        of the service."""
         service, suffix = split_suffix(name)
         mark = suffix if id is None else id
         replies = self._replies
@@ -111,10 +143,15 @@ class Services:
             else:
                 replies.respond(name, outcome, mark, fragment_size)
 
+        def request_of(type: ServiceType) -> Payload:
+            if request is not None and request.type is type.request:
+                return request
+            return arguments_of(type.request, args, "call_service.args", self._now)
+
         try:
             self._graph.call_service(
                 service,
-                lambda type: arguments_of(type.request, args, "call_service.args", self._now),
+                request_of,
                 on_reply,
                 seconds if seconds > 0 else None,
             )
@@ -148,16 +185,20 @@ class Services:
             self._forget(name)
             yield
 
-    def answer(self, op: ServiceResponse) -> None:
-        """Hand a provider's answer to the caller; only the provider itself may give it (SVP-03 … SVP-08).
+    def answer(self, op: ServiceResponse) -> Steps | None:
+        """Hand a provider's answer to the caller; only the provider itself may give it (SVP-03 … SVP-08). A
+        large one is checked in steps.
 
         It may give it over another connection than that which advertises: rosbridgecpp opens one for each.
         """
+        if op.result and isinstance(op.values, RawJson) and op.values.size >= IN_STEPS:
+            return self._answer_in_steps(op, op.values)
         type, call = self._asked(op.service, op.id)
         if not op.result:
             call.fail(failure_text(op.values, "the service failed and gave no reason"))
-            return
+            return None
         self._reply(type, call, object_or_empty(op.values))
+        return None
 
     def answer_usual(self, given: UsualResponse) -> None:
         """As :meth:`answer`."""
@@ -166,10 +207,22 @@ class Services:
 
     def _reply(self, type: ServiceType, call: ServiceCall, values: Encodable) -> None:
         try:
-            response = payload_of(type.response, values, "service_response.values", self._now)
+            response = payload_of(type.response, values, _ANSWER, self._now)
         except Refused as refused:
             call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
             raise
+        call.reply(response)
+
+    def _answer_in_steps(self, op: ServiceResponse, values: RawJson) -> Steps:
+        # It waits on meanwhile, so that it ends with its provider or its time, whichever comes first.
+        type, _ = self._waiting(op.service, op.id)[0]
+        try:
+            response = yield from payload_in_steps(type.response, values, _ANSWER, self._now)
+        except Refused as refused:
+            _, call = self._asked(op.service, op.id)
+            call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
+            raise
+        _, call = self._asked(op.service, op.id)
         call.reply(response)
 
     def answer_malformed(self, service: str, id: str | int | None, reason: str) -> None:
@@ -187,14 +240,23 @@ class Services:
         Raises:
             Refused: nothing does.
         """
+        asked, pending = self._waiting(service, id)
+        del pending[str(id)]
+        return asked
+
+    def _waiting(self, service: str, id: str | int | None) -> tuple[Asked, dict[str, Asked]]:
+        """What waits for an answer under an id, and what it is among.
+
+        Raises:
+            Refused: nothing does.
+        """
         name = resolve(service)
         provided: Offer[Asked] | None = self._provided.get(name)
-        asked = provided.pending.pop(id, None) if provided and isinstance(id, str) else None
-        if asked is None and isinstance(id, str):
-            elsewhere = self._offers.asked(name, id, self._graph, self._address)
-            asked = elsewhere.pending.pop(id) if elsewhere else None
-        if asked is not None:
-            return asked
+        if isinstance(id, str):
+            offer = provided if provided is not None and id in provided.pending else None
+            offer = offer or self._offers.asked(name, id, self._graph, self._address)
+            if offer is not None:
+                return offer.pending[id], offer.pending
         if provided is None:
             raise Refused(f"service_response: this client does not advertise {service}")
         raise Refused(f"service_response: no call of {service} waits under id {id!r}", level="warning")
@@ -205,7 +267,7 @@ class _HasServices(Protocol):
     def services(self) -> Services: ...
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasServices, Never], None]]] = {
+HANDLERS: Final[Mapping[type[Op], Callable[[_HasServices, Never], Steps | None]]] = {
     CallService: lambda client, op: client.services.call(op),
     ServiceResponse: lambda client, op: client.services.answer(op),
     AdvertiseService: lambda client, op: client.services.advertise(op),
