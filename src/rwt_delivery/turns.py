@@ -214,8 +214,12 @@ class TakesTurns(ABC, Generic[T]):
                 self._is_held = False
                 if self._flow_control is not None:
                     self._flow_control.resume()
+                if self._over:
+                    self._flow_control = None
 
     def _end_turns(self) -> None:
         """The client has gone: nothing of it waits any more."""
         self._over = True
         self._waiting.clear()
+        if not self._is_held:
+            self._flow_control = None  # So that nothing refers to the connection, which refers to this.

@@ -401,6 +401,7 @@ class Connection:
         endpoint, self._endpoint = self._endpoint, None
         if endpoint is not None:
             self.outbox.stop_sending()
+            self._wire.message = _ignore
             endpoint.closed(*(self._closed_with or (code, reason)))
 
     def tick(self, now: float) -> None:
@@ -439,6 +440,10 @@ class Connection:
 
     def __repr__(self) -> str:
         return f"<{self._state.transport} connection {self.address}:{self._port}>"
+
+
+def _ignore(data: bytes, binary: bool) -> None:
+    """Takes what comes when the endpoint has gone, which nothing here refers to any more."""
 
 
 class _ConnectionSink(Outbox):

@@ -359,8 +359,10 @@ class MemoryActionServer(Registration):
         self.closed = True
         self._owner.drop(self)
         self._actions.withdrawn(self)
-        if self.on_close is not None:
-            self.on_close()
+        # It refers to this again: without it both are freed as soon as nobody knows them.
+        on_close, self.on_close = self.on_close, None
+        if on_close is not None:
+            on_close()
         self.lose_goals()
 
     def lose_goals(self) -> None:

@@ -33,7 +33,7 @@ class Look:
 
     Attributes:
         held: CPU seconds of the loop's thread between two looks at its sockets, at most, since it was asked;
-            those of Python's garbage collector are counted apart.
+            those of Python's garbage collector are among them.
         collected: CPU seconds of the longest collection in that thread.
         used: MiB that are in use, as far as the C library knows: what it holds for later is left out.
         objects: how many small objects there are, in thousands.
@@ -121,8 +121,9 @@ def _trace(seconds: float, loop_thread: int, native: int) -> None:
                 sys.stderr.flush()
 
 
-def _set_collections_apart(loop_thread: int) -> None:
-    """Do not count the time of collections as time for which the loop is held."""
+def _time_collections(loop_thread: int) -> None:
+    """Note the longest collection in the loop's thread, which is part of the time for which the loop is
+    held."""
     begun: list[float] = []
 
     def collecting(phase: str, info: dict[str, int]) -> None:
@@ -132,7 +133,6 @@ def _set_collections_apart(loop_thread: int) -> None:
             begun.append(time.thread_time())
         elif begun:
             took = time.thread_time() - begun.pop()
-            _WatchedSelector.returned += took
             _WatchedSelector.collected = max(_WatchedSelector.collected, took)
 
     gc.callbacks.append(collecting)
@@ -153,7 +153,7 @@ def _time_callbacks(seconds: float) -> None:
 
 
 def _watch() -> None:
-    _set_collections_apart(threading.get_ident())
+    _time_collections(threading.get_ident())
     selectors.DefaultSelector = _WatchedSelector  # type: ignore[misc]  # what asyncio makes its loops with
     threading.Thread(target=_answer, daemon=True).start()
     seconds = float(os.environ.get("HOLDS_TO_TRACE", "0"))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -235,10 +235,9 @@ def _settings(arguments: argparse.Namespace) -> Settings:
 def _on_up(server: Server) -> str:
     """Where the server is reached and, for the demo robot, what to do next."""
     from rwt.server import listening
+    from rwt_cli.commands.serve.collecting import BoundedCollections
 
-    # What is there now stays: without it, a full collection holds the event loop half as long.
-    gc.collect()
-    gc.freeze()
+    BoundedCollections(partial(server.graph.clock.call_later, 0.0)).begin()
     web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
     hint = [_next_steps(web)] if server.settings.demo and web is not None else []
     if server.settings.tls.auto:

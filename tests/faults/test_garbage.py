@@ -1,0 +1,112 @@
+"""What clients have is freed when they leave, without Python's collector of cyclic garbage: a server looks at
+old objects as seldom as it can, since to look at all of them holds the event loop."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from rwt_bridge.ops.actions import SentGoal
+from rwt_bridge.ops.offers import Offer
+from rwt_bridge.ops.subscriptions import ClientSubscription
+from rwt_bridge.peer import Peer
+from rwt_cli.commands.serve.collecting import MOST_LOOKED_AT, BoundedCollections
+from rwt_delivery.throttle import Throttle
+from rwt_graph.memory.actions import MemoryActionServer
+from tests.faults.blocking_client import PATIENCE, BlockingClient
+from tests.faults.conftest import Robot
+
+COUNT = 200
+"""Of what each client has."""
+
+OWNED = (ClientSubscription, Throttle, SentGoal, Offer, MemoryActionServer, Peer)
+"""Whose instances belong to clients here."""
+
+FEW = 3 * COUNT
+"""Objects that may be garbage in cycles once the clients have gone: fewer than one for each thing of each of
+them. A connection itself may leave some."""
+
+
+def _subscriptions(client: BlockingClient) -> None:
+    for number in range(COUNT):
+        compression = ("none", "cbor", "cbor-raw", "png")[number % 4]
+        topic = f"/garbage{number}"
+        client.say("subscribe", topic=topic, type="std_msgs/String", compression=compression)
+        client.say("publish", topic=topic, type="std_msgs/String", msg={"data": ""})
+
+
+def _throttled(client: BlockingClient) -> None:
+    for number in range(COUNT):
+        rules = {"throttle_rate": 1000, "queue_length": 3, "qos": {"deadline": 5.0, "lifespan": 1.0}}
+        client.say("subscribe", topic=f"/garbage{number}", type="std_msgs/String", **rules)
+
+
+def _services(client: BlockingClient) -> None:
+    for number in range(COUNT):
+        client.say("advertise_service", service=f"/garbage{number}", type="std_srvs/SetBool")
+        client.say("call_service", service=f"/garbage{number}", id=str(number))
+
+
+def _actions(client: BlockingClient) -> None:
+    kind = "example_interfaces/Fibonacci"
+    for number in range(COUNT):
+        client.say("advertise_action", action=f"/garbage{number}", type=kind)
+        client.say("send_action_goal", action=f"/garbage{number}", action_type=kind, id=str(number), args={})
+
+
+@pytest.fixture
+def uncollected() -> Iterator[None]:
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.parametrize("act", [_subscriptions, _throttled, _services, _actions])
+def test_what_a_client_has_is_freed_with_it(act: object, robot: Robot, uncollected: None) -> None:
+    assert callable(act)
+    for _ in range(3):
+        with robot.connect() as client:
+            act(client)
+            client.ask_something()
+        robot.wait_for_clients(0)
+    deadline = time.monotonic() + PATIENCE
+    while left := sum(isinstance(each, OWNED) for each in gc.get_objects()):
+        assert time.monotonic() < deadline, f"{left} are left"
+        time.sleep(0.02)
+    assert robot.portal.call(gc.collect) < FEW
+
+
+class _Cycle:
+    def __init__(self) -> None:
+        self.own = self
+
+
+def test_full_collections_are_made_by_the_loop_and_look_at_few_objects() -> None:
+    due: list[object] = []
+    before = gc.get_threshold()
+    collections = BoundedCollections(lambda collect: due.append(collect))
+    collections.begin()
+    try:
+        frozen = gc.get_freeze_count()
+        kept = []
+        while not due:
+            kept.append([object()])
+        assert len(kept) < 10 * before[0] * before[1]
+        while len(kept) < 2 * MOST_LOOKED_AT:
+            kept.append([object()])
+        garbage = _Cycle()
+        del garbage
+        (collect,) = due
+        assert callable(collect)
+        collect()
+        assert gc.get_freeze_count() >= frozen + len(kept)
+        assert not gc.get_objects(2)
+        assert not any(type(each) is _Cycle for each in gc.get_objects())
+    finally:
+        collections.end()
+    assert gc.get_threshold() == before
+    assert gc.get_freeze_count() == 0
