@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from typing import TYPE_CHECKING, Final, Generic, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Final, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from rwt_graph.clock import Clock
     from rwt_transports.api import FlowControl
@@ -100,6 +100,12 @@ class Work(Protocol):
         """Count that something of the client waits, since it is beyond its rate."""
 
 
+class _Arriving(NamedTuple):
+    """A message that is still being read from its wire."""
+
+    steps: Iterator[None]
+
+
 class TakesTurns(ABC, Generic[T]):
     """A client whose messages wait their turn: beyond its share of a turn of the event loop, where all
     clients together have had theirs, and beyond its rate of work. Until then nothing is read from it.
@@ -126,7 +132,7 @@ class TakesTurns(ABC, Generic[T]):
         self._turn_began = 0.0  # when it had worked so long
         self._is_beyond = self._needs_turn = work.excess > 0.0  # its rate of work
         self._began = 0.0  # with the frame or message at hand
-        self._waiting: deque[T] = deque()
+        self._waiting: deque[T | _Arriving] = deque()
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Hold this client back by `flow_control` while its messages wait their turn."""
@@ -172,7 +178,11 @@ class TakesTurns(ABC, Generic[T]):
         self._turns.note(seconds)
         self._is_beyond = self._needs_turn = self._work.excess > 0.0
 
-    def _wait(self, what: T) -> None:
+    def take_steps(self, steps: Iterator[None]) -> None:
+        """Take the steps in which a message is read from its wire, in turns, as what it asks for."""
+        self._wait(_Arriving(steps))
+
+    def _wait(self, what: T | _Arriving) -> None:
         """Let a frame or a message wait for a later turn, or the rest of one; until then nothing is read from
         this client."""
         self._waiting.append(what)
@@ -193,7 +203,8 @@ class TakesTurns(ABC, Generic[T]):
 
     def _go_on(self) -> None:
         """Take this turn's share of what waits."""
-        if self._waiting and self._is_held_up(self._waiting[0]):
+        first = self._waiting[0] if self._waiting else None
+        if first is not None and not isinstance(first, _Arriving) and self._is_held_up(first):
             self._turns.later(self._ask_for_turn)
             return
         waiting, self._waiting = self._waiting, deque()
@@ -202,7 +213,10 @@ class TakesTurns(ABC, Generic[T]):
             while waiting and not (self._waiting or self._over or self._worked - self._turn_began > SHARE):
                 what = waiting.popleft()
                 now = self._began = self._monotonic()
-                self._take_up(what, now)
+                if isinstance(what, _Arriving):
+                    self._read_on(what)
+                else:
+                    self._take_up(what, now)
                 self._worked += self._monotonic() - now
         finally:
             if not self._over:
@@ -216,6 +230,13 @@ class TakesTurns(ABC, Generic[T]):
                     self._flow_control.resume()
                 if self._over:
                     self._flow_control = None
+
+    def _read_on(self, arriving: _Arriving) -> None:
+        """Take steps of reading a message; the rest of them wait for a later turn."""
+        for _ in arriving.steps:
+            if not self._has_time():
+                self._wait(arriving)
+                return
 
     def _end_turns(self) -> None:
         """The client has gone: nothing of it waits any more."""

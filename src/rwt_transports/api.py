@@ -9,7 +9,7 @@ thread, so a message costs no task.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from ssl import SSLContext
@@ -103,6 +103,30 @@ class Holding(Protocol):
 
     def go_on(self) -> None:
         """Hand over what has come meanwhile."""
+
+
+TakeSteps = Callable[[Iterator[None]], None]
+"""Takes work in short steps, some of them in each turn of the event loop. Until all are taken nothing is read
+from the peer."""
+
+
+@runtime_checkable
+class StepWise(Protocol):
+    """A wire on which one message may take long to read, and does so in steps.
+
+    Attributes:
+        take_steps: takes them; None where nobody does, and they are taken at once.
+    """
+
+    take_steps: TakeSteps | None
+
+
+@runtime_checkable
+class StepTaking(Protocol):
+    """An endpoint that takes the steps of its wire as it does its own work."""
+
+    def take_steps(self, steps: Iterator[None]) -> None:
+        """As :data:`TakeSteps` says."""
 
 
 class Wire(Protocol):

@@ -19,6 +19,8 @@ from rwt_transports.api import (
     Holding,
     Link,
     OversizeAware,
+    StepTaking,
+    StepWise,
     Wire,
     WireEvents,
 )
@@ -202,6 +204,7 @@ class Connection:
         "_pinged",
         "_port",
         "_state",
+        "_step_wise",
         "_wire",
         "address",
         "outbox",
@@ -225,6 +228,7 @@ class Connection:
         )
         wire: object = self._wire
         self._holding = wire if isinstance(wire, Holding) else None
+        self._step_wise = wire if isinstance(wire, StepWise) else None
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
         self.take: Callable[[], Buffer | None] = self.outbox.take
         self.take_pieces: Callable[[], Sequence[Buffer]] = self.outbox.take_pieces
@@ -386,6 +390,8 @@ class Connection:
         self._endpoint = endpoint
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
+        if self._step_wise is not None:
+            self._step_wise.take_steps = endpoint.take_steps if isinstance(endpoint, StepTaking) else None
         if not self._ending:
             self._wire.message = endpoint.receive
 
@@ -402,6 +408,8 @@ class Connection:
         if endpoint is not None:
             self.outbox.stop_sending()
             self._wire.message = _ignore
+            if self._step_wise is not None:
+                self._step_wise.take_steps = None
             endpoint.closed(*(self._closed_with or (code, reason)))
 
     def tick(self, now: float) -> None:

@@ -12,11 +12,13 @@ itself, which makes small messages much smaller and costs time and memory for ea
 from __future__ import annotations
 
 import zlib
+from collections.abc import Generator, Iterator
 from functools import cache
+from itertools import count
 from typing import Final
 
 from rwt_protocol.transport import Buffer, Frame
-from rwt_transports.api import Framing, WireEvents
+from rwt_transports.api import Framing, TakeSteps, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import INVALID_DATA, TOO_BIG
 from rwt_transports.websocket.extensions import DeflateTerms
@@ -37,6 +39,12 @@ _COMPRESSED: Final = 0x40
 _TAIL: Final = b"\x00\x00\xff\xff"
 """What ends a flushed block, and is left out of a message (section 7.2.1)."""
 _WINDOW: Final = 32 * 1024
+_SMALL: Final = 1024
+"""Bytes of a compressed message that is inflated at once: it comes to a megabyte at most."""
+_AT_ONCE: Final = 4
+"""Steps in which most messages are inflated."""
+_STEP: Final = 64 * 1024
+"""Bytes that are inflated at once, and that are made at once."""
 _MOST_BLOCKS: Final = 16
 """Final blocks within one message; known compressors make one at most."""
 
@@ -112,34 +120,60 @@ class _Inflater:
         self._most = most
         self._unpacker = zlib.decompressobj(-15)
 
-    def unpack(self, payload: bytes) -> bytes:
-        """One message.
+    def unpack(self, payload: bytes) -> Generator[None, None, bytes]:
+        """One message, in steps of some ten thousand bytes.
 
         Raises:
             ProtocolViolation: it is damaged, or too large.
         """
         if not self._keep:
             self._unpacker = zlib.decompressobj(-15)
-        rest = payload + _TAIL
-        found = b""
-        for _ in range(_MOST_BLOCKS):
+        packed = memoryview(payload + _TAIL)
+        found: list[bytes] = []
+        left, blocks, place = self._most + 1, 1, 0
+        piece: bytes | memoryview = b""
+        is_full = False
+        while piece or is_full or place < len(packed):
+            if not (piece or is_full):
+                piece = packed[place : place + _STEP]
+                place += len(piece)
+            room = min(_STEP, left)
             try:
-                found += self._unpacker.decompress(rest, self._most + 1 - len(found))
+                inflated = self._unpacker.decompress(piece, room)
             except zlib.error:
                 raise ProtocolViolation(INVALID_DATA, "a compressed message is damaged") from None
-            if len(found) > self._most or self._unpacker.unconsumed_tail:
+            found.append(inflated)
+            left -= len(inflated)
+            if left <= 0:
                 raise ProtocolViolation(
                     TOO_BIG, f"a message inflates to more than {self._most} bytes, the limit (message_bytes)"
                 )
-            if not self._unpacker.eof:
-                return found
-            # A final block within the stream (section 7.2.3.4): a new one begins, with the window of the old.
-            rest = self._unpacker.unused_data
-            window = found[-_WINDOW:]
-            self._unpacker = zlib.decompressobj(-15, zdict=window) if window else zlib.decompressobj(-15)
-        raise ProtocolViolation(
-            INVALID_DATA, f"a compressed message has more than {_MOST_BLOCKS} final blocks"
-        )
+            # Beyond that much it may hold more, even if it has taken all.
+            is_full = len(inflated) == room
+            piece = self._unpacker.unconsumed_tail
+            if self._unpacker.eof:
+                # A final block within the stream (section 7.2.3.4): a new one begins, with the window of the
+                # old.
+                blocks += 1
+                if blocks > _MOST_BLOCKS:
+                    raise ProtocolViolation(
+                        INVALID_DATA, f"a compressed message has more than {_MOST_BLOCKS} final blocks"
+                    )
+                piece, is_full = self._unpacker.unused_data, False
+                window = _end_of(found)
+                self._unpacker = zlib.decompressobj(-15, zdict=window) if window else zlib.decompressobj(-15)
+            yield
+        return b"".join(found)
+
+
+def _end_of(parts: list[bytes]) -> bytes:
+    """The last bytes of what a message was inflated to, as many as a window has."""
+    end = b""
+    for part in reversed(parts):
+        end = part + end
+        if len(end) >= _WINDOW:
+            break
+    return end[-_WINDOW:]
 
 
 class DeflateWire(WebSocketWire):
@@ -151,9 +185,13 @@ class DeflateWire(WebSocketWire):
         max_size: largest message in bytes, compressed and inflated.
         strict_utf8: end the connection with 1007 when a text message is not UTF-8.
         buffers: where large messages are received.
+
+    Attributes:
+        take_steps: takes the steps in which a large message is inflated; None where nobody does, and it is
+            inflated at once.
     """
 
-    __slots__ = ("_compressed", "_deflate_framing", "_inflater")
+    __slots__ = ("_compressed", "_deflate_framing", "_inflater", "take_steps")
 
     def __init__(
         self,
@@ -165,6 +203,7 @@ class DeflateWire(WebSocketWire):
         buffers: ReceiveBufferPool | None = None,
     ) -> None:
         super().__init__(events, max_size=max_size, strict_utf8=strict_utf8, buffers=buffers)
+        self.take_steps: TakeSteps | None = None
         self._compressed = False  # the message under way is
         self._inflater = _Inflater(terms.peer_keeps_context, max_size)
         self._deflate_framing = (
@@ -207,7 +246,27 @@ class DeflateWire(WebSocketWire):
 
     def _deliver(self, payload: bytes, binary: bool) -> None:
         compressed, self._compressed = self._compressed, False
-        super()._deliver(self._inflater.unpack(payload) if compressed else payload, binary)
+        if not compressed:
+            super()._deliver(payload, binary)
+            return
+        steps = self._inflater.unpack(payload)
+        take = self.take_steps if len(payload) > _SMALL else None
+        for _ in range(_AT_ONCE) if take is not None else count():
+            try:
+                next(steps)
+            except StopIteration as end:
+                super()._deliver(end.value, binary)
+                return
+        assert take is not None  # Else all steps are taken.
+        self._is_held = True
+        take(self._deliver_later(steps, binary))
+
+    def _deliver_later(self, steps: Generator[None, None, bytes], binary: bool) -> Iterator[None]:
+        try:
+            message = yield from steps
+            super()._deliver(message, binary)
+        except ProtocolViolation as violation:
+            self._fail(violation.code, str(violation))
 
 
 def deflate_server(
