@@ -12,7 +12,7 @@ import msgspec
 
 from rwt_interfaces.errors import InvalidMessage, TooManyValues
 from rwt_interfaces.serialise.json import REJECTIONS, parse
-from rwt_interfaces.serialise.long_arrays import MOST_VALUES, PIECE, has_many_values
+from rwt_interfaces.serialise.long_arrays import MOST_LENIENT, MOST_VALUES, PIECE, has_many_values
 from rwt_interfaces.serialise.long_strings import (
     LARGE,
     LongString,
@@ -200,17 +200,22 @@ class Payload:
         """Take a message that cannot be looked at in pieces: its checks are the steps, none of which others
         have to wait for together with the next."""
         yield
-        try:
+        with suppress(*REJECTIONS):
             message_type.json.check(raw)
-        except REJECTIONS:
-            yield
-            with suppress(*REJECTIONS):
-                return cls(message_type, None, message_type.complete_quickly(raw, now))
-            yield
-            parsed = parse(raw)
-            yield
-            return cls(message_type, None, message_type.decode_leniently(parsed, now))
-        return cls(message_type, raw, None)
+            return cls(message_type, raw, None)
+        yield
+        with suppress(*REJECTIONS):
+            return cls(message_type, None, message_type.complete_quickly(raw, now))
+        if has_many_values(raw, MOST_LENIENT):
+            raise TooManyValues(
+                "",
+                f"more than {MOST_LENIENT} values, and not as ROS writes it:"
+                " so many are taken only as items of long lists",
+            )
+        yield
+        parsed = parse(raw)
+        yield
+        return cls(message_type, None, message_type.decode_leniently(parsed, now))
 
     @classmethod
     def _around_string(cls, message_type: MessageType, string: LongString, now: Now) -> Payload:

@@ -111,20 +111,45 @@ _ITEMS = [b"\xa0", b"\x80", b"\x81\x80", b"\xa1\x60\x80", b"\x61a", b"\x59\x03\x
 
 @pytest.mark.parametrize("item", _ITEMS)
 def test_small_items_are_bounded_in_bytes_and_long_strings_are_not(item: bytes) -> None:
-    count = 100_000 // len(item)
+    count = 95_000 // len(item)
     data = b"\xa3\x62op\x67publish\x65topic\x62/a\x63msg\x9a" + count.to_bytes(4, "big") + item * count
     most = WireLimits(split=SplitLimits(max_structure=90_000))
     (found,) = Session(limits=most).decode(data, True, 0.0)
     assert isinstance(found, Refusal)
-    assert (
-        found.reason == "more than 90000 bytes beside long strings and typed arrays (limits.structure_bytes)"
+    assert found.reason == (
+        "more than 90000 bytes beside long strings and typed arrays, or more than 15000 arrays and maps"
+        " (limits.structure_bytes)"
     )
-    assert isinstance(one(data), Publish)
+    more = WireLimits(split=SplitLimits(max_structure=600_000))
+    (found,) = Session(limits=more).decode(data, True, 0.0)
+    assert isinstance(found, Publish)
     octets = {"a": bytes(200_000), "b": cbor2.CBORTag(70, bytes(200_000))}
     (found,) = Session(limits=most).decode(
         cbor2.dumps({"op": "publish", "topic": "/a", "msg": octets}), True, 0.0
     )
     assert isinstance(found, Publish)
+
+
+_HEAD = b"\xa3\x62op\x67publish\x65topic\x62/a\x63msg\x9a"
+
+
+@pytest.mark.parametrize(
+    ("item", "count", "is_taken"),
+    [
+        (b"\x81" * 95 + b"\x80", 2_600, False),
+        (b"\x81\x80", 40_000, False),
+        (b"\x81\x80", 20_000, True),
+        (b"\xf8\x20", 60_000, False),  # simple values
+        (b"\x9f\xff", 70_000, False),  # of indefinite length
+        (b"\xb9\x00\x00", 70_000, False),
+        (b"\xa1\x61x\xfb\x80\x90\xa0\xb0\xc0\xd0\x80\x90", 20_000, True),  # numbers that look like heads
+        (b"\xfb\x80\x90\xa0\xb0\xc0\xd0\x80\x90", 29_000, True),
+        (b"\x63\xe6\xbc\xa2", 60_000, True),  # texts that do
+    ],
+)
+def test_arrays_and_maps_are_bounded_in_number(item: bytes, count: int, is_taken: bool) -> None:
+    (found,) = Session().decode(_HEAD + count.to_bytes(4, "big") + item * count, True, 0.0)
+    assert isinstance(found, Publish) is is_taken
 
 
 def test_the_text_of_a_failure() -> None:

@@ -9,7 +9,7 @@ import msgspec
 
 from rwt_interfaces.errors import InvalidMessage, TooManyValues
 from rwt_interfaces.payload import Payload
-from rwt_interfaces.serialise.long_arrays import MOST_VALUES, has_many_values
+from rwt_interfaces.serialise.long_arrays import MOST_LENIENT, has_many_values
 from rwt_protocol.error_text import describe_kind
 from rwt_protocol.errors import Refused
 from rwt_protocol.payloads import EMPTY, FEW_BYTES, Decoded, Encodable, RawJson
@@ -100,8 +100,8 @@ def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[]
     try:
         if isinstance(raw, Decoded):
             return Payload.from_value(type, raw.value if raw.kind == "array" else {}, now)
-        if isinstance(raw, RawJson) and raw.size > FEW_BYTES and has_many_values(raw.data):
-            raise Refused(f"{where}: more than {MOST_VALUES} values: send them by their names")
+        if isinstance(raw, RawJson) and raw.size > FEW_BYTES and has_many_values(raw.data, MOST_LENIENT):
+            raise Refused(f"{where}: more than {MOST_LENIENT} values: send them by their names")
         return Payload.from_args(type, raw.json(), now)
     except InvalidMessage as error:
         raise _refused(where, error) from None

@@ -44,8 +44,10 @@ _FEW_NUMBERS: Final = 1 << 20
 MOST_GROWTH: Final = 1_000_000
 """Bytes that the messages of an array may grow before the fields that they lack are counted."""
 MOST_VALUES: Final = 1 << 18
-"""Values of a text that is decoded at once, reckoned by its commas: what holds more has to be taken in
-pieces."""
+"""Values of a text that is decoded at once, reckoned by its commas and objects: what holds more has to be
+taken in pieces."""
+MOST_LENIENT: Final = 1 << 15
+"""The same of a text that is no message as it stands, and has to be completed value by value."""
 _QUOTED_TOKEN = b'"%b"' % TOKEN.encode()
 
 _WHOLE: Final = 1 << 18
@@ -497,15 +499,15 @@ def _taken_item(
         raise under(f"{items.name}[{number}]", error) from None
 
 
-def has_many_values(data: RawText) -> bool:
+def has_many_values(data: RawText, most: int = MOST_VALUES) -> bool:
     """Whether a text may hold so many values that it may not be decoded at once."""
     text = bytes(data)
-    if len(text) <= MOST_VALUES:
+    if len(text) <= most:
         return False
     found = 0
-    for start in range(0, len(text), MOST_VALUES):
-        found += text.count(b",", start, start + MOST_VALUES)
-        if found > MOST_VALUES:
+    for start in range(0, len(text), _WHOLE):
+        found += text.count(b",", start, start + _WHOLE) + text.count(b"{", start, start + _WHOLE)
+        if found > most:
             return True
     return False
 

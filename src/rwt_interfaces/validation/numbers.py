@@ -106,7 +106,9 @@ def number_list(value: Any, type: field_types.Int | field_types.Float) -> list[A
 def _float32_list(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:
     """Float32 numbers with infinities among them, which a laser scan is full of and a range check refuses."""
     try:
-        numbers: list[float] = msgspec.convert(value, list[float])
+        numbers: list[Any] = msgspec.convert(value, list[float | None])
+        if None in numbers:
+            numbers = [math.nan if number is None else number for number in numbers]
         struct.pack(f"<{len(numbers)}f", *numbers)
     except (msgspec.ValidationError, TypeError, OverflowError):
         return _one_by_one(value, type)

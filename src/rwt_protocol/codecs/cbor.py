@@ -7,6 +7,7 @@ decoded once, envelope and payload together: a payload is handed on as the plain
 from __future__ import annotations
 
 import gc
+import re
 import struct
 from collections.abc import Mapping, Sequence
 from io import BytesIO
@@ -49,6 +50,26 @@ _NOT_CBOR: Final = (
 _READ_SIZE: Final = 1024
 """Bytes that the library reads at a time; of a longer string it reads the rest at once."""
 
+_BYTES, _TEXT, _ARRAY, _MAP, _TAG = range(2, 7)
+_HEADS: Final = bytes(range(0x80, 0xE0)) + b"\xf8"
+"""The first bytes of arrays, maps and tags, which take the library ten times as long as others, and of simple
+values, which take a hundred times as long."""
+_BYTES_OF_A_HEAD: Final = 6
+"""How many bytes of structure a frame has at least for each array, map or tag in it."""
+_SIMPLE_WEIGHT: Final = 16
+_ARGUMENT_SIZES: Final = {24: 1, 25: 2, 26: 4, 27: 8}
+_LAST_ARGUMENT: Final = 23
+_MOST_WALKED: Final = 21_000
+"""Arrays and maps, one with its neighbours, that are counted exactly."""
+_RUN: Final = re.compile(
+    rb"([\x80-\x97\xa0-\xb7\xc0-\xd7]*+)(?:[\x00-\x17\x20-\x37\xf4-\xf7\xff]"
+    rb"|[\x18\x38].|[\x19\x39\xf9].{2}|[\x1a\x3a\xfa].{4}|[\x1b\x3b\xfb].{8}|"
+    + b"|".join(b"[\\x%02x\\x%02x].{%d}" % (0x40 + size, 0x60 + size, size) for size in range(24))
+    + rb")*+",
+    re.DOTALL,
+)
+"""A run of arrays, maps and tags with short heads, then one of numbers and of short texts and octets."""
+
 _FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
 """Tags that the library would turn into dates, patterns, shared references and so on, which ROS has not."""
 
@@ -83,7 +104,8 @@ class CborCodec(ObjectCodec):
             most = limits.max_structure
             return (
                 DecodeFailure(
-                    f"more than {most} bytes beside long strings and typed arrays (limits.structure_bytes)"
+                    f"more than {most} bytes beside long strings and typed arrays, or more than"
+                    f" {most // _BYTES_OF_A_HEAD} arrays and maps (limits.structure_bytes)"
                 ),
             )
         finally:
@@ -173,6 +195,9 @@ class _Stream(BytesIO):
     def __init__(self, data: bytes, max_structure: int) -> None:
         super().__init__(data)
         self.left = max_structure
+        self._most_heads = max_structure // _BYTES_OF_A_HEAD
+        self._heads = 0
+        self._is_walked = False
 
     def read(self, size: int | None = -1, /) -> bytes:
         """As of any stream.
@@ -184,7 +209,44 @@ class _Stream(BytesIO):
             self.left -= size if size > 1 else 2  # Each takes its time, however small it is.
             if self.left < 0:
                 raise _TooMuchStructure
+            data = super().read(size)
+            self._heads += len(data) - len(data.translate(None, _HEADS))
+            if self._heads > self._most_heads // 8 and not self._is_walked:
+                self._is_walked = True
+                if _has_more_heads(self.getvalue(), self._most_heads):
+                    self.left = -1
+                    raise _TooMuchStructure
+            return data
         return super().read(size)
+
+
+def _has_more_heads(data: bytes, most: int) -> bool:
+    """Whether more than `most` arrays, maps and tags begin in a frame; a simple value that no message has
+    counts as many of them."""
+    at, found = 0, 0
+    for _ in range(_MOST_WALKED):
+        if found > most:
+            return True
+        run = _RUN.match(data, at)
+        if run is not None:  # It may be empty, and matches always.
+            found += run.end(1) - at
+            at = run.end()
+        if at >= len(data):
+            return found > most
+        major, argument = data[at] >> 5, data[at] & 31
+        size = _ARGUMENT_SIZES.get(argument, 0)
+        if major in (_BYTES, _TEXT):
+            size += int.from_bytes(data[at + 1 : at + 1 + size], "big") if size else argument
+        elif major not in (_ARRAY, _MAP, _TAG):
+            found += _SIMPLE_WEIGHT
+        elif size or argument > _LAST_ARGUMENT:
+            found += 1
+        else:
+            continue
+        at += 1 + size
+    # What is left is reckoned, so that finding out takes no longer than it is worth.
+    left = data[at : at + _BYTES_OF_A_HEAD * most]
+    return found + len(left) - len(left.translate(None, _HEADS)) > most
 
 
 def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:

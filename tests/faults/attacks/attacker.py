@@ -485,6 +485,19 @@ def nested_arrays(attacker: Attacker) -> None:
     attacker.send(_cbor_publish(_head(4, count) + b"\x81\x80" * count) for _ in range(100))
 
 
+def deep_arrays(attacker: Attacker) -> None:
+    """Arrays in CBOR within each other, almost as deep as they may be."""
+    count = 2_600
+    deep = _cbor_publish(_head(4, count) + (b"\x81" * 95 + b"\x80") * count)
+    attacker.send(deep for _ in range(100))
+
+
+def simple_values(attacker: Attacker) -> None:
+    """Values of CBOR that no message has, each of which takes its decoder long."""
+    count = 120_000
+    attacker.send(_cbor_publish(_head(4, count) + b"\xf8\x20" * count) for _ in range(100))
+
+
 def deep_json(attacker: Attacker) -> None:
     """JSON that is nested almost too deeply, all over, where it is passed over."""
     deep = b",".join([b"[" * 90 + b"]" * 90] * (LARGEST // 181))
@@ -565,6 +578,50 @@ def values_in_cdr(attacker: Attacker) -> None:
     names = json.dumps(kind)[1:-1].encode()
     op = b'{"op":"publish",' + names + b',"msg":' + msg + b"}"
     attacker.send(op for _ in range(3))
+
+
+def numbers_in_an_item(attacker: Attacker) -> None:
+    """Millions of numbers in the only item of a list, which lacks its other members, for readers of CBOR and
+    CDR."""
+    kind = {"topic": "/cloud", "type": "sensor_msgs/PointCloud"}
+    for compression in ("cbor", "cbor-raw"):
+        Attacker(attacker.port, {"op": "subscribe", **kind, "compression": compression})
+    numbers = b"0," * (LARGEST // 2 - 200) + b"0"
+    names = json.dumps(kind)[1:-1].encode()
+    op = b'{"op":"publish",' + names + b',"msg":{"channels":[{"values":[' + numbers + b"]}]}}"
+    attacker.send(op for _ in range(3))
+
+
+def broken_lists(attacker: Attacker) -> None:
+    """Millions of values of which only the last shows that they are no message."""
+    kind = b'"topic":"/joints","type":"sensor_msgs/JointState"'
+    for value, last in ((b'"",', b"1"), (b'"",', b"x"), (b"0,", b"NaN"), (b"{},", b"0"), (b"null,", b'"')):
+        values = value * (LARGEST // len(value) - 100)
+        for member in (b"name", b"position", b"other"):
+            msg = b'{"' + member + b'":[' + values + last + b"]}"
+            attacker.send(iter([b'{"op":"publish",' + kind + b',"msg":' + msg + b"}"]))
+
+
+def large_arguments(attacker: Attacker) -> None:
+    """Millions of texts in the arguments of calls, by their names and in order."""
+    texts = b"[" + b'"",' * (LARGEST // 3 - 100) + b'""]'
+    call = b'{"op":"call_service","service":"/rosapi/set_param","args":'
+    for args in (b'{"name":' + texts + b"}", texts, b'{"x":{"y":' + texts + b"}}"):
+        attacker.send(iter([call + args + b"}"]))
+
+
+def everything_kept(attacker: Attacker) -> None:
+    """As many subscriptions as there may be, over many connections, all of which stay."""
+    kind = '"type":"std_msgs/String"'
+    each = (b'{"op":"subscribe","topic":"/any%d",%b}' % (number, kind.encode()) for number in range(900))
+    ops = b"".join(frame(TEXT, op, key=bytes(4)) for op in each)
+    for _ in range(5):
+        one = Attacker(attacker.port)
+        _held.append(one)
+        one.send_raw(ops, time.monotonic() + 20 * SECONDS)
+    for each_held in _held:
+        assert isinstance(each_held, Attacker)
+        each_held.send(iter([{"op": "call_service", "service": "/rosapi/get_time", "id": "t"}]))
 
 
 def every_type(attacker: Attacker) -> None:
@@ -687,7 +744,9 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         empty_maps, nested_arrays, deep_json, deep_payload, many_in_a_member, constants, long_numbers,
         defaults, incomplete_poses, empty_names, parameters, refusals, services_again, small_video,
         expensive_videos, lists_of_many, offers_again, everything_subscribed, come_and_go, pages_again,
-        pictures_of_text, large_description, many_connections, names_in_cbor, values_in_cdr, every_type,
+        pictures_of_text, large_description, many_connections, names_in_cbor, values_in_cdr,
+        numbers_in_an_item, broken_lists, large_arguments, everything_kept, deep_arrays, simple_values,
+        every_type,
         deflate_bombs, picture_bombs, mjpeg_flood, snapshots_again,
     )
 }  # fmt: skip
