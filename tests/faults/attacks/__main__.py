@@ -7,8 +7,17 @@ import os
 import sys
 from contextlib import ExitStack
 
-from tests.faults.attacks.attacked import attacked_server, suffer
+from tests.faults.attacks.attacked import Damage, attacked_server, suffer
 from tests.faults.attacks.attacker import ATTACKS
+
+
+def row(name: str, damage: Damage) -> str:
+    """What an attack does, and has done, as a row of a table in Markdown."""
+    what = (ATTACKS[name].__doc__ or name).strip().removesuffix(".")
+    what = " ".join(what.split())
+    held, ran = round(damage.held * 1000), round(damage.ran * 1000)
+    what = what if what[:2].isupper() else what[0].lower() + what[1:]
+    return f"| {what} | {held} | {ran} | {max(0, round(damage.grown))} |"
 
 
 def main() -> None:
@@ -21,6 +30,9 @@ def main() -> None:
     parser.add_argument(
         "--trace", type=float, metavar="MS", help="print where the event loop is once it is held for so long"
     )
+    parser.add_argument(
+        "--rows", action="store_true", help="print rows of the table in docs/explanation/robustness.md"
+    )
     options = parser.parse_args()
     if options.trace:
         os.environ["HOLDS_TO_TRACE"] = str(options.trace / 1000)
@@ -30,7 +42,8 @@ def main() -> None:
             if server is None or options.apart:
                 stack.close()
                 server = stack.enter_context(attacked_server(options.distro, options.role))
-            sys.stdout.write(f"{name:<24} {suffer(name, server)}\n")
+            damage = suffer(name, server)
+            sys.stdout.write(f"{row(name, damage)}\n" if options.rows else f"{name:<24} {damage}\n")
             sys.stdout.flush()
             if options.trace:
                 sys.stdout.write(server.log.read_text())
