@@ -106,7 +106,6 @@ def test_a_program_with_these_classes_runs() -> None:
         assert program(robot) == (3, [0.5], 2.0, 1)
 
 
-@pytest.mark.timeout(180)  # It reads all that the program imports.
 @pytest.mark.timeout(700)  # It reads all packages, where none has seen them yet.
 def test_a_type_checker_finds_its_mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MYPYPATH", str(ROOT / "src"))
