@@ -15,7 +15,7 @@ PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest docs dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
+.PHONY: demo test quick lowest pythons matrix docs dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 ros-mcp fuzz mutants conformance \
 client-grades clean
 
@@ -105,6 +105,11 @@ lowest: $(STAMP)
 	$(LOWEST)/bin/python -m pytest -q tests/access tests/bridge tests/graph tests/tf2 tests/protocol tests/interfaces \
 		tests/transports
 
+# The wheels on every Python from 3.11 that this machine has, and the quick tests there; `make pythons ARGS='--only 3.13'`.
+pythons: $(STAMP)-dev
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/python -m tools.try_pythons $(ARGS)
+
 # The pages as a site, in build/site; every warning is an error. To read it: `python3 -m http.server -d build/site`.
 docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --group docs
@@ -175,6 +180,10 @@ client-grades: $(STAMP)-dev $(CLIENTS)/node_modules/.installed
 		$(BIN)/python -m tests.conformance.rwt_client_adapter
 	$(BIN)/python tools/generate_client_grades.py $(GRADES)/[1-4]
 	rm -r $(GRADES)
+
+# Grades every server and client that can run here, by version, and writes docs/reference/matrix.md.
+matrix: $(STAMP)-dev
+	$(BIN)/python -m tools.generate_matrix $(ARGS)
 
 # Every case of the suite against our server over every transport; six minutes, most of them for the pipes.
 conformance: $(STAMP)-dev

@@ -26,6 +26,8 @@ is the client of this repository.
 Cells say how many cases passed out of those asked; what a library does not offer is not asked. Robustness
 counts the HARDEN cases: malformed frames, servers that misbehave, connections that are lost.
 [What grades mean](../how-to/conformance.md#verdicts-and-grades)
+
+[By version](matrix.md), with servers.
 """
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import ipaddress
 import logging
+import signal
 import socket
 import sys
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
@@ -549,6 +550,8 @@ class Server:
 
             if main is not None:
                 raise SettingsError("`workers`: the robot's own program runs in one process: use 1 here")
+            if not hasattr(signal, "pthread_sigmask") or not hasattr(socket, "SO_REUSEPORT"):
+                raise SettingsError("`workers`: this system has no processes that share a port: use 1 here")
 
             def serve(worker: WorkerContext, settings: Settings) -> None:
                 self._as_worker(worker, settings).run(announce=worker.announce, on_up=on_up)

@@ -27,7 +27,7 @@ from rwt.observability.supervision import (
     tell,
     tell_reloading,
 )
-from rwt.signals import terminal_is_gone
+from rwt.signals import HANGUP, terminal_is_gone
 from rwt_transports.backoff import Backoff
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ Work = Callable[[int, Announce], int]
 
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 #: With the one that asks the children to read their files again; they hear it from their parent.
-_SIGNALS: Final = (*_STOP_SIGNALS, signal.SIGHUP)
+_SIGNALS: Final = _STOP_SIGNALS if HANGUP is None else (*_STOP_SIGNALS, HANGUP)
 _RESTART: Final = Backoff(first=0.5, factor=2.0, longest=30.0, jitter=0.0)
 #: A child that has been up for so many seconds is started again without much waiting.
 _SETTLED_SECONDS: Final = 60.0
@@ -147,8 +147,8 @@ class Supervisor:
                     return
                 tell_reloading()
                 for child in self._children.values():
-                    if child.process.pid is not None:
-                        os.kill(child.process.pid, signal.SIGHUP)
+                    if child.process.pid is not None and HANGUP is not None:
+                        os.kill(child.process.pid, HANGUP)
                 tell(READY)
             for child in self._ended(ready):
                 self._schedule_restart(child)

@@ -160,6 +160,8 @@ def bind_unix(path: str) -> socket.socket:
     Raises:
         ListenError: the path cannot be had.
     """
+    if not hasattr(socket, "AF_UNIX"):
+        raise ListenError(f"cannot listen on {path}: this system has no Unix sockets; use tcp:// or ws://")
     bound = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         bound.setblocking(False)
