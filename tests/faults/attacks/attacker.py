@@ -240,6 +240,24 @@ def pieces_of_a_frame(attacker: Attacker) -> None:
         half.send_raw(bytes(piece), time.monotonic() + SECONDS / 4)
 
 
+_LONG_TEXT: Final = (
+    b'{"op":"publish","topic":"/a","type":"std_msgs/String","msg":{"data":"' + b"x" * (LARGEST - 100) + b'"}}'
+)
+
+
+def inflated_at_once(attacker: Attacker) -> None:
+    """The same over many connections at once, each of which waits for its turn."""
+    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
+    packed = packer.compress(_LONG_TEXT)
+    message = bytearray(frame(TEXT, (packed + packer.flush(zlib.Z_SYNC_FLUSH))[:-4], key=bytes(4)))
+    message[0] |= 0x40
+    wants = b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover"
+    many = [Attacker(attacker.port, headers=(wants,)) for _ in range(25)]
+    _held.extend(many)
+    for each in many:
+        each.send_raw(bytes(message))
+
+
 def half_bodies(attacker: Attacker) -> None:
     """Requests over HTTP whose bodies never end, over many connections."""
     head = b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000\r\n\r\n"
@@ -737,8 +755,8 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
     for attack in (
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
         long_ids, long_goal_ids, long_names_to_hear, long_names_to_offer, long_names_of_services,
-        long_questions, unread_answers, half_messages, pieces_of_a_frame, half_bodies, forms_of_what_is_kept,
-        feedback_flood,
+        long_questions, unread_answers, half_messages, pieces_of_a_frame, inflated_at_once,
+        half_bodies, forms_of_what_is_kept, feedback_flood,
         long_lists_of_numbers, small_typed_arrays,
         fragments_left_open, spellings, rosapi_flood, many_in_a_frame, smallest_pieces, colliding_keys,
         empty_maps, nested_arrays, deep_json, deep_payload, many_in_a_member, constants, long_numbers,

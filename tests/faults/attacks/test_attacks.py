@@ -59,7 +59,7 @@ OF_VIEWERS: Final = frozenset(
      "nested_arrays", "deep_arrays", "simple_values", "deep_json", "large_arguments", "everything_kept",
      "many_in_a_member", "constants", "long_numbers",
      "expensive_videos", "refusals", "long_names_to_hear", "long_questions", "unread_answers",
-     "half_messages", "pieces_of_a_frame", "half_bodies",
+     "half_messages", "pieces_of_a_frame", "half_bodies", "inflated_at_once",
      "everything_subscribed", "come_and_go", "many_connections", "picture_bombs", "snapshots_again"}
 )  # fmt: skip
 """Attacks for which no right is needed beyond looking."""
