@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+from itertools import product
 from typing import Any
 
 import pytest
@@ -405,8 +406,9 @@ def test_the_quick_check_of_large_texts_accepts_what_the_plain_one_does(
         plain = accepts(name, raw)
         small.setattr(long_strings, "BASE64_PIECE", 16)
         small.setattr(long_strings, "TEXT_PIECE", 16)
-        for margin in (12, 24, 60):
+        for margin, at_once in product((12, 24, 60), (0, 1 << 20)):
             small.setattr(long_strings, "MARGIN", margin)
+            small.setattr(long_strings, "_AT_ONCE", at_once)
             small.setattr(payload_form, "LARGE", 4 * margin)
             assert accepts(name, raw) == plain
 
@@ -469,3 +471,34 @@ def test_fields_that_are_left_out_are_bounded_over_the_whole_message() -> None:
         take("geometry_msgs/Polygon", odd)
     with pytest.raises(InvalidMessage, match="more than 30000 fields are missing"):
         take("visualization_msgs/MarkerArray", b'{"markers":[' + b"{}," * 5_000 + b"{}]}")
+
+
+@pytest.mark.parametrize(
+    "head", ["", '{"op":"publish","topic":"/t","msg":', '{"id":"{\\"data\\": \\"aaaa","msg":']
+)
+@pytest.mark.parametrize(
+    ("content", "is_valid"),
+    [
+        ("a" * 5000, True),
+        ("a" * 5000 + "é", True),
+        ("a" * 5000 + "\n", False),
+        ("a" * 2500 + '", "x": "' + "a" * 2500, False),
+        ("a" * 5000 + "\\n", True),
+        ("a" * 5000 + "\\", False),
+        ("a" * 5000 + "\ud800", False),
+    ],
+)
+def test_a_text_within_a_frame_is_proven_where_it_stands(head: str, content: str, is_valid: bool) -> None:
+    payload = f'{{"data": "{content}"}}'
+    frame = (head + payload + ("}" if head else "")).encode("utf-8", "surrogatepass")
+    raw = memoryview(frame)[len(head.encode()) :]
+    raw = raw[:-1] if head else raw
+    kind = Registry().message("std_msgs/String")
+    for at_once in (0, 1 << 20):
+        with pytest.MonkeyPatch().context() as other:
+            other.setattr(long_strings, "_AT_ONCE", at_once)
+            if is_valid:
+                assert bytes(Payload.from_json(kind, raw).json()) == bytes(raw)
+            else:
+                with pytest.raises(InvalidMessage):
+                    Payload.from_json(kind, raw)
