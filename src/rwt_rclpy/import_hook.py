@@ -19,7 +19,7 @@ from rwt_interfaces.errors import UnknownType
 from rwt_interfaces.names import KINDS
 from rwt_rclpy.messages.classes import module_of
 from rwt_rclpy.messages.loaded import classes
-from rwt_rclpy.modules import ABSENT, MODULES
+from rwt_rclpy.modules import ABSENT, ABSENT_IN_RCLPY, MODULES
 
 
 class MixedInstallation(ImportError):
@@ -164,6 +164,12 @@ class RosFinder(MetaPathFinder):
             if not rest and top != "rclpy" and _installed(top) is not None:
                 return None  # A companion that was installed on its own is its user's choice.
             return self._spec(fullname, _Alias(MODULES[fullname]))
+        if top == "rclpy":
+            reason = next(
+                (why for name, why in ABSENT_IN_RCLPY.items() if f"{fullname}.".startswith(f"{name}.")),
+                "use what docs/how-to/rclpy.md lists",
+            )
+            raise NotAvailable(f"{fullname} is not available without ROS: {reason}", name=fullname)
         if fullname in ABSENT and (rest or _installed(top) is None):
             raise NotAvailable(f"{fullname} is not available without ROS: {ABSENT[fullname]}", name=fullname)
         if top not in self.packages:

@@ -109,6 +109,11 @@ MODULES: Final = {
     "rosidl_parser.definition": f"{_HERE}.messages.slot_types",
 }
 
+#: Modules of rclpy that are not here, and what to use instead.
+ABSENT_IN_RCLPY: Final = {
+    "rclpy.experimental": "executors in C++; every executor of rclpy.executors is woken by events here",
+}
+
 #: What programs import that cannot be here, and what to do instead.
 ABSENT: Final = {
     "rclcpp": "C++ nodes; run them on a machine with ROS and join it over Zenoh or rosbridge",

@@ -97,15 +97,50 @@ def _argument(setup: Path, name: str) -> object:
     for keyword in [] if call is None else call.keywords:
         if keyword.arg != name:
             continue
-        value = keyword.value
-        if isinstance(value, ast.Name):
-            value = variables.get(value.id, value)
         try:
-            found: object = ast.literal_eval(value)
+            return _plain(keyword.value, variables, _MOST_NESTED)
         except ValueError:
             return None
-        return found
     return None
+
+
+#: How deep an argument of `setup()` may be nested to be read.
+_MOST_NESTED = 30
+
+
+def _plain(value: ast.expr, variables: dict[str, ast.expr], depth: int) -> object:
+    """What an expression of constants and of names that are given constants comes to; nothing is run.
+
+    Raises:
+        ValueError: it is of anything else.
+    """
+    if depth == 0:
+        raise ValueError("nested too deep")
+    below = depth - 1
+    match value:
+        case ast.Constant():
+            return value.value
+        case ast.Name() if value.id in variables:
+            return _plain(variables[value.id], variables, below)
+        case ast.List() | ast.Tuple():
+            return [_plain(each, variables, below) for each in value.elts]
+        case ast.Dict():
+            return {
+                _plain(key, variables, below): _plain(each, variables, below)
+                for key, each in zip(value.keys, value.values, strict=True)
+                if key is not None
+            }
+        case ast.BinOp(op=ast.Add()):
+            left, right = (_plain(each, variables, below) for each in (value.left, value.right))
+            if isinstance(left, str) and isinstance(right, str):
+                return left + right
+            if isinstance(left, list) and isinstance(right, list):
+                return left + right
+        case ast.JoinedStr():
+            return "".join(str(_plain(each, variables, below)) for each in value.values)
+        case ast.FormattedValue():
+            return _plain(value.value, variables, below)
+    raise ValueError(f"{ast.dump(value)[:80]} is not plain")
 
 
 def _name(setup: Path) -> str:

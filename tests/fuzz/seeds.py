@@ -66,11 +66,28 @@ def seeds(name: str) -> Iterator[bytes]:
         "http_resources": _resources,
         "gate": _gates,
         "asgi": _scopes,
+        "ros_arguments": _command_lines,
+        "content_filter": _filters,
     }[name]()
 
 
 def _scopes() -> Iterator[bytes]:
     yield from requests()
+
+
+def _command_lines() -> Iterator[bytes]:
+    for line in (
+        "prog --ros-args -r chatter:=/talk -p rate:=2.0 -- other",
+        "--ros-args -r node:__ns:=/a -r __node:=b --log-level node:=debug --disable-rosout-logs",
+        "--ros-args -r rostopic://a:=~/b -p node:list:=[1,2] -p x:='{a' --enclave /e",
+    ):
+        yield b"\x00" + line.replace(" ", "\0").encode()
+        yield b"\x01" + line.replace(" ", "\0").encode()
+
+
+def _filters() -> Iterator[bytes]:
+    yield b"x > %0 AND NOT (name LIKE 'wh%' OR ok = TRUE)\x001.5"
+    yield b"header.x BETWEEN -1e3 AND 0x10 or x <> %1\x00'a'\x00b"
 
 
 def _descriptions() -> Iterator[bytes]:

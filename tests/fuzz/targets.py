@@ -15,6 +15,7 @@ from tests.fuzz import (
     http_targets,
     interface_targets,
     protocol_targets,
+    rclpy_targets,
     wire_targets,
 )
 
@@ -47,6 +48,8 @@ TARGETS: Mapping[str, Target] = {
         http_targets.http_resources,
         gate_targets.gate,
         asgi_targets.asgi,
+        rclpy_targets.ros_arguments,
+        rclpy_targets.content_filter,
     )
 }
 

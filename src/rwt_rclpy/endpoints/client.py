@@ -14,6 +14,9 @@ from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
 from rwt_rclpy.endpoints.qos import QoSProfile
 from rwt_rclpy.endpoints.serialization import message_of, payload_of
+from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
+from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
+from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.logs.logger import get_logger

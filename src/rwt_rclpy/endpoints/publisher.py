@@ -8,6 +8,7 @@ from rwt_interfaces.payload import Payload
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.events import QoSPublisherEventType
+from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.messages.classes import Message
 
 if TYPE_CHECKING:

@@ -6,13 +6,14 @@ import inspect
 from collections import deque
 from collections.abc import Callable, Sequence
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypedDict
 
 from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.content_filter import ContentFilter, ContentFilterOptions, InvalidFilter
 from rwt_rclpy.endpoints.events import EventHandler, QoSMessageLostInfo, QoSSubscriptionEventType
 from rwt_rclpy.endpoints.qos import HistoryPolicy, QoSProfile
+from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
 from rwt_rclpy.exceptions import RCLError
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.logs.logger import get_logger
@@ -24,6 +25,15 @@ if TYPE_CHECKING:
 
 #: What `KEEP_ALL` keeps for an executor that does not take it.
 KEEP_ALL_LIMIT = 100_000
+
+
+class MessageInfo(TypedDict):
+    """What is known about a message beside it: times in nanoseconds since the epoch, and numbers."""
+
+    source_timestamp: int
+    received_timestamp: int
+    publication_sequence_number: int | None
+    reception_sequence_number: int | None
 
 
 class CallbackType(Enum):
@@ -187,7 +197,7 @@ class Subscription(Entity):
             return lambda: callback(message)
         return lambda: callback(*taken)
 
-    def _take(self) -> tuple[Any, dict[str, int]] | None:
+    def _take(self) -> tuple[Any, MessageInfo] | None:
         keeper = self._link.timekeeper
         while True:
             try:

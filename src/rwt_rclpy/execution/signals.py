@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 import threading
 from enum import IntFlag
+from queue import SimpleQueue
 from types import FrameType
 from typing import Any
 
@@ -27,12 +28,19 @@ class SignalHandlerOptions(IntFlag):
 
 _OPTIONS = {signal.SIGINT: SignalHandlerOptions.SIGINT, signal.SIGTERM: SignalHandlerOptions.SIGTERM}
 _before: dict[signal.Signals, Any] = {}
+#: Signals that have come; its `put` may be called in a handler, whatever the interrupted code holds.
+_received: SimpleQueue[int] = SimpleQueue()
+_watcher: threading.Thread | None = None
 
 
 def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
     """Answer signals from now on; in threads other than the main one, which cannot, it does nothing."""
+    global _watcher
     if threading.current_thread() is not threading.main_thread():
         return
+    if options and (_watcher is None or not _watcher.is_alive()):
+        _watcher = threading.Thread(target=_end_contexts, name="signals", daemon=True)
+        _watcher.start()
     for number, option in _OPTIONS.items():
         if option & options and number not in _before:
             _before[number] = signal.signal(number, _handle)
@@ -55,16 +63,18 @@ def get_current_signal_handlers_options() -> SignalHandlerOptions:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    # In a thread of its own: the main thread may hold a lock that ending a context needs.
-    threading.Thread(target=_end_contexts, name="signal", daemon=True).start()
+    # In another thread: the main thread may hold a lock that ending a context needs, or starting a thread.
+    _received.put(number)
     before = _before.get(signal.Signals(number))
     if callable(before):
         before(number, frame)
 
 
 def _end_contexts() -> None:
-    for context in initialised_contexts():
-        context.shutdown_by_signal()
+    while True:
+        _received.get()
+        for context in initialised_contexts():
+            context.shutdown_by_signal()
 
 
 class SignalHandlerGuardCondition(GuardCondition):

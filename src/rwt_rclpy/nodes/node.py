@@ -29,6 +29,11 @@ from rwt_rclpy.endpoints.qos import (
 from rwt_rclpy.endpoints.service import Service
 from rwt_rclpy.endpoints.subscription import Subscription
 from rwt_rclpy.endpoints.type_support import check_is_valid_srv_type, message_type, service_type
+from rwt_rclpy.endpoints.type_variables import MsgType as MsgType
+from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
+from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
+from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
+from rwt_rclpy.exceptions import NodeNameNonExistentError as NodeNameNonExistentError
 from rwt_rclpy.exceptions import NotInitializedException
 from rwt_rclpy.execution.callback_groups import (
     CallbackGroup,
@@ -59,6 +64,10 @@ from rwt_rclpy.parameters.services import LoggingService, ParameterService
 if TYPE_CHECKING:
     from rwt_rclpy.execution.executors import Executor
     from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo
+
+
+#: Names of nodes that begin so are not listed unless asked for.
+HIDDEN_NODE_PREFIX = "_"
 
 
 class NodeHandle(Destroyable):

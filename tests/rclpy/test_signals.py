@@ -1,0 +1,98 @@
+"""Ctrl-C and SIGTERM, sent to programs in processes of their own when they say that they spin."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+#: How long a process may take to start or to end, in seconds: only one that hangs takes so long.
+PATIENCE = 60
+
+SPINS = """
+import rclpy
+from rclpy.executors import {executor}
+
+rclpy.init()
+node = rclpy.create_node("talker")
+executor = {executor}()
+executor.add_node(node)
+said = []
+
+def tell():
+    if not said:
+        said.append(True)
+        print("spinning", flush=True)
+
+node.create_timer(0.01, tell)
+try:
+    executor.spin()
+except BaseException as error:
+    print(type(error).__name__, flush=True)
+print("ok", rclpy.ok(), flush=True)
+rclpy.try_shutdown()
+print("end", flush=True)
+"""
+
+HOLDS_ITS_OWN = """
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+node = rclpy.create_node("talker")
+print("spinning", flush=True)
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    print("interrupted, ok", rclpy.ok(), flush=True)
+rclpy.shutdown()
+print("end", flush=True)
+"""
+
+
+def run(tmp_path: Path, program: str, number: signal.Signals) -> tuple[list[str], int]:
+    """What a program says from when it spins and gets a signal, and its exit code."""
+    file = tmp_path / "program.py"
+    file.write_text(program)
+    with subprocess.Popen(
+        [sys.executable, "-m", "rwt_rclpy", str(file)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "RWT_RCLPY_GRAPH": "memory"},
+        # A shell's background ignores Ctrl-C, and what it starts inherits that.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as process:
+        assert process.stdout is not None
+        try:
+            assert process.stdout.readline() == "spinning\n"
+            process.send_signal(number)
+            said, _ = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    return said.splitlines(), process.returncode
+
+
+@pytest.mark.parametrize("executor", ["SingleThreadedExecutor", "MultiThreadedExecutor"])
+def test_sigterm_ends_the_context_and_the_spin(tmp_path: Path, executor: str) -> None:
+    said, code = run(tmp_path, SPINS.format(executor=executor), signal.SIGTERM)
+    assert "KeyboardInterrupt" not in said and said[-2:] == ["ok False", "end"] and code == 0
+    # A spin that is between two callbacks just ends, as in rclpy; one that waits raises.
+    assert said[:-2] in ([], ["ExternalShutdownException"])
+
+
+@pytest.mark.parametrize("executor", ["SingleThreadedExecutor", "MultiThreadedExecutor"])
+def test_ctrl_c_ends_the_context_and_interrupts_the_main_thread(tmp_path: Path, executor: str) -> None:
+    said, code = run(tmp_path, SPINS.format(executor=executor), signal.SIGINT)
+    # The executor is woken, and Python raises KeyboardInterrupt: which of both comes first is a race on ROS too.
+    assert said[0] in ("KeyboardInterrupt", "ExternalShutdownException", "ok False")
+    assert said[-1] == "end" and code == 0
+
+
+def test_without_handlers_ctrl_c_leaves_the_context_alone(tmp_path: Path) -> None:
+    said, code = run(tmp_path, HOLDS_ITS_OWN, signal.SIGINT)
+    assert said == ["interrupted, ok True", "end"] and code == 0
