@@ -88,7 +88,7 @@ def test_sigterm_ends_the_context_and_the_spin(tmp_path: Path, executor: str) ->
 @pytest.mark.parametrize("executor", ["SingleThreadedExecutor", "MultiThreadedExecutor"])
 def test_ctrl_c_ends_the_context_and_interrupts_the_main_thread(tmp_path: Path, executor: str) -> None:
     said, code = run(tmp_path, SPINS.format(executor=executor), signal.SIGINT)
-    # The executor is woken, and Python raises KeyboardInterrupt: which of both comes first is a race on ROS too.
+    # The executor is woken, and Python raises KeyboardInterrupt: which comes first is a race on ROS too.
     assert said[0] in ("KeyboardInterrupt", "ExternalShutdownException", "ok False")
     assert said[-1] == "end" and code == 0
 

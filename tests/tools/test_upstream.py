@@ -148,6 +148,82 @@ def test_every_client_that_was_tried_is_on_the_list_and_can_be_run_or_says_why()
         assert not suite.checkout or suite.ready
 
 
+def test_each_file_runs_by_itself_and_some_tests_are_set_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    checkout, beside = tmp_path / "checkout", tmp_path / "other"
+    checkout.mkdir()
+    beside.mkdir()
+    (beside / "word.txt").write_text("hello")
+    (checkout / "test_one.py").write_text(
+        "import os\n\ndef test_word():\n    assert os.environ['WORD'].endswith('other')\n"
+        "\ndef test_c():\n    assert False\n"
+    )
+    (checkout / "test_two.py").write_text("def test_flaky():\n    pass\n")
+    listed = tmp_path / "each.toml"
+    listed.write_text(
+        """
+[small]
+title = "two files"
+repository = "https://example.org/small"
+tried = "1"
+checkout = ["test_one.py"]
+ready = "unpacking it"
+beside = { other = ["word.txt"] }
+each = "test_*.py"
+run = ["{python}", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--junitxml={report}", "{file}"]
+environment = { WORD = "{other}" }
+results = "junit"
+
+[small.apart]
+"*::test_c" = "needs a compiler"
+
+[small.sometimes]
+"*::test_flaky" = "it is flaky"
+"""
+    )
+    arguments = ["small", "--checkout", str(checkout)]
+    assert main(arguments, suites_file=listed) == 2
+    assert "--beside other=DIR" in capsys.readouterr().err
+    assert main([*arguments, "--beside", f"other={beside}"], suites_file=listed) == 0
+    output = capsys.readouterr().out
+    assert "apart     1: needs a compiler" in output and "2 of 2 passed (100.0 %)" in output
+
+
+def test_the_programs_of_others_are_listed_and_their_patterns_are_some(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    import re
+
+    from tools.upstream import programs
+
+    assert programs.main([]) == 0
+    assert "ros2/examples: examples_rclpy_minimal_publisher" in capsys.readouterr().out
+    for program in programs.listed().values():
+        assert len(program.run) == len(program.says)
+        for pattern in program.says:
+            re.compile(pattern)
+
+
+def test_public_names_are_held_against_a_checkout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import rwt_rclpy
+    from tools.upstream import public_names
+
+    package = tmp_path / "rclpy" / "rclpy"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("def init(): ...\ndef fly(): ...\n_hidden = 1\n")
+    (package / "node.py").write_text("class Node:\n    def get_name(self): ...\n    def _own(self): ...\n")
+    (package / "experimental").mkdir()
+    (package / "experimental" / "__init__.py").write_text("class Fast: ...\n")
+    try:
+        assert public_names.main([str(tmp_path)]) == 1
+        assert public_names.main([str(tmp_path / "rclpy")]) == 2
+    finally:
+        rwt_rclpy.uninstall()
+    output = capsys.readouterr().out
+    assert "MISSING   rclpy:fly: is not there" in output and "4 of 5 names are there" in output
+
+
 def test_a_list_that_is_wrong_is_named(tmp_path: Path) -> None:
     file = tmp_path / "suites.toml"
     file.write_text('[a]\ntitle = "x"\nrepository = "y"\ntried = "z"\nexpexted_failures = {}\n')

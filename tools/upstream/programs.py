@@ -151,6 +151,11 @@ def outcome(program: Program, checkout: Path, graph: str, seconds: float) -> str
     return ""
 
 
+def listed() -> dict[str, Program]:
+    """Every program by its name."""
+    return msgspec.convert(tomllib.loads(LIST.read_text("utf-8")), dict[str, Program])
+
+
 def _folder(text: str) -> tuple[str, Path]:
     name, equals, folder = text.partition("=")
     if not equals or not Path(folder).is_dir():
@@ -165,7 +170,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", metavar="WORD", help="those with this in their names")
     parser.add_argument("--seconds", type=float, default=90.0, help="how long each may take (default 90)")
     options = parser.parse_args(arguments)
-    programs = msgspec.convert(tomllib.loads(LIST.read_text("utf-8")), dict[str, Program])
+    programs = listed()
     checkouts: Mapping[str, Path] = dict(options.checkout)
     if not checkouts:
         for name, program in programs.items():
