@@ -357,6 +357,36 @@ async def test_the_page_alone_works_with_another_server(browser: Browser, distro
         await page.keyboard("up", "w")
 
 
+@pytest.mark.parametrize("alone", [False, True])
+async def test_it_works_with_a_server_that_speaks_the_text_of_ros_1(browser: Browser, alone: bool) -> None:
+    """The profile `ros1` refuses what the protocol of 2013 has not."""
+    async with (
+        Server("ws://127.0.0.1:0", distro="noetic", profile="ros1", demo=True) as server,
+        serve_page("ws://127.0.0.1:0", server.urls[0]) as listener,
+        browser.page((listener.url if alone else server.urls[0]).replace("ws", "http", 1), **SIZE) as page,
+    ):
+        heard: list[float] = []
+        server.node("test").subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x))
+        for panel in ("scene", "camera", "teleop", "topics"):
+            await page.wait(f"document.querySelector('.panel-{panel}')")
+        await page.picture_when(
+            f"profile ros1 {'alone' if alone else ''}",
+            lambda seen: seen.count((245, 245, 249), 8) > 20_000 and seen.count((185, 140, 50), 45) > 3_000,
+        )
+        await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+        await page.evaluate("document.querySelector('.drive-left').focus()")
+        await page.keyboard("down", "w")
+        await until(lambda: bool(heard) and heard[-1] == pytest.approx(0.4))
+        await page.keyboard("up", "w")
+        await until(lambda: heard[-3:] == [0.0] * 3)
+        await open_tab(page, "Services")
+        await page.click("button >> text='/add_two_ints'")
+        await page.wait("document.querySelector('.panel-services .message-form input')")
+        await page.click(".panel-services [type=submit]")
+        await page.wait(f"{text('.panel-services [role=status]')}?.includes('sum')")
+        assert await page.evaluate("[...document.querySelectorAll('.notice')].map(n => n.textContent)") == []
+
+
 async def test_a_phone_shows_one_panel_at_a_time_and_is_driven_by_a_thumb(browser: Browser) -> None:
     async with dashboard(browser, "jazzy", size=PHONE) as (served, page):
         heard: list[float] = []
