@@ -192,6 +192,8 @@ const camera: Sensor = {
   },
 };
 
+/** Milliseconds after which it is said that nothing is heard. */
+const SILENCE = 5000;
 /** Octets of a sample: signed, 16 bits, the lower first. */
 const SAMPLE_BYTES = 2;
 
@@ -201,7 +203,7 @@ const microphone: Sensor = {
   topic: "audio/audio",
   description: { type: "audio_common_msgs/AudioInfo", topic: "audio/audio_info" },
   available: () => Boolean(navigator.mediaDevices?.getUserMedia) && "AudioWorkletNode" in globalThis,
-  start: async ({ publish, describe }) => {
+  start: async ({ publish, describe, fail }) => {
     const stream = await navigator.mediaDevices.getUserMedia({ audio: { channelCount: 1 } });
     const context = new AudioContext();
     const end = () => {
@@ -210,13 +212,16 @@ const microphone: Sensor = {
     };
     try {
       await context.audioWorklet.addModule(new URL(MICROPHONE_WORKLET, import.meta.url));
-      await context.resume();
     } catch (error) {
       end();
       throw error;
     }
     const worklet = new AudioWorkletNode(context, "microphone", { numberOfOutputs: 0, channelCount: 1 });
+    // Without a way to play sound some browsers take none, and do not say so.
+    void context.resume();
+    const silent = setTimeout(() => fail("the browser gives no sound"), SILENCE);
     worklet.port.onmessage = ({ data }: MessageEvent<ArrayBuffer>) => {
+      clearTimeout(silent);
       publish({ data: btoa(String.fromCharCode(...new Uint8Array(data))) });
     };
     context.createMediaStreamSource(stream).connect(worklet);
@@ -233,6 +238,7 @@ const microphone: Sensor = {
     const timer = setInterval(tell, SLOW);
     return () => {
       clearInterval(timer);
+      clearTimeout(silent);
       worklet.port.onmessage = null;
       end();
     };

@@ -27,3 +27,7 @@ export function rosTime(version: 1 | 2, milliseconds: number): Record<string, nu
 export function header(version: 1 | 2, frame: string, milliseconds = Date.now()): Record<string, unknown> {
   return { stamp: rosTime(version, milliseconds), frame_id: frame };
 }
+
+export function frameName(name: unknown): string {
+  return String(name ?? "").replace(/^\//, "");
+}

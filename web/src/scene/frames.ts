@@ -2,7 +2,7 @@
 
 import { type Signal, signal } from "@preact/signals-core";
 import { Group, Matrix4, type Object3D, Quaternion, Vector3 } from "three";
-import { seconds, shortType } from "../robot/names";
+import { frameName, seconds, shortType } from "../robot/names";
 import type { RobotSession } from "../robot/session";
 import type { Message } from "../robot/subscriptions";
 
@@ -32,10 +32,6 @@ interface Transform {
 const MOST_ANCESTORS = 100;
 const MOST_FRAMES = 5000;
 const USUAL_FIXED = ["map", "odom", "world"];
-
-export function frameName(name: unknown): string {
-  return String(name ?? "").replace(/^\//, "");
-}
 
 export class Frames {
   readonly tree = new Map<string, Frame>();
@@ -142,7 +138,8 @@ export class Frames {
     for (const each of (message.transforms as Transform[] | undefined) ?? []) {
       const child = frameName(each.child_frame_id);
       const parent = frameName(each.header?.frame_id);
-      const { translation: p, rotation: q } = each.transform;
+      const { translation: p, rotation: q } = each.transform ?? {};
+      if (!p || !q) continue;
       const turn = new Quaternion(q.x, q.y, q.z, q.w);
       const size = turn.length();
       // A transform with NaN in it, or without a direction, is none.

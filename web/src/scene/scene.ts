@@ -130,6 +130,8 @@ export class RobotScene {
 
   /** Look at the robot from above, or obliquely. */
   look(fromAbove: boolean): void {
+    // It stays so where the robot or the frame is only found later.
+    this.fromAbove = fromAbove;
     const pose = this.base ? this.frames.pose(this.base) : null;
     const { x, y } = pose ?? { x: 0, y: 0 };
     if (fromAbove) this.view.lookFromAbove(x, y);

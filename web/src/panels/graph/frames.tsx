@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { t } from "../../i18n/text";
-import { shortType } from "../../robot/names";
+import { frameName, shortType } from "../../robot/names";
 import { componentPanel, now } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
@@ -44,12 +44,12 @@ function FramesPanel({ context }: { context: PanelContext }) {
     const take = (transforms: Transform[], isStatic: boolean) => {
       const at = Date.now();
       for (const { header, child_frame_id } of transforms) {
-        const child = child_frame_id.replace(/^\//, "");
+        const child = frameName(child_frame_id);
         const known = tree.current.get(child);
         if (!known && tree.current.size >= MOST) continue;
         const since = known ? (at - known.at) / 1000 : 0;
         const rate = known && since > 0 ? known.rate * 0.9 + 0.1 / since : (known?.rate ?? 0);
-        tree.current.set(child, { parent: header.frame_id.replace(/^\//, ""), at, rate, isStatic });
+        tree.current.set(child, { parent: frameName(header?.frame_id), at, rate, isStatic });
       }
     };
     const ends = ["/tf", "/tf_static"].map((topic) =>

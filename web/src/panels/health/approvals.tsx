@@ -9,12 +9,12 @@ import { componentPanel, now } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 const APPROVE = "/gate/approve";
-const ACTS: Record<string, TextKey> = {
-  publish: "approvals.publish",
-  call: "approvals.call",
-  goal: "approvals.goal",
-  set_param: "approvals.set_param",
-};
+const ACTS: ReadonlyMap<string, TextKey> = new Map([
+  ["publish", "approvals.publish"],
+  ["call", "approvals.call"],
+  ["goal", "approvals.goal"],
+  ["set_param", "approvals.set_param"],
+]);
 
 export const approvals: PanelKind = {
   name: "approvals",
@@ -67,7 +67,7 @@ function OneApproval({ context, approval }: { context: PanelContext; approval: A
   return (
     <section class="approval" aria-label={`${client}: ${name}`}>
       <p>
-        <strong>{t("approvals.who", { client, role })}</strong> {t(ACTS[act] ?? "approvals.call")}{" "}
+        <strong>{t("approvals.who", { client, role })}</strong> {t(ACTS.get(act) ?? "approvals.call")}{" "}
         <strong>{name}</strong>
       </p>
       {/* It is scrolled, and may be longer than it is shown. */}

@@ -26,7 +26,8 @@ const ARROW = 0.6;
 
 /** Put an object at a pose; false where the pose is none. */
 export function placeAt(object: Object3D, pose: Pose): boolean {
-  const { position: p, orientation: q } = pose;
+  const { position: p, orientation: q } = pose ?? {};
+  if (!p || !q) return false;
   const turn = new Quaternion(q.x, q.y, q.z, q.w);
   const size = turn.length();
   // NaN is null in JSON.
