@@ -44,6 +44,12 @@ PLACES: Final[Mapping[str, Callable[[list[object]], dict[str, object]]]] = Mappi
         "markers": lambda items: _publish("visualization_msgs/MarkerArray", {"markers": items}),
         "texts": lambda items: _publish("sensor_msgs/JointState", {"name": items}),
         "numbers": lambda items: _publish("std_msgs/Float64MultiArray", {"data": items}),
+        "values in an item": lambda items: _publish(
+            "sensor_msgs/PointCloud", {"channels": [{"values": items}]}
+        ),
+        "texts in an item": lambda items: _publish(
+            "rcl_interfaces/ParameterEvent", {"new_parameters": [{"value": {"string_array_value": items}}]}
+        ),
         "octets": lambda items: _publish("std_msgs/UInt8MultiArray", {"data": items}),
     }
 )
@@ -51,7 +57,8 @@ PLACES: Final[Mapping[str, Callable[[list[object]], dict[str, object]]]] = Mappi
 
 TYPES: Final = (
     "std_msgs/String", "geometry_msgs/Polygon", "visualization_msgs/MarkerArray", "sensor_msgs/JointState",
-    "std_msgs/Float64MultiArray", "std_msgs/UInt8MultiArray",
+    "std_msgs/Float64MultiArray", "std_msgs/UInt8MultiArray", "sensor_msgs/PointCloud",
+    "rcl_interfaces/ParameterEvent",
 )  # fmt: skip
 """What somebody else subscribes to."""
 
