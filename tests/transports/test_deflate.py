@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 
 import pytest
@@ -30,10 +30,12 @@ TAIL = b"\0\0\xff\xff"
 class Peer(Heard):
     """What a wire with compression reported."""
 
-    def __init__(self, *, keeps: bool = False, peer_keeps: bool = True, strict: bool = False) -> None:
+    def __init__(
+        self, *, keeps: bool = False, peer_keeps: bool = True, strict: bool = False, limit: int = LIMIT
+    ) -> None:
         super().__init__(skip=True)
         terms = DeflateTerms(keeps_context=keeps, peer_keeps_context=peer_keeps, window_bits=12)
-        self.wire = DeflateWire(self, terms, max_size=LIMIT, strict_utf8=strict)
+        self.wire = self.inflating = DeflateWire(self, terms, max_size=limit, strict_utf8=strict)
         self.wire.message = lambda data, binary: self.messages.append((data, binary))
 
 
@@ -105,6 +107,34 @@ def test_a_bomb_ends_the_connection() -> None:
     peer.wire.feed(frame(RSV1 | TEXT, Packer()(bytes(50_000_000))))
     assert peer.codes == [1009]
     assert peer.messages == []
+
+
+def test_a_large_message_is_inflated_in_steps_and_what_follows_waits_for_it() -> None:
+    peer = Peer(limit=10_000_000)
+    taken: list[Iterator[None]] = []
+    peer.inflating.take_steps = taken.append
+    text = bytes(range(256)) * 30_000
+    packer = Packer()
+    peer.wire.feed(
+        frame(RSV1 | BINARY, packer(text)) + frame(TEXT, b"after") + frame(RSV1 | TEXT, packer(b"x"))
+    )
+    (steps,) = taken
+    assert peer.messages == []
+    assert len([*steps]) > len(text) // 100_000
+    assert peer.messages == [(text, True)]
+    peer.inflating.go_on()
+    assert peer.messages == [(text, True), (b"after", False), (b"x", False)]
+
+
+def test_a_bomb_ends_the_connection_in_steps() -> None:
+    peer = Peer(limit=10_000_000)
+    taken: list[Iterator[None]] = []
+    peer.inflating.take_steps = taken.append
+    peer.wire.feed(frame(RSV1 | TEXT, Packer()(bytes(20_000_000))))
+    (steps,) = taken
+    assert peer.codes == []
+    assert len([*steps]) < 200
+    assert peer.codes == [1009] and peer.messages == []
 
 
 def test_the_limit_itself_is_taken() -> None:
