@@ -131,6 +131,7 @@ bench: $(STAMP)-dev
 # How old /cmd_vel and /odom are over a bad line, by WebSocket and by WebRTC; needs Linux, root and /dev/net/tun.
 bench-webrtc: $(STAMP)-dev
 	$(BIN)/python -m bench.webrtc $(ARGS)
+	$(BIN)/python -m bench.webrtc_video $(ARGS)
 
 # A robot and an operator, each behind a masquerading router: found by STUN or by TURN; needs Linux, root, nft and coturn.
 nat: $(STAMP)-dev
