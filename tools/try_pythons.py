@@ -82,7 +82,19 @@ def try_python(name: str, path: str, wheels: Sequence[str]) -> tuple[str, bool]:
     steps: dict[str, list[str]] = {
         "cannot make an environment": [*UV, "venv", "--quiet", "--clear", "--python", path, str(environment)],
         "cannot install": [*UV, "pip", "install", "--quiet", "--python", python, *wheels, "--group", group],
-        "failed": [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *FOLDERS],
+        "failed": [
+            python,
+            "-m",
+            "pytest",
+            "-q",
+            "-o",
+            "timeout=600",
+            "-p",
+            "no:cacheprovider",
+            "-m",
+            "not slow",
+            *FOLDERS,
+        ],
     }
     said = ""
     for problem, command in steps.items():
