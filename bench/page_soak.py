@@ -115,13 +115,12 @@ def _cloud(points: int, turn: float) -> dict[str, Any]:
 def robot(points: int) -> Iterator[str]:
     """The robot in a process of its own; its page's address."""
     words = [sys.executable, "-m", "bench.page_soak", "--serve", "--points", str(points)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        yield process.stdout.readline().strip().replace("ws", "http", 1) + "/"
-    finally:
-        process.terminate()
-        process.wait()
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process.stdout.readline().strip().replace("ws", "http", 1) + "/"
+        finally:
+            process.terminate()
 
 
 async def measure(browser: Browser, url: str, seconds: float) -> Figures:
