@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Final
 
+from rwt_access.certificates.tls import renew_server_tls
 from rwt_access.settings import SettingsError
-from rwt_access.tls import renew_server_tls
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def authority_page(settings: TlsSettings) -> HttpExtension:
     """What devices are given to trust, for everybody: it is no secret, and its key is not in it."""
 
     def page(request: HttpRequest, reader: Reader) -> HttpResponse:
-        from rwt_access.own_certificate import own_certificate
+        from rwt_access.certificates.own_certificate import own_certificate
 
         return HttpResponse(
             own_certificate(settings).authority.read_bytes(),

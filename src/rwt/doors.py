@@ -7,9 +7,9 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 from rwt.pages import routes
+from rwt_access.certificates.tls import client_tls
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError
-from rwt_access.tls import client_tls
 from rwt_transports.http import HttpExtension, Proxies, Route
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen

@@ -38,9 +38,9 @@ from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_si
 from rwt.webrtc import media_routes, webrtc_media, webrtc_peers
 from rwt_access.access import Access
 from rwt_access.audit import bounded_log
+from rwt_access.certificates.tls import renew_server_tls, server_tls
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError
-from rwt_access.tls import renew_server_tls, server_tls
 from rwt_bridge.bridge import GATEWAY_NODE, Bridge
 from rwt_bridge.loading import NumpyLoading
 from rwt_delivery.http_traffic import counted

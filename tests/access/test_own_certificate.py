@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 from websockets.asyncio.client import connect
 
 from rwt import Server, SettingsError
-from rwt_access.own_certificate import default_folder, own_certificate
+from rwt_access.certificates.own_certificate import default_folder, own_certificate
 from rwt_access.settings import TlsSettings
 from rwt_graph import SimulatedClock
 

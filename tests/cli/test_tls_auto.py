@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rwt_access.own_certificate import machine_addresses
+from rwt_access.certificates.machine import machine_addresses
 from rwt_cli.commands.serve.encrypted import qr_code
 from tests.processes import LONGEST, ROOT, ended, running, rwt_command
 

@@ -17,8 +17,8 @@ import anyio
 from rwt.nodes import ON_EVERY_WORKER
 from rwt.workers.metrics import WorkerMetrics
 from rwt.workers.supervisor import Announce, Supervisor, parent_lives
+from rwt_access.certificates.tls import server_tls
 from rwt_access.settings import SettingsError
-from rwt_access.tls import server_tls
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.shared_port import HeldPort, can_share, hold_port
 

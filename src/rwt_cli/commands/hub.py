@@ -14,9 +14,9 @@ import anyio
 from rwt.observability.prometheus import PrometheusText
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
 from rwt_access.audit import bounded_log
+from rwt_access.certificates.tls import renew_server_tls, server_tls
 from rwt_access.origins import is_loopback_listener
 from rwt_access.settings import SettingsError, TlsSettings
-from rwt_access.tls import renew_server_tls, server_tls
 from rwt_cli.console.logs import FORMATS, log_to_stderr
 from rwt_cli.errors import CommandError
 from rwt_transports.drivers.sockets import raise_descriptor_limit

@@ -44,7 +44,7 @@ def for_devices(server: Server) -> str:
     if not server.settings.tls.auto or url is None:
         return ""
     from rwt.certificates import AUTHORITY_PATH
-    from rwt_access.own_certificate import own_certificate
+    from rwt_access.certificates.own_certificate import own_certificate
 
     made = own_certificate(server.settings.tls)
     host = _host_for_devices(url, made.names)
@@ -71,7 +71,7 @@ def _host_for_devices(url: str, names: tuple[str, ...]) -> str | None:
     host = url.removeprefix("wss://").rpartition(":")[0]
     if host not in ("0.0.0.0", "[::]"):
         return host
-    from rwt_access.own_certificate import machine_addresses
+    from rwt_access.certificates.machine import machine_addresses
 
     for address in machine_addresses():
         if str(address) in names and not address.is_loopback and (address.version == 4 or host == "[::]"):

@@ -36,7 +36,7 @@ def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
 def _files(settings: TlsSettings) -> tuple[Path, Path] | None:
     """The files of the certificate and its key, which are the same where the server has made them."""
     if settings.auto:
-        from rwt_access.own_certificate import own_certificate  # Few servers make one.
+        from rwt_access.certificates.own_certificate import own_certificate  # Few servers make one.
 
         made = own_certificate(settings)
         return made.server, made.server

@@ -1,0 +1,1 @@
+"""How connections are encrypted: certificates from files, or of the machine's own making."""
