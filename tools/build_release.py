@@ -65,10 +65,11 @@ def build_release(out: Path) -> list[Path]:
     Raises:
         ReleaseError: a build failed, two builds differ, or a check found something.
     """
-    when = output("git", "log", "-1", "--format=%ct")
+    # Both builds are of one commit, even if another is made meanwhile.
+    commit, when = output("git", "log", "-1", "--format=%H %ct").split()
     with tempfile.TemporaryDirectory() as folder:
-        first = build_once(Path(folder) / "first", when)
-        second = build_once(Path(folder) / "second of another length", when)
+        first = build_once(Path(folder) / "first", commit, when)
+        second = build_once(Path(folder) / "second of another length", commit, when)
         if sums(first) != sums(second):
             odd = sorted(set(sums(first).items()) ^ set(sums(second).items()))
             raise ReleaseError(f"two builds of the same commit differ: {sorted({name for name, _ in odd})}")
@@ -89,11 +90,11 @@ def build_release(out: Path) -> list[Path]:
     return files
 
 
-def build_once(folder: Path, when: str) -> list[Path]:
-    """The files of one build, from a copy of what is committed."""
+def build_once(folder: Path, commit: str, when: str) -> list[Path]:
+    """The files of one build, from a copy of a commit."""
     copy = folder / "source"
     copy.mkdir(parents=True)
-    with tarfile.open(fileobj=BytesIO(run("git", "archive", "HEAD"))) as archive:
+    with tarfile.open(fileobj=BytesIO(run("git", "archive", commit))) as archive:
         archive.extractall(copy, filter="data")
     # The robot's page is part of the wheel: whoever installs it needs no Node.
     web = str(copy / "web")
