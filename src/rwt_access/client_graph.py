@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final, TypeVar, Union
 
 from rwt_access.disclosure import restrict, written_parameters
 from rwt_access.errors import GateRefused, NotAllowed, QuotaExceeded
-from rwt_access.goal_messages import GoalAccount, GoalMessages
 from rwt_access.graph_view import GraphView
 from rwt_graph.accounts import WORK_ACCOUNT
 from rwt_graph.names import resolve
@@ -115,6 +114,61 @@ class _Call:
 
 def _nothing() -> None:
     """What is given back by who holds nothing."""
+
+
+class GoalAccount:
+    """The account of one client's goals that are sent as messages (ALB-01); satisfies
+    :class:`rwt_graph.accounts.WorkAccount`."""
+
+    __slots__ = ("_quotas",)
+
+    def __init__(self, quotas: ClientQuotas) -> None:
+        self._quotas = quotas
+
+    def hold(self, size: int) -> Callable[[], None]:
+        """Charge a goal of so many bytes until what is returned is called.
+
+        Raises:
+            CallFailed: the client has as many calls and goals under way, or as many bytes kept, as it may.
+        """
+        charges: list[Charge] = []
+
+        def release() -> None:
+            for charge in charges:
+                charge.end()
+
+        try:
+            charges.append(self._quotas.calls.take())
+            charges.append(self._quotas.kept.take(size))
+        except QuotaExceeded as exceeded:
+            release()
+            raise CallFailed(str(exceeded)) from None
+        return release
+
+
+class GoalMessages:
+    """A publisher of a topic whose messages are goals, for one client: goals that run are charged to it."""
+
+    __slots__ = ("_account", "_inner", "counts", "topic", "type")
+
+    def __init__(self, inner: SharedPublisher | LatchedPublisher, account: GoalAccount) -> None:
+        self._inner = inner
+        self._account = account
+        self.topic = inner.topic
+        self.type = inner.type
+        self.counts = inner.counts
+
+    def publish(self, payload: Payload) -> None:
+        """Hand on a goal.
+
+        Raises:
+            QuotaExceeded: it would be kept, and as many bytes are kept for the client as may be.
+        """
+        asker = WORK_ACCOUNT.set(self._account)
+        try:
+            self._inner.publish(payload)
+        finally:
+            WORK_ACCOUNT.reset(asker)
 
 
 class _ParameterAccount:
@@ -342,11 +396,9 @@ class ClientGraph(GraphView):
         marks = self._advertised.get(name)
         known = next(iter(marks)) if marks else _IMPLICIT if mark is None else mark
         shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)
-        publisher: SharedPublisher | LatchedPublisher | GoalMessages = shared
-        if shared.keeps_samples:
-            publisher = LatchedPublisher(shared, self._quotas.kept)
-        if shared.type.name.endswith("ActionGoal"):
-            publisher = GoalMessages(publisher, GoalAccount(self._quotas))
+        kept = LatchedPublisher(shared, self._quotas.kept) if shared.keeps_samples else shared
+        is_goal = shared.type.name.endswith("ActionGoal")
+        publisher = GoalMessages(kept, GoalAccount(self._quotas)) if is_goal else kept
         return publisher if self._gate is None else self._gate.publisher(publisher)
 
     def _acquire(
