@@ -12,7 +12,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt_rclpy.clocks.duration import S_TO_NS, Duration, Infinite
-from rwt_rclpy.endpoints.events import (
+from rwt_rclpy.endpoints.event_handler import (
     EventHandler,
     OnEvent,
     QoSDeadlineInfo,

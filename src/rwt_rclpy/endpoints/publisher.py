@@ -13,7 +13,7 @@ from rwt_rclpy.messages.classes import Message
 
 if TYPE_CHECKING:
     from rwt_graph import api
-    from rwt_rclpy.endpoints.events import EventHandler
+    from rwt_rclpy.endpoints.event_handler import EventHandler
     from rwt_rclpy.endpoints.qos import QoSProfile
     from rwt_rclpy.middleware.link import Link
 

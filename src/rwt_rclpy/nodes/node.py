@@ -14,8 +14,9 @@ from rwt_rclpy.clocks.timer import Rate, Timer
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.client import Client, wait_until
 from rwt_rclpy.endpoints.content_filter import ContentFilterOptions
+from rwt_rclpy.endpoints.event_handler import EventHandler
 from rwt_rclpy.endpoints.event_watches import Watched
-from rwt_rclpy.endpoints.events import EventHandler, PublisherEventCallbacks, SubscriptionEventCallbacks
+from rwt_rclpy.endpoints.events import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
 from rwt_rclpy.endpoints.overriding import QoSOverridingOptions, _declare_qos_parameters
 from rwt_rclpy.endpoints.publisher import Publisher

@@ -1,0 +1,93 @@
+"""What an endpoint tells of itself, and what calls a program back with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.execution.entity import Entity
+
+
+@dataclass
+class QoSMessageLostInfo:
+    """How many messages a subscription had no room for."""
+
+    total_count: int = 0
+    total_count_change: int = 0
+
+
+@dataclass
+class QoSMatchedInfo:
+    """How many endpoints of the other side there are."""
+
+    total_count: int = 0
+    total_count_change: int = 0
+    current_count: int = 0
+    current_count_change: int = 0
+
+
+@dataclass
+class QoSIncompatibleInfo:
+    """How often quality of service did not fit."""
+
+    total_count: int = 0
+    total_count_change: int = 0
+    last_policy_kind: int = 0
+
+
+@dataclass
+class QoSDeadlineInfo:
+    """How often a deadline was missed."""
+
+    total_count: int = 0
+    total_count_change: int = 0
+
+
+@dataclass
+class QoSLivelinessChangedInfo:
+    """How many publishers are alive."""
+
+    alive_count: int = 0
+    alive_count_change: int = 0
+    not_alive_count: int = 0
+    not_alive_count_change: int = 0
+
+
+OnEvent = Callable[[Any], object]
+
+
+class EventHandler(Entity):
+    """Calls back with one kind of event."""
+
+    def __init__(
+        self, *, callback_group: Any, callback: OnEvent, event_type: IntEnum, parent_impl: Any
+    ) -> None:
+        super().__init__(callback_group)
+        self.callback = callback
+        self.event_type = event_type
+        self._handle = Destroyable("event")
+        self._pending: Any = None
+
+    def active(self) -> None:
+        """A message was published or received, or a publisher has said that it is alive."""
+
+    def happened(self, info: Any) -> None:
+        """Have the callback called; a newer event takes the place of one that was not taken."""
+        self._pending = info
+        self.wake()
+
+    def has_work(self) -> bool:
+        """Whether an event was not taken yet."""
+        return self._pending is not None and bool(self._handle)
+
+    def take(self) -> Callable[[], object] | None:
+        """The callback with the event."""
+        info, self._pending = self._pending, None
+        return None if info is None else lambda: self.callback(info)
+
+    def destroy(self) -> None:
+        """Call back no more."""
+        self._handle.destroy_when_not_in_use()
