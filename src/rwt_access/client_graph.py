@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, TypeVar, Union
 
 from rwt_access.disclosure import restrict, written_parameters
 from rwt_access.errors import GateRefused, NotAllowed, QuotaExceeded
-from rwt_access.graph_view import GraphView
+from rwt_access.graph_view import GraphView, canonical
 from rwt_graph.accounts import WORK_ACCOUNT
 from rwt_graph.names import resolve
 from rwt_graph.parameters.accounts import ACCOUNT
@@ -264,8 +264,11 @@ class ClientGraph(GraphView):
         return "" if self._gate is None else self._gate.name
 
     def lease_seconds(self, topic: str) -> float | None:
-        """Silence after which this client loses the gate's lease of a topic; None where there is none."""
-        return None if self._gate is None else self._gate.lease_seconds(topic)
+        """Silence after which this client loses the gate's lease of a topic; None where there is none, and
+        where its role may not publish there."""
+        if self._gate is None or not self.role.allows("publish", canonical(topic)):
+            return None
+        return self._gate.lease_seconds(topic)
 
     def require(self, act: Act, name: str) -> str:
         """As :meth:`GraphView.require`; refusals are noted by the gate."""

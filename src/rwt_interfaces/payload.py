@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from rwt_interfaces.errors import InvalidMessage, TooManyValues
-from rwt_interfaces.serialise.json import REJECTIONS, parse
+from rwt_interfaces.serialise.json import REJECTIONS, begins_too_deep, parse
 from rwt_interfaces.serialise.long_arrays import MOST_LENIENT, MOST_VALUES, PIECE, has_many_values
 from rwt_interfaces.serialise.long_strings import (
     LARGE,
@@ -207,6 +207,8 @@ class Payload:
         with suppress(*REJECTIONS):
             return cls(message_type, None, message_type.complete_quickly(raw, now))
         if has_many_values(raw, MOST_LENIENT):
+            if begins_too_deep(raw):
+                raise InvalidMessage("", "nested too deeply")
             raise TooManyValues(
                 "",
                 f"more than {MOST_LENIENT} values, and not as ROS writes it:"

@@ -107,7 +107,16 @@ VERBS: Mapping[str, tuple[Any, ...]] = {
 """What touches the graph: refused to a role without rights."""
 
 LISTINGS = {"topics", "services", "actions", "nodes"}
-LOOK_UPS = {"topic", "service", "action", "may_subscribe", "sees_parameter", "sees_node", "sees_service"}
+LOOK_UPS = {
+    "topic",
+    "service",
+    "action",
+    "may_subscribe",
+    "sees_parameter",
+    "sees_node",
+    "sees_service",
+    "lease_seconds",
+}
 OWN = {
     "unadvertise",
     "unsubscribe",
@@ -281,6 +290,19 @@ async def test_a_gate_that_observes_lets_all_of_it_through(graph: MemoryGraph, k
     heard.clear()
     _act(client, verb, kind)
     assert len(heard) == 4
+
+
+@pytest.mark.anyio
+async def test_who_may_not_publish_on_a_topic_is_not_told_how_it_is_leased(graph: MemoryGraph) -> None:
+    rules = {"it": {"topics": ["/*_topic"], "lease": {"seconds": 2.5}, "stop": {}}}
+    gate = {"mode": "enforce", "rules": rules}
+    globs = {"auth": {"default_role": "guest"}, "roles": {"guest": GUEST}, "gate": gate}
+    access = Access(graph, Settings.model_validate(globs), DISCLOSURES)
+    role = access.admission.roles["guest"]
+    client = access.client(SharedGraph(graph, "/gateway", 0.0, _nothing), role, "")
+    assert [client.lease_seconds(name) for name in ("/open_topic", "open_topic", "//open_topic")] == [2.5] * 3
+    for name in (f"/{HIDDEN}_topic", f"{HIDDEN}_topic", f"//{HIDDEN}_topic", f"/{ABSENT}_topic", "", "/ /"):
+        assert client.lease_seconds(name) is None, name
 
 
 # -- services ----------------------------------------------------------------------------------------------

@@ -34,6 +34,9 @@ REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 #: Numbers of an array that are written at once.
 _MANY_NUMBERS = 1 << 16
 _parse = msgspec.json.Decoder().decode
+_skip = msgspec.json.Decoder(msgspec.Raw).decode
+#: Bytes of a text that is refused anyway in which a more telling reason is looked for.
+_BEGINNING = 1 << 19
 
 
 class JsonCodec:
@@ -138,6 +141,17 @@ def parse(raw: RawText) -> object:
         raise InvalidMessage("", "nested too deeply") from None
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return _parse_leniently(raw)
+
+
+def begins_too_deep(raw: RawText) -> bool:
+    """Whether the beginning of a text is nested more deeply than any message, too deeply to be skipped."""
+    try:
+        _skip(memoryview(raw)[:_BEGINNING])
+    except RecursionError:
+        return True
+    except (msgspec.MsgspecError, UnicodeDecodeError):
+        return False
+    return False
 
 
 def _parse_leniently(raw: RawText) -> object:
