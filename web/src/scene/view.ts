@@ -82,10 +82,12 @@ export class View {
   }
 
   setDark(dark: boolean): void {
-    this.scene.background = new Color(dark ? 0x14181d : 0xdfe5ec);
-    const colour = new Color(dark ? 0x39424c : 0xb4bdc8);
-    (this.grid.material as { color: Color; vertexColors: boolean }).vertexColors = false;
-    (this.grid.material as { color: Color }).color = colour;
+    // Lighter than the page when dark: the walls of maps are black.
+    this.scene.background = new Color(dark ? 0x38414b : 0xdfe5ec);
+    const material = this.grid.material as { color: Color; vertexColors: boolean; needsUpdate: boolean };
+    material.vertexColors = false;
+    material.color = new Color(dark ? 0x4d5863 : 0xb4bdc8);
+    material.needsUpdate = true;
     this.redraw();
   }
 
