@@ -150,7 +150,9 @@ def test_the_metrics_are_those_of_all_workers() -> None:
         page = server.get("/metrics")
         for number in "12":
             assert f'rwt_worker_up{{worker="{number}"}} 1' in page
-            clients = re.search(rf'^rwt_clients{{worker="{number}"}} (\d+)$', page, re.MULTILINE)
+            clients = re.search(
+                rf'^rwt_clients{{worker="{number}",gateway="rosbridge"}} (\d+)$', page, re.MULTILINE
+            )
             assert clients is not None and int(clients[1]) >= 1
         assert page.count("# TYPE rwt_clients gauge") == 1
         assert re.search(r'^rwt_loop_lag_seconds_bucket{worker="1",le="\+Inf"} \d', page, re.MULTILINE)
