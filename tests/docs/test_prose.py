@@ -182,7 +182,7 @@ def test_the_readme_says_what_make_needs() -> None:
     )
     assert needs is not None
     demo, test = needs[0].split("`make test`")
-    assert "npm" in _programs("demo") and "for the\nrobot's page, Node 20 and npm" in demo
+    assert "npm" in _programs("demo") and "for the robot's page, Node 20 and npm" in " ".join(demo.split())
     assert "compiler" not in demo
     assert "npm" in _programs("test")
     assert "needs them in any case" in test
