@@ -1,6 +1,6 @@
 """First inputs for each target, from the examples that the other tests use.
 
-`python -m tests.fuzz --seed` writes them where a target has none; what the runs add to them is kept, too.
+`python -m tests.fuzz --seed` writes them; what the runs add to them is kept, too.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import bson
 
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
+from rwt_mcp.tools import TOOLS
 from rwt_protocol.transport import Frame
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES
 from tests.fuzz.admission_targets import TOKEN
@@ -63,6 +64,7 @@ def seeds(name: str) -> Iterator[bytes]:
         "names": _names,
         "admission": _admissions,
         "settings": _settings,
+        "agent": _agents,
         "http_resources": _resources,
         "gate": _gates,
         "asgi": _scopes,
@@ -244,6 +246,23 @@ def _settings() -> Iterator[bytes]:
     yield b'LIMITS__CONNECTIONS=20\nLISTEN=["ws://h:1"]\nORIGINS__ALLOW=*'
     yield b"AUTH__TOKENS__A__TOKEN=a-token-of-some-length\nAUTH__TOKENS__A__ROLE=viewer"
     yield b"LIMITS__PING_SECONDS=nan\nMAX_MESSAGE_SIZE=1\nNONSENSE=1\nLIMITS=3"
+
+
+def _agents() -> Iterator[bytes]:
+    tools = {name: at for at, name in enumerate(TOOLS)}
+    for name, arguments in (
+        ("list_robot", {"kinds": ["topics", "parameters"], "filter": "/a*"}),
+        ("read_topic", {"topic": "/odom", "fields": ["pose.pose.position.x", "ranges[0]"]}),
+        ("wait_for", {"topic": "/battery", "field": "percentage", "comparison": "<", "value": 0.2}),
+        ("look_up_transform", {"target": "map", "source": "base_link", "point": [1, 2, 3]}),
+        ("read_recording", {"recording": "a.mcap", "topic": "/x", "at": 2.5}),
+        ("publish", {"topic": "/cmd_vel", "message": {"linear": {"x": 0.5}}, "seconds": 1.5, "stop": None}),
+        ("set_parameter", {"name": "/n:p", "value": [1, "x", True]}),
+        ("send_goal", {"action": "/go", "goal": {"a": [1, 2]}, "timeout": 5}),
+    ):  # fmt: skip
+        yield bytes((tools[name],)) + json.dumps(arguments).encode()
+    yield b'\xfe{"place": "the red box"}'
+    yield b"\xffpose.covariance[35]"
 
 
 def _gates() -> Iterator[bytes]:

@@ -25,6 +25,7 @@ REPORTS = {
     "rwt_nodes/recording/mcap_files.py": "reads the note of a recording",
     "rwt_nodes/recording/writer.py": "writes the note of a recording",
     "rwt_nodes/rosapi/graph_services.py": "rosapi's answer",
+    "rwt_rclpy/middleware/robot_graph.py": "rclpy is ROS 2's, whatever the server says of itself",
 }
 """Where the version may stand: where it is told to somebody, or learned."""
 
