@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -44,8 +45,8 @@ from rclpy.signals import SignalHandlerOptions
 
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
 node = rclpy.create_node("talker")
-print("spinning", flush=True)
 try:
+    print("spinning", flush=True)
     rclpy.spin(node)
 except KeyboardInterrupt:
     print("interrupted, ok", rclpy.ok(), flush=True)
@@ -54,8 +55,38 @@ print("end", flush=True)
 """
 
 
-def run(tmp_path: Path, program: str, number: signal.Signals) -> tuple[list[str], int]:
-    """What a program says from when it spins and gets a signal, and its exit code."""
+INTERRUPTED_WITHIN = """
+import signal
+import rclpy
+from rclpy.executors import {executor}
+
+rclpy.init()
+node = rclpy.create_node("talker")
+executor = {executor}()
+executor.add_node(node)
+owner, name = executor{path}, {name!r}
+original = getattr(owner, name)
+
+def interrupted(*arguments):
+    signal.raise_signal(signal.SIGINT)
+    print("goes on", flush=True)
+    return original(*arguments)
+
+timer = node.create_timer(0.01, lambda: None)
+print("spinning", flush=True)
+setattr(owner, name, interrupted)
+try:
+    executor.spin()
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+setattr(owner, name, original)
+executor.shutdown(wait_for_threads=True) if {pool} else executor.shutdown()
+print("end", flush=True)
+"""
+
+
+def run(tmp_path: Path, program: str, number: signal.Signals | None) -> tuple[list[str], int]:
+    """What a program says from when it spins and gets a signal, if any, and its exit code."""
     file = tmp_path / "program.py"
     file.write_text(program)
     with subprocess.Popen(
@@ -68,11 +99,16 @@ def run(tmp_path: Path, program: str, number: signal.Signals) -> tuple[list[str]
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     ) as process:
         assert process.stdout is not None
+        too_long = threading.Timer(PATIENCE, process.kill)
+        too_long.start()
         try:
             assert process.stdout.readline() == "spinning\n"
-            process.send_signal(number)
-            said, _ = process.communicate(timeout=PATIENCE)
+            if number is not None:
+                process.send_signal(number)
+            said = process.stdout.read()
+            process.wait()
         finally:
+            too_long.cancel()
             process.kill()
     return said.splitlines(), process.returncode
 
@@ -96,3 +132,36 @@ def test_ctrl_c_ends_the_context_and_interrupts_the_main_thread(tmp_path: Path, 
 def test_without_handlers_ctrl_c_leaves_the_context_alone(tmp_path: Path) -> None:
     said, code = run(tmp_path, HOLDS_ITS_OWN, signal.SIGINT)
     assert said == ["interrupted, ok True", "end"] and code == 0
+
+
+@pytest.mark.parametrize(
+    "executor, path, name",
+    [
+        ("SingleThreadedExecutor", "._keeper", "wait"),
+        ("MultiThreadedExecutor", "._keeper", "wait"),
+        ("MultiThreadedExecutor", "._pool", "submit"),
+    ],
+)
+def test_ctrl_c_cuts_nothing_in_two_that_takes_locks_or_starts_threads(
+    tmp_path: Path, executor: str, path: str, name: str
+) -> None:
+    pool = executor == "MultiThreadedExecutor"
+    program = INTERRUPTED_WITHIN.format(executor=executor, path=path, name=name, pool=pool)
+    said, code = run(tmp_path, program, None)
+    assert said == ["goes on", "interrupted", "end"] and code == 0
+
+
+def test_who_interrupts_twice_does_not_wait() -> None:
+    from rwt_rclpy.execution.interruption import Uninterrupted
+
+    part, done = Uninterrupted(), []
+    with part:
+        with part:
+            part.interrupt(lambda: done.append("first"))
+        assert not done
+        part.interrupt(lambda: done.append("second"))
+        assert done == ["second"]
+        part.interrupt(lambda: done.append("third"))
+    assert done == ["second", "third"]
+    part.interrupt(lambda: done.append("at once"))
+    assert done[-1] == "at once"

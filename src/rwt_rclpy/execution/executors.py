@@ -19,6 +19,7 @@ from rwt_rclpy.clocks import timekeeper
 from rwt_rclpy.exceptions import InvalidHandle
 from rwt_rclpy.execution.context import Context, Wakeable, get_default_context
 from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.execution.interruption import UNINTERRUPTED
 from rwt_rclpy.execution.task import Future, Task, Work
 
 if TYPE_CHECKING:
@@ -368,7 +369,8 @@ class SingleThreadedExecutor(Executor):
     ) -> None:
         with self._keeper.running():
             try:
-                task, entity, node = self.wait_for_ready_callbacks(timeout_sec, None, wait_condition)
+                with UNINTERRUPTED:
+                    task, entity, node = self.wait_for_ready_callbacks(timeout_sec, None, wait_condition)
             except (ShutdownException, TimeoutException, ConditionReachedException):
                 return
             self._call(task)
@@ -432,7 +434,7 @@ class MultiThreadedExecutor(Executor):
         def wanted() -> bool:
             return bool(self._failed) or wait_condition()
 
-        with self._keeper.running():
+        with UNINTERRUPTED, self._keeper.running():
             try:
                 task, entity, node = self.wait_for_ready_callbacks(timeout_sec, None, wanted)
             except (

@@ -1,7 +1,8 @@
 """`rclpy.signals`: Ctrl-C and SIGTERM, as ROS 2 answers them.
 
 Either ends every context. Ctrl-C raises KeyboardInterrupt in the main thread besides, since the handler that
-was there before is called; after SIGTERM what spins raises ExternalShutdownException.
+was there before is called; after SIGTERM what spins raises ExternalShutdownException. An executor that waits
+is woken by the end of its context, and raises KeyboardInterrupt when it holds nothing.
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ from __future__ import annotations
 import signal
 import threading
 from enum import IntFlag
+from functools import partial
 from queue import SimpleQueue
 from types import FrameType
 from typing import Any
 
 from rwt_rclpy.execution.context import Context, initialised_contexts
 from rwt_rclpy.execution.guard_condition import GuardCondition
+from rwt_rclpy.execution.interruption import UNINTERRUPTED
 
 
 class SignalHandlerOptions(IntFlag):
@@ -67,7 +70,7 @@ def _handle(number: int, frame: FrameType | None) -> None:
     _received.put(number)
     before = _before.get(signal.Signals(number))
     if callable(before):
-        before(number, frame)
+        UNINTERRUPTED.interrupt(partial(before, number, frame))
 
 
 def _end_contexts() -> None:
