@@ -439,11 +439,11 @@ class Server:
         if settings.webrtc.enabled:
             peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses)
             # They have ended when what they publish on leaves the graph.
-            incoming = webrtc_media(graph, access, settings.unregister_timeout, stack)
+            media = webrtc_media(graph, access, settings.unregister_timeout, stack)
             doors.peers = await stack.enter_async_context(peers)
-            doors.media = media_routes(doors.peers, ready.video, incoming)
-            if incoming is not None:
-                reloaded.append(incoming)
+            doors.media = media_routes(doors.peers, ready.video, media)
+            if media is not None:
+                reloaded.append(media[0])
             metrics.include(doors.peers.metrics)
         listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
         if self._worker is None or self._worker.number == 1:

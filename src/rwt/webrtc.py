@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rwt_transports.http import Route
     from rwt_transports.limits import AddressCount, Limits
     from rwt_transports.webrtc.signalling import Peers
-    from rwt_webrtc import IncomingMedia
+    from rwt_webrtc import IncomingMedia, SoundTopics
 
 
 @asynccontextmanager
@@ -73,30 +73,35 @@ async def webrtc_peers(
         yield peers
 
 
-def webrtc_media(graph: Graph, access: Access, linger: float, stack: AsyncExitStack) -> IncomingMedia | None:
-    """What publishes the cameras of clients until `stack` is closed; None where aiortc is not installed, of
-    which :func:`webrtc_peers` complains."""
+def webrtc_media(
+    graph: Graph, access: Access, linger: float, stack: AsyncExitStack
+) -> tuple[IncomingMedia, SoundTopics] | None:
+    """What publishes the media of clients, and what they hear of topics, until `stack` is closed; None where
+    aiortc is not installed, of which :func:`webrtc_peers` complains."""
     try:
-        from rwt_webrtc import IncomingMedia  # An extra that few need.
+        from rwt_webrtc import IncomingMedia, SoundTopics  # An extra that few need.
     except ImportError:
         return None
     incoming = IncomingMedia(graph, access, linger)
     stack.callback(incoming.close)
-    return incoming
+    sound = SoundTopics(graph)
+    stack.callback(sound.close)
+    return incoming, sound
 
 
 def media_routes(
-    peers: Peers, video: WebVideoServer | None, incoming: IncomingMedia | None
+    peers: Peers, video: WebVideoServer | None, media: tuple[IncomingMedia, SoundTopics] | None
 ) -> tuple[Route[GraphView], ...]:
-    """The routes by which peers get and send pictures.
+    """The routes by which peers get and send pictures and sound.
 
     Args:
         peers: that are accepted.
         video: what encodes pictures; None where the settings name no such node.
-        incoming: what publishes the cameras of clients.
+        media: of :func:`webrtc_media`.
     """
-    from rwt_webrtc import video_routes
+    if media is None:
+        return ()
+    from rwt_webrtc import watch_routes
 
-    shown = () if video is None else video_routes(peers, video)
-    taken = () if incoming is None else incoming.routes(peers)
-    return (*shown, *taken)
+    incoming, sound = media
+    return (*watch_routes(peers, video, sound), *incoming.routes(peers))

@@ -1,6 +1,7 @@
-"""Pictures over WebRTC: image topics as video tracks (WHEP), and cameras of clients as topics (WHIP)."""
+"""Pictures and sound over WebRTC: topics as tracks (WHEP), and cameras and microphones as topics (WHIP)."""
 
-from rwt_webrtc.whep import video_routes
+from rwt_webrtc.sound_topics import SoundTopics
+from rwt_webrtc.whep import watch_routes
 from rwt_webrtc.whip import IncomingMedia
 
-__all__ = ["video_routes", "IncomingMedia"]
+__all__ = ["IncomingMedia", "SoundTopics", "watch_routes"]

@@ -1,11 +1,14 @@
-"""WHEP (draft-ietf-wish-whep): ``POST /whep?topic=…`` with an offer, and the topic comes as a video track.
+"""WHEP (draft-ietf-wish-whep): ``POST /whep?topic=…`` with an offer, and the topic comes as a video track;
+with ``audio=…``, beside it or instead of it, a topic of sound comes as Opus.
 
-The parameters are those of ``/stream``; `type` is `vp8` or `h264`, by default what the offer has, VP8 first.
+The parameters of pictures are those of ``/stream``; `type` is `vp8` or `h264`, by default what the offer has,
+VP8 first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Awaitable
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final, Never
 from urllib.parse import parse_qsl, urlencode
@@ -18,6 +21,8 @@ from rwt_transports.errors import Refused
 from rwt_transports.http import Audience, HttpResponse, Route
 from rwt_transports.webrtc.sdp import BadDescription, read_description
 from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_routes
+from rwt_webrtc.opus import only_opus, require_opus
+from rwt_webrtc.sound_track import SoundTrack
 from rwt_webrtc.video_track import TopicTrack
 
 if TYPE_CHECKING:
@@ -28,6 +33,8 @@ if TYPE_CHECKING:
     from rwt_transports.webrtc.peer import Peer
     from rwt_transports.webrtc.sdp import Description
     from rwt_transports.webrtc.signalling import Peers
+    from rwt_webrtc.sound import SoundFormat
+    from rwt_webrtc.sound_topics import SoundTopics
 
 PATH: Final = "/whep"
 BITRATE: Final = 1_500_000
@@ -37,39 +44,96 @@ KEY_EVERY: Final = 300
 CODECS: Final = {"vp8": "video/VP8", "h264": "video/H264"}
 
 
-def video_routes(peers: Peers, server: WebVideoServer) -> tuple[Route, ...]:
-    """The routes by which image topics are watched over WebRTC."""
+def watch_routes(
+    peers: Peers, video: WebVideoServer | None, sound: SoundTopics | None
+) -> tuple[Route[Reader], ...]:
+    """The routes by which topics are watched and heard over WebRTC.
+
+    Args:
+        peers: that are accepted.
+        video: what encodes pictures; None where there is none.
+        sound: what encodes sound; None where there is none.
+    """
+    source = Sources(peers, video, sound)
 
     def page(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
-        return answering(request, SDP, partial(_offered, peers, server, reader))
+        return answering(request, SDP, partial(source.offered, reader))
 
     return (Route(PATH, page, Audience.ADMITTED, "POST"), *resource_routes(peers, PATH))
 
 
-async def _offered(
-    peers: Peers, server: WebVideoServer, reader: Reader, request: HttpRequest
-) -> HttpResponse:
-    description = read_description(request.body, peers.terms.candidates)
-    if sorted(description.media) not in (["video"], ["audio", "video"]):
-        raise BadDescription(
-            f"sections {', '.join(description.media) or 'none'} are offered, where one of video is wanted"
-        )
-    try:
-        stream = await server.find(read_query(request.query, description), reader)
-        server.check_room(stream)
-    except RequestRefused as refused:
-        raise Refused(refused.status, str(refused)) from refused
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Where pictures and sound come from; as for :func:`watch_routes`."""
 
-    async def answer(peer: Peer) -> str:
-        track = TopicTrack(server, stream, reader.work, peer.fail)
+    peers: Peers
+    video: WebVideoServer | None
+    sound: SoundTopics | None
+
+    async def offered(self, reader: Reader, request: HttpRequest) -> HttpResponse:
+        """Answer an offer."""
+        description = read_description(request.body, self.peers.terms.candidates)
+        given = dict(parse_qsl(request.query, keep_blank_values=True))
+        audio = given.pop("audio", "")
+        wants_video = not audio or "topic" in given
+        _check_sections(description, wants_video, bool(audio))
+        try:
+            stream = await self._find_video(given, description, reader) if wants_video else None
+            heard = await self._find_sound(audio, reader) if audio else None
+        except RequestRefused as refused:
+            raise Refused(refused.status, str(refused)) from refused
+
+        async def answer(peer: Peer) -> str:
+            if stream is not None:
+                self._show(peer, stream, reader)
+            if heard is not None:
+                self._play(peer, heard, reader)
+            await peer.take_description(description, "offer")
+            return await peer.describe()
+
+        return opened(PATH, request, *await self.peers.open(_refuse, request.address, answer))
+
+    async def _find_video(
+        self, given: dict[str, str], description: Description, reader: Reader
+    ) -> StreamRequest:
+        if self.video is None:
+            raise RequestRefused(404, "no pictures are served here: `nodes` of the settings has no video")
+        stream = await self.video.find(read_query(urlencode(given), description), reader)
+        self.video.check_room(stream)
+        return stream
+
+    async def _find_sound(self, topic: str, reader: Reader) -> tuple[str, SoundFormat]:
+        if self.sound is None:
+            raise RequestRefused(404, "no sound is served here")
+        return await self.sound.find(topic, reader)
+
+    def _show(self, peer: Peer, stream: StreamRequest, reader: Reader) -> None:
+        assert self.video is not None  # It has found the topic.
+        track = TopicTrack(self.video, stream, reader.work, peer.fail)
         sender = peer.connection.addTrack(track)
         track.follow(sender)
         (transceiver,) = peer.connection.getTransceivers()
         transceiver.setCodecPreferences(_codecs(stream.type))
-        await peer.take_description(description, "offer")
-        return await peer.describe()
 
-    return opened(PATH, request, *await peers.open(_refuse, request.address, answer))
+    def _play(self, peer: Peer, heard: tuple[str, SoundFormat], reader: Reader) -> None:
+        assert self.sound is not None  # It has found the topic.
+        track = SoundTrack(self.sound.listen(*heard, reader.work), peer.fail)
+        # Also of a peer that never finds its path, whose sender never asks the track for anything.
+        peer.when_ended(track.stop)
+        peer.connection.addTrack(track)
+        only_opus(peer.connection.getTransceivers()[-1])
+
+
+def _check_sections(description: Description, wants_video: bool, wants_audio: bool) -> None:
+    offered = sorted(description.media)
+    wanted = [kind for kind, each in (("audio", wants_audio), ("video", wants_video)) if each]
+    if offered not in (["audio"], ["video"], ["audio", "video"]) or not set(wanted) <= set(offered):
+        raise BadDescription(
+            f"sections {', '.join(description.media) or 'none'} are offered, where one of"
+            f" {' and one of '.join(wanted)} is wanted"
+        )
+    if wants_audio:
+        require_opus(description)
 
 
 def _refuse(sink: Sink, info: PeerInfo) -> Never:

@@ -1,0 +1,33 @@
+"""Opus (RFC 6716) as the one codec of sound in the sessions of this package."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+from aiortc import RTCRtpCodecCapability
+
+from rwt_transports.webrtc.sdp import BadDescription
+
+if TYPE_CHECKING:
+    from aiortc import RTCRtpTransceiver
+
+    from rwt_transports.webrtc.sdp import Description
+
+CODEC: Final = "audio/opus"
+_MAPPED: Final = re.compile(r"(?im)^a=rtpmap:\d+ opus/48000/2\r?$")
+
+
+def require_opus(description: Description) -> None:
+    """Refuse an offer whose sound cannot be Opus, which every WebRTC browser has (RFC 7874 section 3).
+
+    Raises:
+        BadDescription: it has no `a=rtpmap` of Opus.
+    """
+    if not _MAPPED.search(description.text):
+        raise BadDescription("the sound that is offered has no opus/48000/2 (RFC 7587), the one codec here")
+
+
+def only_opus(transceiver: RTCRtpTransceiver) -> None:
+    """Let a section of sound use Opus alone."""
+    transceiver.setCodecPreferences([RTCRtpCodecCapability(mimeType=CODEC, clockRate=48_000, channels=2)])
