@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.docs.blocks import ROOT, blocks_of
 from tools.build_release import build_release
+
+OFFLINE = Path(__file__).parent / "programs" / "offline.py"
+UNSHARE = ["unshare", "--map-root-user", "--net"]
 
 pytestmark = pytest.mark.timeout(600)
 
@@ -95,3 +100,19 @@ def test_server_command_line_and_suite_work_from_the_wheels(bare: Path, tmp_path
         assert server.wait() == 0
     assert "success" in answer
     assert re.search(r"\d+ pass", grade)
+
+
+def test_what_the_readme_shows_works_from_the_wheels_without_a_network(bare: Path, tmp_path: Path) -> None:
+    if shutil.which("unshare") is None:
+        pytest.skip("there is no unshare, which makes a network namespace")
+    tried = subprocess.run([*UNSHARE, "true"], capture_output=True, text=True)
+    if tried.returncode != 0:
+        pytest.skip(f"no network namespace can be made here: {tried.stderr.strip()}")
+    readme = [block for block in blocks_of(ROOT / "README.md") if block.language == "python"]
+    for block in readme:
+        name = {"client": "client.py", "server": "robot.py"}[block.value("run")]
+        (tmp_path / name).write_text(block.code, encoding="utf-8")
+    unshare, *options = UNSHARE
+    said = run(Path(unshare), *options, str(bare / "python"), str(OFFLINE), str(bare), folder=tmp_path)
+    for text in (*(text for block in readme for text in block.values("prints")), "grade A+", "beep"):
+        assert text in said
