@@ -2,8 +2,8 @@
 
     unshare --map-root-user --net python offline.py FOLDER_OF_PROGRAMS
 
-The blocks of README.md are `client.py` and `robot.py` in the working directory. A namespace of its own has port
-9090 free, so that they run as they are written.
+The blocks of README.md are `client.py` and `robot.py` in the working directory. A namespace of its own has
+port 9090 free, so that they run as they are written.
 """
 
 from __future__ import annotations
