@@ -102,6 +102,7 @@ def test_server_command_line_and_suite_work_from_the_wheels(bare: Path, tmp_path
     assert re.search(r"\d+ pass", grade)
 
 
+@pytest.mark.slow
 def test_what_the_readme_shows_works_from_the_wheels_without_a_network(bare: Path, tmp_path: Path) -> None:
     if shutil.which("unshare") is None:
         pytest.skip("there is no unshare, which makes a network namespace")
