@@ -164,11 +164,11 @@ soak: $(STAMP)
 page-soak: $(STAMP)-dev $(BROWSER)/node_modules/.installed $(PAGE)
 	$(BIN)/python -m bench.page_soak $(ARGS)
 
-# Fuzzing guided by coverage, two minutes, and two thousand extreme requests; `make fuzz ARGS='--seconds 600 session bridge'` for more of some.
+# Fuzzing guided by coverage, two minutes, and two thousand extreme requests and damaged recordings; `make fuzz ARGS='--seconds 600 session bridge'` for more of some.
 fuzz: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group fuzz
 	$(BIN)/python -m tests.fuzz $(ARGS)
-	SWEEP_EXAMPLES=2000 $(BIN)/pytest -q -o timeout=600 tests/faults/test_extreme_requests.py
+	SWEEP_EXAMPLES=2000 $(BIN)/pytest -q -o timeout=600 tests/faults/test_extreme_requests.py tests/faults/test_extreme_recordings.py
 
 # Small faults put into our server one by one; the conformance suite has to find every one.
 mutants: $(STAMP)-dev

@@ -242,6 +242,15 @@ class Registry:
         """
         return self._wanted("msg", name, self._message_definition)
 
+    def known_definition(self, name: str) -> MessageDefinition | None:
+        """:meth:`definition`, or None where no such message is known: cheap, since nothing is guessed at."""
+        try:
+            package, _, short = parse_type_name(name)
+        except InvalidName:
+            return None
+        with self._lock:
+            return self._message_definition(package, short)
+
     def _message_definition(self, package: str, name: str) -> MessageDefinition | None:
         found = self._read("msg", package, name)
         if isinstance(found, MessageDefinition):

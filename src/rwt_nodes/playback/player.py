@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -9,12 +10,14 @@ from typing import TYPE_CHECKING, Final
 
 import anyio
 
+from rwt_graph.clock import END_OF_TIME_NS
 from rwt_interfaces.times import NANOSECONDS
 from rwt_nodes.playback.clock import ClockTopic, PlaybackClock
 from rwt_nodes.playback.publications import Publications, add_recorded_types
 from rwt_nodes.playback.read_ahead import ReadAhead
 from rwt_nodes.playback.recorded_services import RecordedServices
 from rwt_nodes.playback.services import PlayerServices
+from rwt_nodes.recording.errors import RecordingUnreadable
 from rwt_nodes.recording.selection import EVERYTHING, TopicSelection
 
 if TYPE_CHECKING:
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
     from rwt_nodes.recording.recording import RecordedMessage, Recording
     from rwt_program.timers import Timer
 
+
+logger = logging.getLogger(__name__)
 
 NODE: Final = "/rosbag2_player"
 
@@ -119,6 +124,8 @@ class Player:
         """What of the recording could not be played so far, in words; empty while all of it could."""
         damaged, unreadable = self._recording.damaged, self.publications.unreadable
         found = [f"{name}: {why}" for name, why in self.publications.skipped.items()]
+        if self._recording.end_ns >= END_OF_TIME_NS:
+            found.append("what is said to be after the 19th of January 2038, where ROS time ends")
         if damaged:
             found.append(f"{damaged} damaged places of the recording")
         if unreadable:
@@ -354,8 +361,11 @@ class Player:
         newest: dict[str, deque[RecordedMessage]] = {
             topic: deque(maxlen=depth) for topic, depth in kept.items()
         }
-        for message in self._recording.messages(kept, self._recording.start_ns, time_ns):
-            newest[message.topic].append(message)
+        try:
+            for message in self._recording.messages(kept, self._recording.start_ns, time_ns):
+                newest[message.topic].append(message)
+        except RecordingUnreadable as error:
+            logger.warning("not all that was kept before could be read: %s", error)
         earlier = [message for messages in newest.values() for message in messages]
         for message in sorted(earlier, key=lambda message: message.log_time):
             self._publish(message)
@@ -363,17 +373,21 @@ class Player:
 
 def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
     """From when to when is played."""
-    length = (recording.end_ns - recording.start_ns) / NANOSECONDS
+    if recording.start_ns >= END_OF_TIME_NS:
+        raise ValueError("the recording begins after the 19th of January 2038, where ROS time ends")
+    # The index of a damaged file may say that it ends before it begins.
+    last = max(recording.start_ns, min(recording.end_ns, END_OF_TIME_NS - 1))
+    length = (last - recording.start_ns) / NANOSECONDS
     if not 0 <= options.start <= length:
         raise ValueError(
             f"the recording is {length:.3f} s long: it cannot be played from {options.start} s on"
         )
     begin = recording.start_ns + round(options.start * NANOSECONDS)
     if options.end is None:
-        return begin, recording.end_ns
-    if options.end < options.start:
+        return begin, last
+    if not options.end >= options.start:  # also what is no number
         raise ValueError(f"playing cannot end at {options.end} s, before it begins at {options.start} s")
-    return begin, min(recording.end_ns, recording.start_ns + round(options.end * NANOSECONDS))
+    return begin, last if options.end >= length else recording.start_ns + round(options.end * NANOSECONDS)
 
 
 def checked_rate(rate: float) -> float:

@@ -171,8 +171,5 @@ def _add_service(registry: Registry, name: str, texts: dict[str, str]) -> None:
 
 def _known(registry: Registry, name: str, text: str) -> bool:
     """Whether a registry has a message of that name with those fields and constants."""
-    try:
-        known = registry.definition(name)
-    except InterfaceError:
-        return False
-    return known == parse_message(text, name, distro=registry.distro)
+    known = registry.known_definition(name)
+    return known is not None and known == parse_message(text, name, distro=registry.distro)

@@ -67,7 +67,7 @@ class ReadAhead:
         except Exception as error:
             # What was read until then is played; a file may be damaged anywhere, and in any way.
             self.failure = str(error) or type(error).__name__
-            logger.error("the recording cannot be read any further: %s", self.failure)
+            logger.warning("the recording cannot be read any further: %s", self.failure)
         finally:
             with self._changed:
                 self._ended = True

@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from rosbags.highlevel import AnyReaderError
 from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat, QosDurability, QosReliability
 from rosbags.interfaces import QosHistory as BagHistory
 from rosbags.rosbag1 import Reader as Reader1
-from rosbags.rosbag1 import ReaderError as ReaderError1
 from rosbags.rosbag2 import Reader as Reader2
-from rosbags.rosbag2 import ReaderError as ReaderError2
 
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_nodes.recording.errors import RecordingUnreadable
@@ -25,7 +22,8 @@ from rwt_program.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Relia
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
 
-_FAILURES = (AnyReaderError, ReaderError1, ReaderError2, OSError)
+#: Both kinds of bags have 64 bits for a time.
+_END_OF_TIMES_NS: Final = 2**64
 
 
 class BagRecording(Recording):
@@ -42,9 +40,12 @@ class BagRecording(Recording):
         try:
             with self._opened() as reader:
                 self._describe(reader)
-        except _FAILURES as error:
+        except Exception as error:
+            # A damaged bag fails in as many ways as the library has places that read it.
             hint = "" if self._is_ros1 else "; a folder of rosbag2 has a file metadata.yaml"
-            raise RecordingUnreadable(f"{path} is not a bag that can be read: {error}{hint}") from None
+            raise RecordingUnreadable(
+                f"{path} is not a bag that can be read: {_first_line(error)}{hint}"
+            ) from None
 
     def _opened(self) -> Reader1 | Reader2:
         """A new reader for each reading: sqlite3 must be used by the thread that opened it."""
@@ -56,6 +57,11 @@ class BagRecording(Recording):
         self.start_ns = reader.start_time if filled else 0
         # The library's end is the moment after the last message.
         self.end_ns = reader.end_time - 1 if filled else 0
+        for time in (self.start_ns, self.end_ns):
+            if not isinstance(time, int) or not 0 <= time < _END_OF_TIMES_NS:
+                raise ValueError(
+                    f"it says that it begins or ends at {time!s:.40}: expected nanoseconds since 1970"
+                )
 
     def _topic(self, connection: Connection) -> RecordedTopic:
         definition = connection.msgdef
@@ -72,7 +78,20 @@ class BagRecording(Recording):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """The messages of `topics` from `start_ns` to before `end_ns`, by log time, which is the only one."""
+        """The messages of `topics` from `start_ns` to before `end_ns`, by log time, which is the only one.
+
+        Raises:
+            RecordingUnreadable: what comes next is damaged.
+        """
+        try:
+            yield from self._messages(topics, start_ns, end_ns)
+        except Exception as error:
+            # As above; what was read until then is whole.
+            raise RecordingUnreadable(f"{self.paths[0]} is damaged: {_first_line(error)}") from None
+
+    def _messages(
+        self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
+    ) -> Iterator[RecordedMessage]:
         with self._opened() as reader:
             chosen = [each for each in reader.connections if topics is None or each.topic in topics]
             if not chosen:
@@ -82,6 +101,12 @@ class BagRecording(Recording):
 
     def close(self) -> None:
         """Nothing is open between readings."""
+
+
+def _first_line(error: Exception) -> str:
+    """What an error of the library says, in one line; its kind where that is nothing."""
+    text = str(error).strip() or type(error).__name__
+    return text.splitlines()[0][:300]
 
 
 def _offered_qos(connection: Connection) -> tuple[QoS, ...]:

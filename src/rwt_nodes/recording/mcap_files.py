@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from enum import Enum, auto
 from heapq import heapify, heappop, heappush
-from io import SEEK_END, BytesIO
+from io import SEEK_END, BufferedReader, BytesIO, FileIO
 from pathlib import Path
 from typing import IO, Final
 
@@ -50,6 +50,9 @@ _MOST_WAITING: Final = 64 * 1024 * 1024
 
 #: Bytes of the largest chunk that is unpacked; writers make them of some megabytes.
 _LARGEST_CHUNK: Final = 1024 * 1024 * 1024
+
+#: Bytes from which on a reading is compared with what the file still has.
+_MUCH: Final = 64 * 1024
 _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
     Opcode.HEADER: records.Header.read,
     Opcode.SCHEMA: records.Schema.read,
@@ -115,7 +118,7 @@ class McapRecording(Recording):
         try:
             self._file.seek(0)
             summary = SeekingReader(self._file).get_summary()
-        except (McapError, OSError, ValueError, struct.error, MemoryError):
+        except (McapError, OSError, ValueError, OverflowError, struct.error, MemoryError):
             # What a cut file holds where its footer should be can be anything.
             summary = None
         counted = None if summary is None else summary.statistics
@@ -228,9 +231,24 @@ class McapRecording(Recording):
         self._file.close()
 
 
+class _File(BufferedReader):
+    """A file that is never asked for more than it has: reading makes room for all that is asked for, which in
+    a damaged file is any number."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(FileIO(path))
+        self._size = os.fstat(self.fileno()).st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Up to `size` bytes; fewer at the end."""
+        if size is None or size > _MUCH:
+            size = min(self._size if size is None else size, max(0, self._size - self.tell()))
+        return super().read(size)
+
+
 def _opened(path: Path) -> IO[bytes]:
     try:
-        file = path.open("rb")
+        file = _File(path)
     except OSError as error:
         raise RecordingUnreadable(f"{path}: cannot be read: {error.strerror}") from None
     if file.read(len(MAGIC)) != MAGIC:

@@ -125,4 +125,8 @@ def _date(time_ns: int) -> str:
     from rwt_interfaces.times import NANOSECONDS
 
     seconds, nanoseconds = divmod(time_ns, NANOSECONDS)
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{nanoseconds:09} UTC ({time_ns})"
+    try:
+        date = datetime.fromtimestamp(seconds, UTC)
+    except (ValueError, OverflowError, OSError):
+        return f"no date that there is ({time_ns})"
+    return f"{date:%Y-%m-%d %H:%M:%S}.{nanoseconds:09} UTC ({time_ns})"
