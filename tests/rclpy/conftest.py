@@ -1,10 +1,16 @@
-"""`import rclpy` in every test of this folder, without a trace in the others."""
+"""`import rclpy` in every test of this folder, without a trace in the others; an executor in virtual time."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import rwt_rclpy
+
+if TYPE_CHECKING:
+    from rwt_rclpy.middleware.link import VirtualDomain
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -12,3 +18,16 @@ def installed() -> Iterator[None]:
     assert rwt_rclpy.install() == "rwt_rclpy"
     yield
     rwt_rclpy.uninstall()
+
+
+@pytest.fixture
+def rclpy(rclpy_graph: VirtualDomain) -> Any:
+    import rclpy
+
+    return rclpy
+
+
+@pytest.fixture
+def executor(rclpy: Any) -> Iterator[Any]:
+    with rclpy.executors.SingleThreadedExecutor() as executor:
+        yield executor

@@ -24,19 +24,6 @@ def spin_some(executor: Any, seconds: float = 1.0) -> None:
     executor.spin_until_future_complete(rclpy.task.Future(), seconds)
 
 
-@pytest.fixture
-def rclpy(rclpy_graph: VirtualDomain) -> Any:
-    import rclpy
-
-    return rclpy
-
-
-@pytest.fixture
-def executor(rclpy: Any) -> Any:
-    with rclpy.executors.SingleThreadedExecutor() as executor:
-        yield executor
-
-
 def node(rclpy: Any, executor: Any, name: str = "node", **options: Any) -> Any:
     made = rclpy.create_node(name, **options)
     executor.add_node(made)

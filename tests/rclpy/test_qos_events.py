@@ -10,20 +10,6 @@ from hypothesis import strategies as st
 
 if TYPE_CHECKING:
     from rwt_rclpy.endpoints.content_filter import ContentFilter
-    from rwt_rclpy.middleware.link import VirtualDomain
-
-
-@pytest.fixture
-def rclpy(rclpy_graph: VirtualDomain) -> Any:
-    import rclpy
-
-    return rclpy
-
-
-@pytest.fixture
-def executor(rclpy: Any) -> Any:
-    with rclpy.executors.SingleThreadedExecutor() as executor:
-        yield executor
 
 
 @pytest.fixture

@@ -107,7 +107,7 @@ def test_a_suite_is_run_and_held_against_its_list(
         (["small", "--checkout", "nowhere"], "no such folder"),
         (["small", "--checkout", "checkout"], "has no test_small.py"),
         (["tool"], "needs the program no-such-program-anywhere"),
-        (["module"], "needs the Python package that has no_such_module_anywhere"),
+        (["module"], "-m pip install no_such_module_anywhere"),
         (["silent"], "ran no test; it ended with 0 and said:\nnothing to see"),
         (["slow", "--seconds", "0.5"], "did not end within 0.5 s"),
         (["hands"], "hands cannot be run by a command. Look at it."),

@@ -18,10 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import rwt_rclpy
+from tools.upstream.suites import install_line, missing_packages
 
 _SOURCES = ("rosbridge_library/src", "rosbridge_server/src", "rosapi/src")
 _INTERFACES = ("rosbridge_msgs", "rosapi_msgs", "rosbridge_test_msgs")
 _NEEDED = ("rosbridge_server/scripts/rosbridge_websocket.py", "rosapi/scripts/rosapi_node")
+#: What its unmodified code imports that is no part of ROS: the names of the modules.
+_MODULES = ("tornado", "cbor", "bson", "PIL")
 
 #: Seconds after which rosapi is taken for stuck: longer than it waits for a node's services of parameters.
 _PATIENCE = 7.0
@@ -39,6 +42,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if missing:
         print(
             f"{checkout}: has no {', '.join(missing)}; it should be a checkout of rosbridge_suite",
+            file=sys.stderr,
+        )
+        return 2
+    packages = missing_packages(_MODULES)
+    if packages:
+        print(
+            f"rosbridge_suite needs Python packages that are not installed: {install_line(packages)}",
             file=sys.stderr,
         )
         return 2

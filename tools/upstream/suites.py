@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
+import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final, Literal
 
@@ -13,6 +14,8 @@ import msgspec
 
 HERE: Final = Path(__file__).parent
 LIST: Final = HERE / "suites.toml"
+#: The packages of modules that have another name.
+_PACKAGES: Final = {"PIL": "pillow", "bson": "pymongo", "rwt_rclpy": "robot-web-tools"}
 
 
 class CannotRun(Exception):
@@ -78,9 +81,19 @@ def check(name: str, suite: Suite, checkout: Path | None, beside: Mapping[str, P
     for tool in suite.tools:
         if shutil.which(tool) is None:
             raise CannotRun(f"{name} needs the program {tool}, which is not on the PATH")
-    for module in suite.python:
-        if importlib.util.find_spec(module) is None:
-            raise CannotRun(f"{name} needs the Python package that has {module}, which is not installed")
+    missing = missing_packages(suite.python)
+    if missing:
+        raise CannotRun(f"{name} needs Python packages that are not installed: {install_line(missing)}")
+
+
+def missing_packages(modules: Iterable[str]) -> tuple[str, ...]:
+    """The packages, by the names that pip takes, of the modules that cannot be imported here."""
+    return tuple(_PACKAGES.get(each, each) for each in modules if importlib.util.find_spec(each) is None)
+
+
+def install_line(packages: Iterable[str]) -> str:
+    """The command that installs packages into this Python."""
+    return f"{sys.executable} -m pip install {' '.join(packages)}"
 
 
 def _check_folder(folder: Path, files: tuple[str, ...], repository: str, ready: str) -> None:

@@ -298,8 +298,8 @@ class ActionClient(Entity):
 
     def _on_feedback(self, message: Any) -> Any:
         callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
-        known = bytes(message.goal_id.uuid) in self._goal_handles
-        return callback(message) if callback is not None and known else None
+        # Also before the acceptance is handed over, which another thread of an executor may do later.
+        return None if callback is None else callback(message)
 
     def _on_status(self, message: Any) -> None:
         for status in message.status_list:

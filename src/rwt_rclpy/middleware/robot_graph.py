@@ -2,7 +2,9 @@
 
 Messages of topics go to the server and come back from it, also those between nodes of this process, so that
 each is delivered once. Services and actions of this process are served here at once and offered there; others
-are called there. What is listed is asked of the server's rosapi, as long as somebody asks here.
+are called there. Feedback of an action of this process is delivered here at once, too, as its results are,
+which would overtake it: a client wants none after the result. What is listed is asked of the server's rosapi,
+as long as somebody asks here.
 
 Four things rosbridge has no way to say: which node of this process does something (the server knows one
 client), the quality of service of others' endpoints (the default is assumed), which goal ids are in use, and
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack
 from functools import partial
@@ -59,6 +62,8 @@ logger = logging.getLogger(__name__)
 LOOK_SECONDS: Final = 0.1
 #: Seconds after which nobody is taken to ask any more.
 ASKED_SECONDS: Final = 2.0
+#: How the names of topics end whose messages must not come after what a service of the same action answers.
+_TOLD_HERE: Final = "/_action/feedback"
 
 
 class RobotTopic:
@@ -75,8 +80,13 @@ class RobotTopic:
         )
 
     def _receive(self, message: RawMessage) -> None:
+        if self.name in self._graph.told_here:
+            return  # Delivered when it was published; this is the echo.
         now = self._graph.clock.time_ns() if message.stamp_ns is None else message.stamp_ns
-        sample = Sample(self.name, Payload.from_cdr(self.type, message.data), now, "")
+        self.deliver(Sample(self.name, Payload.from_cdr(self.type, message.data), now, ""))
+
+    def deliver(self, sample: Sample) -> None:
+        """Hand a message to all that subscribe here."""
         self.last = sample.detach()
         for subscription in self.subscriptions:
             try:
@@ -133,9 +143,15 @@ class RobotPublisher(Publisher):
         self._owner = owner
         latch = qos.durability is Durability.TRANSIENT_LOCAL
         self._remote = graph.robot.advertise(topic, graph.registry.type_name(type), latch=latch, qos=qos)
+        self._tells_here = topic.endswith(_TOLD_HERE)
+        if self._tells_here:
+            graph.told_here[topic] += 1
 
     def publish(self, payload: Payload) -> None:
         """Send one message; one that cannot be sent is logged."""
+        topic = self._graph.topics_here.get(self.topic) if self._tells_here else None
+        if topic is not None:
+            topic.deliver(Sample(self.topic, payload, self._graph.clock.time_ns(), self._owner.name))
         try:
             self._remote.publish(payload)
         except RobotError as error:
@@ -150,6 +166,9 @@ class RobotPublisher(Publisher):
     def close(self) -> None:
         """Leave the topic."""
         self._owner.drop(self)
+        if self._tells_here:
+            self._tells_here = False
+            self._graph.told_here -= Counter((self.topic,))
         self._remote.close()
 
 
@@ -203,6 +222,7 @@ class RobotGraph(MemoryGraph):
     Attributes:
         robot: the connection.
         topics_here: the topics that are subscribed to in this process.
+        told_here: how many publishers here deliver to them at once, by the name of the topic.
     """
 
     robot: Robot
@@ -210,6 +230,7 @@ class RobotGraph(MemoryGraph):
     def __init__(self, url: str, registry: Registry | None = None, *, timeout: float = 10.0) -> None:
         self.url = url
         self.topics_here: dict[str, RobotTopic] = {}
+        self.told_here: Counter[str] = Counter()
         self._timeout = timeout
         self._connection = AsyncExitStack()
         self._caller = NodeResources("/_server", private=True)

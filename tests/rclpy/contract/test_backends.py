@@ -222,6 +222,57 @@ def test_actions_with_feedback_and_result(rclpy: Any, executor: Any) -> None:
     spin_until(executor, lambda: feedback)
 
 
+@pytest.mark.parametrize("rclpy", [on_a_server], indirect=True)
+def test_all_feedback_comes_once_and_before_the_result(
+    rclpy: Any, executor: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rclpy.action import ActionClient, ActionServer
+
+    from rwt_rclpy.middleware.robot_graph import RobotTopic
+
+    late: list[Callable[[], None]] = []
+    receive = RobotTopic._receive
+
+    def receive_late(topic: RobotTopic, message: Any) -> None:
+        if topic.name == "/count/_action/feedback":
+            late.append(lambda: receive(topic, message))
+        else:
+            receive(topic, message)
+
+    monkeypatch.setattr(RobotTopic, "_receive", receive_late)
+    Fibonacci, Int32 = interface("example_interfaces/action/Fibonacci"), interface("std_msgs/msg/Int32")
+
+    def execute(handle: Any) -> Any:
+        for number in range(handle.request.order):
+            handle.publish_feedback(Fibonacci.Feedback(sequence=[number]))
+        handle.succeed()
+        return Fibonacci.Result()
+
+    it = node(rclpy, executor, "both")
+    told: list[Any] = []
+    it.create_subscription(Fibonacci.Impl.FeedbackMessage, "/count/_action/feedback", told.append, 10)
+    ActionServer(it, Fibonacci, "/count", execute)
+    client = ActionClient(it, Fibonacci, "/count")
+    spin_until(executor, client.server_is_ready)
+    feedback: list[int] = []
+    sent = client.send_goal_async(
+        Fibonacci.Goal(order=5),
+        feedback_callback=lambda message: feedback.append(message.feedback.sequence[0]),
+    )
+    spin_until(executor, sent.done)
+    result = sent.result().get_result_async()
+    spin_until(executor, result.done)
+    assert feedback == [0, 1, 2, 3, 4]
+    spin_until(executor, lambda: len(late) == 5)
+    for each in late:
+        it.context.link.run(each)
+    heard: list[Any] = []
+    it.create_subscription(Int32, "/after", heard.append, 1)
+    it.create_publisher(Int32, "/after", 1).publish(Int32())
+    spin_until(executor, lambda: heard)
+    assert len(told) == 5
+
+
 def test_the_graph_lists_what_is_there(rclpy: Any, executor: Any) -> None:
     String = interface("std_msgs/msg/String")
     it = node(rclpy, executor, "talker", namespace="/robot")
