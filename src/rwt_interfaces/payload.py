@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import cache
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
 from rwt_interfaces.errors import InvalidMessage, TooManyValues
 from rwt_interfaces.serialise.json import REJECTIONS, begins_too_deep, parse
-from rwt_interfaces.serialise.long_arrays import MOST_LENIENT, MOST_VALUES, PIECE, has_many_values
+from rwt_interfaces.serialise.long_arrays import (
+    MOST_LENIENT,
+    MOST_VALUES,
+    PIECE,
+    SEQUENCE,
+    TakenMessage,
+    has_many_values_in_steps,
+)
 from rwt_interfaces.serialise.long_strings import (
     LARGE,
     LongString,
@@ -28,8 +35,6 @@ from rwt_interfaces.serialise.splice import LONG_TEXT, SplicedMessage, json_of_t
 if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
 
-#: A message in JSON up to its `header.seq`, where it is as most write it.
-_SEQUENCE = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
 _SEQUENCE_PATH = ("header", "seq")
 #: Bytes that Python needs for an object beside what it holds, and for a number in a list.
 _OBJECT = 56
@@ -138,12 +143,10 @@ class Payload:
             return (yield from cls.from_json_in_steps(message_type, raw, now))
         taken = yield from codec.long_arrays.take(raw, now or time.time_ns, completes=False)
         if taken is not None:
-            if not taken.is_exact:
-                return None
-            payload = cls(message_type, raw, None)
-            payload.is_long = True
-            return payload
-        if has_many_values(raw):
+            return (
+                None if taken.short is None and not taken.is_exact else cls._taken(message_type, raw, taken)
+            )
+        if (yield from has_many_values_in_steps(raw)):
             return None
         try:
             codec.check(raw)
@@ -182,16 +185,21 @@ class Payload:
                 return cls(message_type, raw, None)
         taken = yield from codec.long_arrays.take(raw, now)
         if taken is None:
-            if has_many_values(raw):
+            if (yield from has_many_values_in_steps(raw)):
                 raise TooManyValues(
                     "", f"more than {MOST_VALUES} values: so many are taken only as items of long lists"
                 )
             payload = yield from cls._wholly(message_type, raw, now)
             payload.is_long = codec.has_arrays
             return payload
+        return cls._taken(message_type, raw, taken)
+
+    @classmethod
+    def _taken(cls, message_type: MessageType, raw: RawText, taken: TakenMessage) -> Payload:
+        """A message that was taken apart from its long arrays."""
         payload = cls(message_type, raw if taken.is_exact else None, taken.value())
         if not taken.is_exact:
-            payload._json_parts = taken.json_parts(codec.encode)
+            payload._json_parts = taken.json_parts(message_type.json.encode)
         payload.is_long = True
         return payload
 
@@ -206,7 +214,7 @@ class Payload:
         yield
         with suppress(*REJECTIONS):
             return cls(message_type, None, message_type.complete_quickly(raw, now))
-        if has_many_values(raw, MOST_LENIENT):
+        if (yield from has_many_values_in_steps(raw, MOST_LENIENT)):
             if begins_too_deep(raw):
                 raise InvalidMessage("", "nested too deeply")
             raise TooManyValues(
@@ -490,7 +498,7 @@ class Payload:
     def numbered(self, number: int) -> Payload:
         """The same message with that `header.seq`, of a type that has it."""
         parts = (self._json,) if self._json is not None else self._json_parts
-        found = None if parts is None or self._string is not None else _SEQUENCE.match(parts[0])
+        found = None if parts is None or self._string is not None else SEQUENCE.match(parts[0])
         if parts is None or found is None:
             spliced = self._apart()
             if spliced is not None:
@@ -541,11 +549,30 @@ def _plain_array(array: object) -> object:
     return to_list()
 
 
+@cache
+def _fixed_size(kind: type) -> int:
+    """The size of every message of a class that holds nothing but numbers, and messages of nothing but
+    numbers; 0 for any other class."""
+    if not issubclass(kind, msgspec.Struct):
+        return 0
+    size = _OBJECT
+    for field in msgspec.structs.fields(kind):
+        is_number = field.type in (bool, int, float)
+        each = _NUMBER if is_number else _fixed_size(field.type) if isinstance(field.type, type) else 0
+        if not each:
+            return 0
+        size += each
+    return size
+
+
 def _size_of(value: object) -> int:
     """About how many bytes a message takes: its text and octets, and what Python needs for each object."""
     if isinstance(value, (bytes, str)):
         return _OBJECT + len(value)
     if isinstance(value, msgspec.Struct):
+        fixed = _fixed_size(value.__class__)
+        if fixed:
+            return fixed
         fields = value.__struct_fields__
         return _OBJECT + sum(_size_of(getattr(value, name)) for name in fields)
     if isinstance(value, list):
@@ -556,6 +583,9 @@ def _size_of(value: object) -> int:
             return least
         if isinstance(value[0], (bytes, str)):
             return least + sum(map(len, value))
+        fixed = _fixed_size(value[0].__class__)
+        if fixed:
+            return _OBJECT + fixed * len(value)
         return _OBJECT + sum(map(_size_of, value))
     nbytes = getattr(value, "nbytes", _NUMBER)
     return nbytes if isinstance(nbytes, int) else _NUMBER

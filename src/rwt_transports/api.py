@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
+from enum import Enum
 from ssl import SSLContext
 from typing import Final, Protocol, runtime_checkable
 
@@ -68,6 +69,23 @@ class Link(Protocol):
 
     def resume(self) -> None:
         """Read from the peer again after :meth:`pause`."""
+
+
+class HangUp(Enum):
+    """What is known of a peer from which nothing is read at the moment."""
+
+    NO = "no"
+    SENDS_NO_MORE = "sends no more"
+    """It has closed its sending side. Whether it still reads, it shows when it is sent something."""
+    GONE = "gone"
+
+
+@runtime_checkable
+class HangUpAware(Protocol):
+    """A link that can tell whether its peer has hung up while nothing is read from it."""
+
+    def hang_up(self) -> HangUp:
+        """What is known now."""
 
 
 HEAD_BYTES: Final = 1024

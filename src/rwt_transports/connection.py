@@ -16,6 +16,8 @@ from rwt_transports.api import (
     DriverCallbacks,
     FlowControlled,
     Framing,
+    HangUp,
+    HangUpAware,
     Holding,
     Link,
     OversizeAware,
@@ -198,8 +200,11 @@ class Connection:
         "_deadline",
         "_ending",
         "_endpoint",
+        "_hang_up_aware",
         "_heard",
         "_holding",
+        "_is_asked",
+        "_is_paused",
         "_link",
         "_pinged",
         "_port",
@@ -240,6 +245,9 @@ class Connection:
         self._heard: float | None = None
         self._alive = True
         self._pinged = False
+        self._hang_up_aware = link if isinstance(link, HangUpAware) else None
+        self._is_paused = False
+        self._is_asked = False  # to answer, since it sends no more
 
     def begin(self) -> None:
         """Open at once, where the transport has no handshake."""
@@ -322,14 +330,16 @@ class Connection:
 
     def pause(self) -> None:
         """Take nothing more from the peer for now."""
+        self._is_paused = True
         self._link.pause()
         if self._holding is not None:
             self._holding.hold()
 
     def resume(self) -> None:
         """Read from the peer again."""
+        self._is_paused = False
         self._link.resume()
-        if self._holding is not None:
+        if self._holding is not None and self._endpoint is not None:  # Else nobody wants what it holds.
             try:
                 self._holding.go_on()
             except Exception:
@@ -419,6 +429,8 @@ class Connection:
             self._heard = now
         silent = now - self._heard
         limits = self._state.limits
+        if self._is_paused and self._hang_up_aware is not None:
+            self._look_for_hang_up(self._hang_up_aware)
         if self._ending:
             if self._deadline is None:
                 self._deadline = now + limits.close_seconds
@@ -428,6 +440,20 @@ class Connection:
             self._forget(f"silent for {silent:.0f} s")
         elif limits.ping_seconds and silent >= limits.ping_seconds:
             self._ping(silent)
+
+    def _look_for_hang_up(self, link: HangUpAware) -> None:
+        """Drop what waits for its turn of a peer that has gone: nothing is read from it, so that nobody would
+        see it before all is done."""
+        hang_up = link.hang_up()
+        if hang_up is HangUp.GONE:
+            self._forget("the peer went away while it was held back")
+        elif hang_up is HangUp.SENDS_NO_MORE and not self._is_asked:
+            # It may have sent all that it had to say, and still read. The system of one that was killed
+            # answers whatever it is sent with a reset.
+            self._is_asked = True
+            ping = self._wire.ping()
+            if ping:
+                self.outbox.push(ping)
 
     def _ping(self, silent: float) -> None:
         limits = self._state.limits

@@ -8,6 +8,7 @@ import struct as struct_module
 import subprocess
 import sys
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from types import ModuleType
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
@@ -283,3 +285,21 @@ def test_messages_are_made_while_another_thread_imports_numpy(monkeypatch: pytes
     assert numbers.endswith(struct_module.pack("<2d", 1.0, 2.0))
     with pytest.raises(InvalidMessage, match="expected bool, got 1"):
         make("std_msgs/Bool", {"data": 1})
+
+
+@pytest.mark.parametrize("take", [Payload.from_json, Payload.from_dense_json])
+def test_a_large_message_is_numbered_without_being_decoded_wherever_its_header_is(
+    take: Callable[..., Payload | None],
+) -> None:
+    message = Registry(DISTROS["noetic"]).message("geometry_msgs/PoseArray")
+    pose = {
+        "position": {"x": 0.5, "y": 0.0, "z": 0.0},
+        "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+    }
+    header = {"seq": 1, "stamp": {"secs": 1, "nsecs": 2}, "frame_id": "map"}
+    text = json.dumps({"poses": [pose] * 5_000, "header": header}).encode()
+    payload = take(message, text)
+    assert payload is not None
+    numbered = payload.numbered(7)
+    assert len(numbered.json_parts()) > 1  # The list is still in the very bytes that came.
+    assert json.loads(bytes(numbered.json())) == {"header": {**header, "seq": 7}, "poses": [pose] * 5_000}

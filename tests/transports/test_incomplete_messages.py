@@ -127,3 +127,20 @@ def test_one_alone_may_have_as_much_as_a_message_may(kind: str) -> None:
     sender.wire.feed(start)
     sender.wire.feed(end)
     assert len(sender.messages) == 1
+
+
+def test_a_large_message_is_received_directly_up_to_its_last_byte() -> None:
+    size = 3 * SIZE
+    pool = ReceiveBufferPool()
+    sender = Sender(lambda events, pool: WebSocketWire(events, max_size=size, buffers=pool), pool)
+    sent = memoryview(_frame(0x82, size))
+    sender.wire.feed(bytes(sent[:20_000]))
+    place, views = 20_000, []
+    while (view := sender.wire.get_buffer()) is not None:
+        views.append(view)  # As asyncio, which has one while it says that bytes have come.
+        count = min(len(view), 100_000, max(1, len(sent) - place - 1))
+        view[:count] = sent[place : place + count]
+        place += count
+        sender.wire.buffer_updated(count)
+    assert place == len(sent)
+    assert sender.messages == [b"x" * size]

@@ -6,6 +6,7 @@ no step takes longer than a piece, and what may be passed on stays as it came.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Generator, Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -16,6 +17,7 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.array_regions import LONG_ITEM, Pieces, Region, regions
 from rwt_interfaces.serialise.long_strings import (
     FEW,
+    LARGE,
     TOKEN,
     Chunks,
     ItemApart,
@@ -24,6 +26,7 @@ from rwt_interfaces.serialise.long_strings import (
     RawText,
     Steps,
     chunks_of,
+    finished,
 )
 from rwt_interfaces.serialise.splice import put
 from rwt_interfaces.serialise.strict import array_reader
@@ -48,6 +51,8 @@ MOST_VALUES: Final = 1 << 18
 taken in pieces."""
 MOST_LENIENT: Final = 1 << 15
 """The same of a text that is no message as it stands, and has to be completed value by value."""
+SEQUENCE: Final = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
+"""A message in JSON up to its `header.seq`, where it is as most write it."""
 _QUOTED_TOKEN = b'"%b"' % TOKEN.encode()
 
 _WHOLE: Final = 1 << 18
@@ -243,14 +248,18 @@ class LongArrays:
             InvalidMessage: it does not fit; found before or after other faults as the fields have it.
         """
         completion = Completion(now) if completes else None
-        return (yield from self._take(bytes(raw), completion, len(raw) <= _FEW_NUMBERS))
+        keep = len(raw) <= _FEW_NUMBERS
+        return (yield from self._take(bytes(raw), completion, keep, heads=self._message.has_sequence))
 
-    def _take(self, data: bytes, completion: Completion | None, keep: bool) -> Steps[TakenMessage | None]:
+    def _take(
+        self, data: bytes, completion: Completion | None, keep: bool, *, heads: bool = False
+    ) -> Steps[TakenMessage | None]:
         from rwt_interfaces.serialise.json import REJECTIONS, parse
 
         places = yield from self._regions(data)
         if places is None:
             return None
+        yield
         text = _with(data, [place[3] for place in places], [b"[]"] * len(places))
         short: msgspec.Struct | None = None
         wrong: InvalidMessage | None = None
@@ -259,11 +268,17 @@ class LongArrays:
         except REJECTIONS:
             if completion is None:
                 return _NOT_EXACT
+            yield
             try:
                 short = self._message.decode_leniently(parse(text), completion)
             except InvalidMessage as error:
                 wrong = error
         is_exact = short is None and wrong is None
+        if is_exact and heads and len(data) >= LARGE and not SEQUENCE.match(text):
+            # Publishers write their count there: the header goes first, where that costs nothing.
+            yield
+            is_exact, short = False, self._message.json.decode(text)
+        yield
         arrays = []
         for order, path, items, region in sorted(places, key=lambda place: place[0]):
             if wrong is not None and self._order_of(wrong.path) < order:
@@ -294,6 +309,7 @@ class LongArrays:
     def _regions(self, data: bytes) -> Steps[list[_Located] | None]:
         """The long arrays of a text in the order of the text; None if it has none that can be told apart."""
         found = yield from regions(data, SLOW_PIECE)
+        yield
         return self._places(data, found) if found else None
 
     def json(self, message: msgspec.Struct) -> Steps[Parts | None]:
@@ -501,11 +517,18 @@ def _taken_item(
 
 def has_many_values(data: RawText, most: int = MOST_VALUES) -> bool:
     """Whether a text may hold so many values that it may not be decoded at once."""
+    return finished(has_many_values_in_steps(data, most))
+
+
+def has_many_values_in_steps(data: RawText, most: int = MOST_VALUES) -> Steps[bool]:
+    """As :func:`has_many_values`, in steps."""
     text = bytes(data)
     if len(text) <= most:
         return False
     found = 0
     for start in range(0, len(text), _WHOLE):
+        if start:
+            yield
         found += text.count(b",", start, start + _WHOLE) + text.count(b"{", start, start + _WHOLE)
         if found > most:
             return True

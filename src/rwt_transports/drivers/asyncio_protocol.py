@@ -8,17 +8,34 @@ import contextlib
 import logging
 import os
 import socket
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager, nullcontext
 from functools import partial
+from time import monotonic
 from typing import cast
 
 import anyio
 from anyio.abc import TaskGroup
 
 from rwt_protocol.transport import Buffer
-from rwt_transports.api import Attach, BindAddress, DriverCallbacks, Gathering, Link, RemoteAddress
-from rwt_transports.drivers.sockets import Handshakes, accept_peers, bind_tcp, bind_unix, remove_unix
+from rwt_transports.api import (
+    Attach,
+    BindAddress,
+    DriverCallbacks,
+    Gathering,
+    HangUp,
+    Link,
+    RemoteAddress,
+)
+from rwt_transports.drivers.sockets import (
+    Handshakes,
+    accept_peers,
+    bind_tcp,
+    bind_unix,
+    hang_up_of,
+    remove_unix,
+)
 from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
@@ -29,18 +46,54 @@ BACKLOG = 512
 GATHERED_BYTES = 64 * 1024
 """Less than this goes through asyncio's transport: what one call more or less costs is then little."""
 
+READ_SECONDS = 0.01
+"""Seconds of one turn of the loop for which large messages are received, of all connections together."""
+
 WATCHED_BYTES = 4096
 """Of what the network does not take, asyncio's transport keeps a copy of this much."""
 
 
 class _Turn:
-    """The links that have something to write, flushed together once per loop turn."""
+    """One loop turn after the other: the links that have something to write, flushed together, and how much
+    of large messages was received.
 
-    __slots__ = ("_waiting", "loop")
+    To receive ten million bytes, and to unmask them when the last has come, takes milliseconds. Where many
+    connections do so at once, those beyond the turn's share are handed what has come for them in a later one.
+
+    Attributes:
+        is_full: whether this turn has received as much of large messages as one may.
+    """
+
+    __slots__ = ("_is_counting", "_late", "_received", "_waiting", "is_full", "loop")
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
         self._waiting: list[_Link] = []
+        self._late: deque[_Link] = deque()
+        self._received = 0.0  # seconds
+        self._is_counting = False
+        self.is_full = False
+
+    def note(self, seconds: float) -> None:
+        """Count time for which a large message was received."""
+        self._received += seconds
+        self.is_full = self._received > READ_SECONDS or bool(self._late)
+        if not self._is_counting:
+            self._is_counting = True
+            self.loop.call_soon(self._next)
+
+    def put_off(self, link: _Link) -> None:
+        """Let `link` take what it has received in a later turn, behind those that wait already."""
+        self._late.append(link)
+
+    def _next(self) -> None:
+        """A new turn has begun."""
+        self._is_counting = self.is_full = False
+        self._received = 0.0
+        while self._late and self._received <= READ_SECONDS:
+            self._late.popleft().take_late()
+        if self._late:
+            self.note(0.0)
 
     def add(self, link: _Link) -> None:
         if not self._waiting:
@@ -68,11 +121,15 @@ class _Link(asyncio.BufferedProtocol):
         "_direct",
         "_file",
         "_gathering",
+        "_is_paused",
+        "_late",
         "_loop",
         "_open",
         "_resuming",
+        "_since",
         "_tls",
         "_transport",
+        "_turn",
         "_view",
         "_writable",
         "wake",
@@ -88,6 +145,10 @@ class _Link(asyncio.BufferedProtocol):
         self._resuming = False
         self._file = -1
         self._gathering: Gathering | None = None
+        self._is_paused = False
+        self._late = 0  # bytes that were received, and have to wait for a turn
+        self._since = 0.0  # when it began to receive
+        self._turn = turn
         self._loop = turn.loop
         self.wake = partial(turn.add, self)
 
@@ -115,14 +176,33 @@ class _Link(asyncio.BufferedProtocol):
             self._direct = False
             return self._view
         self._direct = True
-        return space
+        self._since = monotonic()
+        return space[:READ_BYTES] if self._turn.is_full else space
 
     def buffer_updated(self, nbytes: int) -> None:
         """`nbytes` have arrived in the buffer that :meth:`get_buffer` gave."""
-        if self._direct:
-            self._callbacks.buffer_updated(nbytes)
-        else:
+        if not self._direct:
             self._callbacks.receive(bytes(self._view[:nbytes]))
+        elif self._turn.is_full and not self._tls:  # In TLS what is decrypted already cannot wait.
+            self._late = nbytes
+            self._transport.pause_reading()
+            self._turn.put_off(self)
+        else:
+            self._callbacks.buffer_updated(nbytes)
+            self._turn.note(monotonic() - self._since)
+
+    def take_late(self) -> None:
+        """Take what was received in a turn that was full already."""
+        nbytes, self._late = self._late, 0
+        if not self._open:
+            return
+        self._since = monotonic()
+        try:
+            self._callbacks.buffer_updated(nbytes)
+        finally:
+            self._turn.note(monotonic() - self._since)
+            if self._open and not self._is_paused:
+                self._transport.resume_reading()
 
     def eof_received(self) -> bool:
         """The peer will send nothing more; the connection decides whether to close, except in TLS."""
@@ -213,7 +293,10 @@ class _Link(asyncio.BufferedProtocol):
     def finish(self) -> None:
         """Half-close, or close where TLS has no such thing."""
         if self._transport.can_write_eof() and not self._transport.is_closing():
-            self._transport.write_eof()
+            try:
+                self._transport.write_eof()
+            except OSError:
+                self.abort()  # The peer has gone, and nobody has looked since.
         else:
             self.close()
 
@@ -234,12 +317,18 @@ class _Link(asyncio.BufferedProtocol):
 
     def pause(self) -> None:
         """Read nothing for now."""
+        self._is_paused = True
         self._transport.pause_reading()
 
     def resume(self) -> None:
         """Read from the peer again."""
-        if self._open:
+        self._is_paused = False
+        if self._open and not self._late:
             self._transport.resume_reading()
+
+    def hang_up(self) -> HangUp:
+        """Whether the peer has hung up, which nobody sees while nothing is read from it."""
+        return hang_up_of(self._file) if self._open and self._file >= 0 else HangUp.NO
 
 
 class AsyncioDriver:

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import logging
 import os
+import select
 import socket
 import stat
 import time
@@ -14,6 +15,7 @@ from typing import TypeVar
 
 import anyio
 
+from rwt_transports.api import HangUp
 from rwt_transports.errors import ListenError
 
 logger = logging.getLogger("rwt_transports")
@@ -37,6 +39,20 @@ MOST_DESCRIPTORS = 1 << 20
 MOST_HANDSHAKES = 256
 """Handshakes in TLS that one listener has under way at a time, from all addresses together. Each takes some
 hundred kilobytes."""
+
+
+def hang_up_of(file: int) -> HangUp:
+    """Whether the peer of a connected socket has hung up, whatever of it is still to be read; NO where the
+    system does not tell."""
+    if not hasattr(select, "POLLRDHUP"):
+        return HangUp.NO
+    poll = select.poll()
+    poll.register(file, select.POLLRDHUP)
+    for _, events in poll.poll(0):
+        if events & (select.POLLERR | select.POLLHUP | select.POLLNVAL):
+            return HangUp.GONE
+        return HangUp.SENDS_NO_MORE
+    return HangUp.NO
 
 
 class Handshakes:

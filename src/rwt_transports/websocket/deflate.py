@@ -41,7 +41,7 @@ _TAIL: Final = b"\x00\x00\xff\xff"
 _WINDOW: Final = 32 * 1024
 _SMALL: Final = 1024
 """Bytes of a compressed message that is inflated at once: it comes to a megabyte at most."""
-_AT_ONCE: Final = 4
+_AT_ONCE: Final = 2
 """Steps in which most messages are inflated."""
 _STEP: Final = 64 * 1024
 """Bytes that are inflated at once, and that are made at once."""

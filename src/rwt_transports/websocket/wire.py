@@ -39,6 +39,10 @@ CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
 DIRECT_BYTES = 32 * 1024
 """With less than this to come, a copy from the shared buffer is cheaper than one more read."""
 
+ALL_DIRECT_BYTES = 1024 * 1024
+"""A message of so many bytes is received directly up to its last, so that who receives sees it complete: to
+unmask it takes long."""
+
 SMALL_PART_BYTES = 16 * 1024
 """Parts below this are joined with the header rather than written by themselves."""
 
@@ -171,7 +175,10 @@ class _Staged:
 
     def grow(self) -> None:
         """Make the buffer larger, by what has arrived rather than by what was announced."""
-        self.buffer += bytes(min(self.size, 4 * len(self.buffer)) - len(self.buffer))
+        # In another place: who has just received into this one may still have a view of it.
+        larger = bytearray(min(self.size, 4 * len(self.buffer)))
+        larger[: self.filled] = self.buffer
+        self.buffer = larger
 
 
 class _Head:
@@ -284,10 +291,8 @@ class WebSocketWire:
     def get_buffer(self) -> memoryview | None:
         """The rest of a large payload's buffer, when receiving there saves a copy."""
         staged = self._staged
-        if staged is None or staged.size - staged.filled < DIRECT_BYTES:
+        if staged is None or (staged.size - staged.filled < DIRECT_BYTES and staged.size < ALL_DIRECT_BYTES):
             return None
-        if staged.filled == len(staged.buffer):
-            self._grow(staged)
         return memoryview(staged.buffer)[staged.filled : staged.size]
 
     def buffer_updated(self, count: int) -> None:
@@ -301,6 +306,8 @@ class WebSocketWire:
                 self._unstage(staged)
             except ProtocolViolation as violation:
                 self._fail(violation.code, str(violation))
+        elif staged.filled == len(staged.buffer):
+            self._grow(staged)
 
     def give_up(self, reason: str) -> None:
         """Drop what has come of a message, and end the connection."""
@@ -478,13 +485,13 @@ class WebSocketWire:
         """Copy what has arrived of the payload into its buffer; returns the position behind it."""
         end = min(len(data), position + staged.size - staged.filled)
         while position < end:
-            if staged.filled == len(staged.buffer):
-                self._grow(staged)
             count = min(end - position, len(staged.buffer) - staged.filled)
             with memoryview(data) as view:
                 staged.buffer[staged.filled : staged.filled + count] = view[position : position + count]
             staged.filled += count
             position += count
+            if staged.filled == len(staged.buffer) < staged.size:
+                self._grow(staged)
         if staged.filled == staged.size:
             self._unstage(staged)
         return position

@@ -245,17 +245,48 @@ _LONG_TEXT: Final = (
 )
 
 
-def inflated_at_once(attacker: Attacker) -> None:
-    """The same over many connections at once, each of which waits for its turn."""
+def _bomb() -> bytes:
+    """The same message in a compressed frame of a few kilobytes."""
     packer = zlib.compressobj(9, zlib.DEFLATED, -15)
     packed = packer.compress(_LONG_TEXT)
     message = bytearray(frame(TEXT, (packed + packer.flush(zlib.Z_SYNC_FLUSH))[:-4], key=bytes(4)))
     message[0] |= 0x40
+    return bytes(message)
+
+
+_BOMB: Final = _bomb()
+
+
+def inflated_at_once(attacker: Attacker) -> None:
+    """The same over many connections at once, each of which waits for its turn."""
     wants = b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover"
     many = [Attacker(attacker.port, headers=(wants,)) for _ in range(25)]
     _held.extend(many)
     for each in many:
-        each.send_raw(bytes(message))
+        each.send_raw(_BOMB)
+
+
+def whole_at_once(attacker: Attacker) -> None:
+    """Whole messages of megabytes over many connections at once, of which each waits for its turn."""
+    message = frame(TEXT, _LONG_TEXT, key=bytes(4))
+    many = [Attacker(attacker.port) for _ in range(25)]
+    _held.extend(many)
+    over = time.monotonic() + 4 * SECONDS
+    threads = [threading.Thread(target=each.send_raw, args=(message * 2, over), daemon=True) for each in many]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def cut_with_a_backlog(attacker: Attacker) -> None:
+    """Many connections, of which each has large messages waiting for their turn when it is cut."""
+    wants = b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover"
+    many = [BlockingClient(attacker.port, wants) for _ in range(60)]
+    for each in many:
+        each.socket.sendall(_BOMB * 3)
+    for each in many:
+        each.reset()
 
 
 def half_bodies(attacker: Attacker) -> None:
@@ -567,6 +598,26 @@ def incomplete_poses(attacker: Attacker) -> None:
     attacker.send(b'{"op":"publish",' + kind + b',"msg":{"poses":[' + poses + b"]}}" for _ in range(1000))
 
 
+def blanks(attacker: Attacker) -> None:
+    """A few thousand empty poses among millions of blanks, wherever these may stand."""
+    kind = b'{"op":"publish","topic":"/few","type":"geometry_msgs/PoseArray","msg":{"poses":['
+    count, size = 3_000, LARGEST - 20_000
+    apart, between = b" " * size, b" " * (size // count)
+    empty = b"{}," * (count - 1) + b"{}"
+    for poses in (
+        b",".join([b"{}" + between] * count) + b"]}}",
+        b",".join([b"{" + between + b"}"] * count) + b"]}}",
+        empty + apart + b"]}}",
+        apart + empty + b"]}}",
+        b"{}" + apart + b"," + empty + b"]}}",
+        empty + b"," + apart + b"{}]}}",
+        b"{" + apart + b"}," + empty + b"]}}",
+        empty + b"]" + apart + b"}}",
+        empty + b"]}" + apart + b"}",
+    ):
+        Attacker(attacker.port).send(iter([kind + poses]))
+
+
 def empty_names(attacker: Attacker) -> None:
     """Millions of empty texts in a message that lacks its header."""
     kind = b'"topic":"/joints","type":"sensor_msgs/JointState"'
@@ -582,6 +633,20 @@ def names_in_cbor(attacker: Attacker) -> None:
     head = b'{"header":{"stamp":{"sec":1,"nanosec":2},"frame_id":""},"name":[' + names
     msg = head + b'""],"position":[],"velocity":[],"effort":[]}'
     op = b'{"op":"publish","topic":"/joints","type":"sensor_msgs/JointState","msg":' + msg + b"}"
+    attacker.send(op for _ in range(3))
+
+
+def header_at_the_end(attacker: Attacker) -> None:
+    """Hundreds of thousands of poses in a message whose header stands behind them."""
+    kind = {"topic": "/poses", "type": "geometry_msgs/PoseArray"}
+    Attacker(attacker.port, {"op": "subscribe", **kind})
+    seq = b'"seq":1,' if "noetic" in sys.argv else b""
+    stamp = b'"secs":1,"nsecs":2' if seq else b'"sec":1,"nanosec":2'
+    pose = b'{"position":{"x":0,"y":0,"z":0},"orientation":{"x":0,"y":0,"z":0,"w":1}}'
+    poses = b",".join([pose] * (LARGEST // (len(pose) + 1) - 10))
+    header = b'"header":{' + seq + b'"stamp":{' + stamp + b'},"frame_id":""}'
+    names = json.dumps(kind)[1:-1].encode()
+    op = b'{"op":"publish",' + names + b',"msg":{"poses":[' + poses + b"]," + header + b"}}"
     attacker.send(op for _ in range(3))
 
 
@@ -756,6 +821,7 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
         long_ids, long_goal_ids, long_names_to_hear, long_names_to_offer, long_names_of_services,
         long_questions, unread_answers, half_messages, pieces_of_a_frame, inflated_at_once,
+        whole_at_once, cut_with_a_backlog, blanks, header_at_the_end,
         half_bodies, forms_of_what_is_kept, feedback_flood,
         long_lists_of_numbers, small_typed_arrays,
         fragments_left_open, spellings, rosapi_flood, many_in_a_frame, smallest_pieces, colliding_keys,

@@ -61,6 +61,7 @@ OF_VIEWERS: Final = frozenset(
      "many_in_a_member", "constants", "long_numbers",
      "expensive_videos", "refusals", "long_names_to_hear", "long_questions", "unread_answers",
      "half_messages", "pieces_of_a_frame", "half_bodies", "inflated_at_once",
+     "whole_at_once", "cut_with_a_backlog", "blanks",
      "everything_subscribed", "come_and_go", "many_connections", "picture_bombs", "snapshots_again"}
 )  # fmt: skip
 """Attacks for which no right is needed beyond looking."""
@@ -70,7 +71,8 @@ SETTING: Final = frozenset({"parameters", "large_description"})
 
 TWICE: Final = frozenset(
     {"parameters", "rosapi_flood", "many_in_a_frame", "spellings", "defaults", "incomplete_poses",
-     "empty_maps", "deep_payload", "lists_of_many", "large_description", "latched_topics"}
+     "empty_maps", "deep_payload", "lists_of_many", "large_description", "latched_topics",
+     "header_at_the_end", "blanks"}
 )  # fmt: skip
 """Attacks that ROS 1 answers in another way than ROS 2."""
 
