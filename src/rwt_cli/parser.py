@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import Final, NoReturn, TypeAlias
 
+from rwt_cli.console.output import printable
 from rwt_cli.errors import CALLED_WRONGLY, CommandError
 from rwt_program.spelling import did_you_mean
 
@@ -74,7 +75,8 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End the program with one line on stderr and the exit code for being called wrongly."""
-        sys.stderr.write(f"{self.prog}: {_plainly(message)} (`{self.prog} --help` says more)\n")
+        said = _on_one_line(_plainly(message))
+        sys.stderr.write(f"{self.prog}: {said} (`{self.prog} --help` says more)\n")
         raise SystemExit(CALLED_WRONGLY)
 
 
@@ -131,6 +133,16 @@ class ShowVersion(argparse.Action):
 
         sys.stdout.write(f"rwt {version('robot-web-tools')}\n")
         parser.exit()
+
+
+_LONGEST_SAID: Final = 400
+
+
+def _on_one_line(message: str) -> str:
+    """A message with what was typed in it: short, and nothing that a terminal takes for a command."""
+    if len(message) > _LONGEST_SAID:
+        message = f"{message[: _LONGEST_SAID // 2]}…{message[-_LONGEST_SAID // 2 :]}"
+    return printable(" ".join(message.splitlines()))
 
 
 def _plainly(message: str) -> str:

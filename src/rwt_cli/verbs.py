@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import argparse
 import logging
+import math
 import os
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -30,6 +32,10 @@ URL_VARIABLE: Final = "RWT_URL"
 TOKEN_VARIABLE: Final = "RWT_TOKEN"
 USUAL_TIMEOUT: Final = 10.0
 """Default of ``--timeout``: seconds that connecting, and each answer, may take."""
+
+_LEAST: Final = 1e-6
+_MOST: Final = 1e9
+"""Of numbers of seconds, which timers can wait, and times a second."""
 
 _MOST_AT_ONCE: Final = 16
 _ROBOT_OPTIONS: Final = "the robot"
@@ -144,22 +150,36 @@ def add_tls_options(to: argparse._ActionsContainer) -> None:
 
 
 def seconds(text: str) -> float:
-    """An option's value in seconds, more than 0."""
-    return _positive(text, "seconds, for example 2.5")
+    """An option's value in seconds: from a microsecond to thirty years."""
+    return _within(text, "seconds", _LEAST, _MOST)
 
 
 def hertz(text: str) -> float:
-    """An option's value in Hz, more than 0."""
-    return _positive(text, "times a second, for example 10")
+    """An option's value in Hz: up to a million, and as slow as a timer can be."""
+    return _within(text, "times a second", _LEAST, 1e6)
 
 
-def _positive(text: str, expected: str) -> float:
+def seconds_or_none(text: str) -> float:
+    """An option's value in seconds, which may be 0."""
+    return _within(text, "seconds", 0.0, _MOST)
+
+
+def number_within(what: str, least: float, most: float) -> Callable[[str], float]:
+    """Reads an option's value that is a number in a range.
+
+    Args:
+        what: what it is, for a refusal.
+    """
+    return partial(_within, what=what, least=least, most=most)
+
+
+def _within(text: str, what: str, least: float, most: float) -> float:
     try:
         number = float(text)
     except ValueError:
-        number = -1.0
-    if not 0 < number < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        number = math.nan
+    if not least <= number <= most:
+        raise argparse.ArgumentTypeError(f"expected {what} from {least:g} to {most:g}, got {text!r}")
     return number
 
 
@@ -185,7 +205,7 @@ def count_or_none(text: str) -> int:
 def _whole(text: str, least: int) -> int:
     number = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
     if number < least:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, got {text!r}")
+        raise argparse.ArgumentTypeError(f"expected a whole number from {least} to 999999999, got {text!r}")
     return number
 
 

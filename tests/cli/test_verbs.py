@@ -577,8 +577,8 @@ def test_ros_1(rwt: Rwt) -> None:
         (("topic", "list", "--showtypes"), "--showtypes"),
         (("topic", "echo", "/odom", "--qos-history", "keep_lst"), "did you mean keep_last?"),
         (("topic", "echo"), "TOPIC"),
-        (("topic", "pub", "/a", "-r", "0"), "expected times a second, for example 10, got '0'"),
-        (("topic", "echo", "/a", "-n", "none"), "expected a whole number of at least 1, got 'none'"),
+        (("topic", "pub", "/a", "-r", "0"), "expected times a second from 1e-06 to 1e+06, got '0'"),
+        (("topic", "echo", "/a", "-n", "none"), "expected a whole number from 1 to 999999999, got 'none'"),
     ],
 )
 def test_called_wrongly_is_one_line_and_2(rwt: Rwt, words: tuple[str, ...], expected: str) -> None:

@@ -13,7 +13,7 @@ from rwt_cli.console.output import Output, note
 from rwt_cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt_cli.graph_lookup import absolute_name, topic_type
 from rwt_cli.parser import Commands
-from rwt_cli.verbs import Arguments, Verb, add_verb, hertz
+from rwt_cli.verbs import Arguments, Verb, add_verb, hertz, number_within
 
 if TYPE_CHECKING:
     from rwt_client import RemotePublisher, Robot
@@ -72,13 +72,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _speed(text: str) -> float:
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = math.nan
-    if not 0 <= speed < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a speed of at least 0, got {text!r}")
-    return speed
+    return number_within("a speed", 0, 1000)(text)
 
 
 async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:

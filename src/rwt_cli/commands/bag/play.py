@@ -16,7 +16,7 @@ from rwt_cli.console.logs import log_to_stderr
 from rwt_cli.console.output import note
 from rwt_cli.errors import CommandError
 from rwt_cli.parser import Commands
-from rwt_cli.verbs import topic_glob
+from rwt_cli.verbs import number_within, seconds_or_none, topic_glob
 
 if TYPE_CHECKING:
     from rwt.server import Server
@@ -66,8 +66,8 @@ def add_play_verb(verbs: Commands) -> None:
         "--no-services", action="store_true", help="do not answer calls as the recorded ones were answered"
     )
     parser.add_argument(
-        "--clock", nargs="?", type=float, const=_CLOCK_HZ, default=0.0, metavar="HZ",
-        help=f"publish the recording's time on /clock (default rate {_CLOCK_HZ:g})",
+        "--clock", nargs="?", type=number_within("times a second", 0, 1e4), const=_CLOCK_HZ, default=0.0,
+        metavar="HZ", help=f"publish the recording's time on /clock (default rate {_CLOCK_HZ:g})",
     )  # fmt: skip
     add_settings_options(parser)
     parser.add_argument("--verbose", "-v", action="store_true", help="log more")
@@ -75,11 +75,18 @@ def add_play_verb(verbs: Commands) -> None:
 
 
 def _add_time(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--rate", "-r", type=float, default=1.0, metavar="RATE", help="2 is twice as fast")
     parser.add_argument(
-        "--start-offset", type=float, default=0.0, metavar="S", help="seconds from its beginning"
+        "--rate",
+        "-r",
+        type=number_within("a rate", 0.001, 1000),
+        default=1.0,
+        metavar="RATE",
+        help="2 is twice as fast",
     )
-    parser.add_argument("--end", type=float, metavar="S", help="seconds from its beginning")
+    parser.add_argument(
+        "--start-offset", type=seconds_or_none, default=0.0, metavar="S", help="seconds from its beginning"
+    )
+    parser.add_argument("--end", type=seconds_or_none, metavar="S", help="seconds from its beginning")
     parser.add_argument("--start-paused", "-p", action="store_true", help="wait to be resumed")
     parser.add_argument("--loop", "-l", action="store_true", help="begin again at the end")
     parser.add_argument(

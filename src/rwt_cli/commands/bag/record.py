@@ -62,6 +62,7 @@ the file opens in Foxglove and Lichtblick, and `rwt bag play` serves it as a rob
 _LOOK_SECONDS = 1.0
 _PLAIN_PROGRESS_SECONDS = 10.0
 _UNITS = {"kb": 1e3, "mb": 1e6, "gb": 1e9, "s": 1.0, "m": 60.0, "h": 3600.0}
+_MOST_SPLIT = 1e9
 _SPLIT = re.compile(r"(\d+(?:\.\d+)?) ?(kb|mb|gb|s|m|h)", re.IGNORECASE)
 
 
@@ -170,7 +171,7 @@ def parse_split(text: str) -> Split:
         argparse.ArgumentTypeError: neither a size nor a time.
     """
     match = _SPLIT.fullmatch(text.strip())
-    if match is None or float(match[1]) == 0:
+    if match is None or not 0 < float(match[1]) <= _MOST_SPLIT:
         raise argparse.ArgumentTypeError(
             f"{text!r} is neither a size nor a time: expected for example 500MB, 1GB, 30s or 10m"
         )

@@ -12,7 +12,7 @@ from rwt_cli.console.message_format import Formatting, constructor, plain
 from rwt_cli.console.output import Output, note
 from rwt_cli.errors import CALLED_WRONGLY, TIMED_OUT, CommandError
 from rwt_cli.graph_lookup import absolute_name, ask_rosapi, topic_type
-from rwt_cli.verbs import Arguments, Verb, count, count_or_none, hertz
+from rwt_cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
 
 if TYPE_CHECKING:
     from rwt_client import RemotePublisher, Robot
@@ -52,7 +52,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--keep-alive",
-        type=float,
+        type=seconds_or_none,
         default=0.1,
         metavar="SECONDS",
         help="stay connected after the last message (default 0.1)",
