@@ -249,7 +249,9 @@ async def test_everybody_at_once(tmp_path: Path) -> None:
                 lambda: _listeners(server) >= {"/rosbridge_websocket", "/foxglove_bridge", "/http_bridge"}
             )
             await _hears_everybody(server, clients, words.publish)
-            await _is_refused(clients)
+            driven: list[object] = []
+            node.subscribe(DRIVE, driven.append, TWIST)
+            await _is_refused(clients, driven)
             _is_counted(server.metrics.text().decode())
             async with httpx.AsyncClient() as browser:
                 assert (await browser.get(f"{shop.url}/shop/heard")).json() == shop.heard
@@ -282,7 +284,7 @@ async def _hears_everybody(
     assert not any(client.refused for client in clients.values())
 
 
-async def _is_refused(clients: dict[str, Client]) -> None:
+async def _is_refused(clients: dict[str, Client], driven: list[object]) -> None:
     """Each may publish on what is its own and on nothing of the others; one drives, and the others do not."""
     roles = list(clients)
     for role, client in clients.items():
@@ -295,7 +297,9 @@ async def _is_refused(clients: dict[str, Client]) -> None:
         assert f"roles.{role}.publish" in reason and f"/of/{other}" in reason, reason
     for role, client in clients.items():
         if role != "page":
-            await clients["page"].say(DRIVE, "0.125")  # It holds the lease, from then on for a minute.
+            await clients["page"].say(DRIVE, "0.125")
+            await until(lambda: bool(driven))  # It holds the lease, from then on for a minute.
+            driven.clear()
             await client.say(DRIVE, "0.5")
             await until(partial(_names, client.refused, "/cmd_vel is held by rosbridge:1 (role page)"))
 
