@@ -94,6 +94,17 @@ def programs(paths: Iterable[Path]) -> tuple[list[tuple[str, ...]], list[tuple[s
     return [names for _, names in sorted(beside, reverse=True)], alone
 
 
+_running: set[int] = set()
+"""Ids of the programs that run now, each of which leads a group of processes."""
+
+
+def _end(number: int, frame: object) -> None:
+    """Ctrl-C or a supervisor: let the programs end what they have started, and begin no more."""
+    for program in tuple(_running):
+        os.killpg(program, signal.SIGINT)
+    raise SystemExit(128 + number)
+
+
 def run(files: tuple[str, ...], further: list[str]) -> Outcome:
     """Run some tests in a program of their own."""
     began = time.monotonic()
@@ -106,7 +117,9 @@ def run(files: tuple[str, ...], further: list[str]) -> Outcome:
         ) as program:
             ends = Timer(PATIENCE, os.killpg, (program.pid, signal.SIGKILL))
             ends.start()
+            _running.add(program.pid)
             output = program.communicate()[0].decode(errors="replace")
+            _running.discard(program.pid)
             ends.cancel()
         seconds = time.monotonic() - began
         if program.returncode in (0, NO_TESTS):
@@ -145,7 +158,8 @@ def main() -> int:
         given, further = given[: given.index("--")], given[given.index("--") + 1 :]
     options = parser.parse_args(given)
     # In a shell's background Ctrl-C is ignored, and under nohup a hangup, by all that the tests start, too.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGINT, _end)
+    signal.signal(signal.SIGTERM, _end)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, lambda *_: None)
     beside, alone = programs(options.paths)
