@@ -1,10 +1,9 @@
-"""The programs of the README's "Embed it in a robot", word for word, on every event loop."""
+"""The program for robots of the README, and the first of coroutines of "embed", on every event loop."""
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,27 +23,24 @@ rwt.Server = functools.partial(rwt.Server, loop={loop!r})
 """
 
 
-def _programs() -> Iterator[Block]:
-    """What the README has for robots."""
-    for block in blocks_of(ROOT / "README.md"):
-        if "from rwt import Server" in block.code:
-            yield block
+def _program(page: str, has: str) -> Block:
+    """The first block of a page in which something stands."""
+    return next(block for block in blocks_of(ROOT / page) if has in block.code)
 
 
-PROGRAMS = tuple(_programs())
+WITHOUT_A_LOOP = _program("README.md", "from rwt import Server")
+WITH_A_LOOP = _program("docs/how-to/embed.md", ".run(main)")
 
 
 def test_hello_world_is_short_and_needs_one_import() -> None:
-    lines = PROGRAMS[0].code.strip().splitlines()
-    imports = [
-        each for each in ast.parse(PROGRAMS[0].code).body if isinstance(each, ast.Import | ast.ImportFrom)
-    ]
-    assert (len(PROGRAMS), len(imports)) == (2, 1)
-    assert len(lines) <= 8
+    code = WITHOUT_A_LOOP.code.strip()
+    imports = [each for each in ast.parse(code).body if isinstance(each, ast.Import | ast.ImportFrom)]
+    assert len(imports) == 1
+    assert len(code.splitlines()) <= 8
 
 
-@pytest.mark.parametrize("block", PROGRAMS, ids=("without_a_loop", "with_a_loop"))
-def test_a_program_of_the_readme(block: Block, loop: Loop, tmp_path: Path) -> None:
+@pytest.mark.parametrize("block", [WITHOUT_A_LOOP, WITH_A_LOOP], ids=("without_a_loop", "with_a_loop"))
+def test_a_program_of_the_pages(block: Block, loop: Loop, tmp_path: Path) -> None:
     port = free_port()
     backend, options = LOOPS[loop]
     program = tmp_path / "program.py"
@@ -54,6 +50,7 @@ def test_a_program_of_the_readme(block: Block, loop: Loop, tmp_path: Path) -> No
     with Running([sys.executable, program.name], tmp_path, commands_folder(tmp_path / "commands")) as running:
         running.wait_for_port(port)
         with connect(f"ws://127.0.0.1:{port}") as client:
-            assert client.call("/beep").success
+            if block is WITHOUT_A_LOOP:
+                assert client.call("/beep").success
             assert "/rosapi" in client.api.nodes()
         running.expect_no_complaint()
