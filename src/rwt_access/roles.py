@@ -26,6 +26,8 @@ _ALWAYS_CALLED: Final = ("/rosapi/*",)
 
 #: Decisions a role remembers. Names come from clients, so they are bounded; at the bound all are forgotten.
 _MOST_DECISIONS: Final = 4096
+_LONGEST_NAME: Final = 256
+"""Characters of a name whose decision is kept: a client may ask about names of megabytes."""
 
 _WORDS: Final[Mapping[Act, str]] = {
     "publish": "publish on",
@@ -81,9 +83,11 @@ class Role:
             return True
         decision = self._decisions.get((act, name))
         if decision is None:
-            if len(self._decisions) >= _MOST_DECISIONS:
-                self._decisions.clear()
-            decision = self._decisions[act, name] = self._decide(act, name)
+            decision = self._decide(act, name)
+            if len(name) <= _LONGEST_NAME:
+                if len(self._decisions) >= _MOST_DECISIONS:
+                    self._decisions.clear()
+                self._decisions[act, name] = decision
         return decision
 
     def _decide(self, act: Act, name: str) -> bool:
