@@ -7,7 +7,7 @@ no step takes longer than a piece, and what may be passed on stays as it came.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
@@ -422,6 +422,35 @@ def _with(data: bytes, found: list[Region], texts: list[bytes]) -> bytes:
     return b"".join((*parts, data[begin:]))
 
 
+class _Rewritten:
+    """A text of which pieces are replaced, and what is between them is passed on as it is.
+
+    Attributes:
+        is_exact: whether nothing was replaced.
+    """
+
+    __slots__ = ("_begin", "_parts", "_view", "is_exact")
+
+    def __init__(self, data: bytes, begin: int) -> None:
+        self._view = memoryview(data)
+        self._parts = JoinedParts()
+        self._begin = begin
+        self.is_exact = True
+
+    def replace(self, start: int, stop: int, parts: Iterable[RawText]) -> None:
+        """Have these parts in the place of a piece, which is behind all that were replaced before."""
+        self.is_exact = False
+        self._parts.append(self._view[self._begin : start])
+        for part in parts:
+            self._parts.append(part)
+        self._begin = stop
+
+    def until(self, end: int) -> tuple[RawText, ...]:
+        """All of it, up to there."""
+        self._parts.append(self._view[self._begin : end])
+        return self._parts.all()
+
+
 def _taken(
     data: bytes, region: Region, path: _Path, items: _Items, completion: Completion | None, keep: bool
 ) -> Steps[TakenArray | None]:
@@ -435,12 +464,9 @@ def _taken(
         completion: completes messages in it; None to stop at the first that needs it.
         keep: whether its numbers will be asked for.
     """
-    view = memoryview(data)
-    parts = JoinedParts()
+    rewritten = _Rewritten(data, region.begin)
     octets: list[bytes] = []
     values: list[Any] = []
-    is_exact = not items.are_octets
-    run = region.begin  # where what may be passed on begins, up to the piece at hand
     cutting = Pieces(data, region, PIECE if items.are_numbers else SLOW_PIECE)
     count = 0
     room = MOST_GROWTH
@@ -455,11 +481,7 @@ def _taken(
                 if not item.is_exact and completion is None:
                     return TakenArray(path, (), False, None)
                 if not item.is_exact:
-                    is_exact = False
-                    parts.append(view[run:start])
-                    for part in item.json_parts(items.message.json.encode):
-                        parts.append(part)
-                    run = stop
+                    rewritten.replace(start, stop, item.json_parts(items.message.json.encode))
                 count += 1
                 continue
         text = b"[%b]" % data[start:stop]
@@ -487,10 +509,7 @@ def _taken(
         if items.are_octets:
             octets.append(bytes(taken))
         elif not may_pass:
-            is_exact = False
-            parts.append(view[run:start])
-            parts.append(encoded[1:-1])
-            run = stop
+            rewritten.replace(start, stop, (encoded[1:-1],))
         if keep and items.are_numbers:
             values += taken
         cutting.size = PIECE if is_quick else SLOW_PIECE
@@ -498,8 +517,8 @@ def _taken(
         return _octets(path, b"".join(octets))
     if items.bound is not None and count > items.bound:
         return None
-    parts.append(view[run : region.end])
-    return TakenArray(path, parts.all(), is_exact, values if keep and items.are_numbers else None)
+    numbers = values if keep and items.are_numbers else None
+    return TakenArray(path, rewritten.until(region.end), rewritten.is_exact, numbers)
 
 
 def _taken_item(
