@@ -13,7 +13,7 @@ django.setup()
 
 from django.core.asgi import get_asgi_application  # noqa: E402 - needs the settings
 
-from tests.asgi.apps import alone  # noqa: E402
+from tests.asgi.apps import alone  # noqa: E402 - as above
 
 
 def shop(request: HttpRequest) -> JsonResponse:
