@@ -3,7 +3,8 @@ find each other.
 
 Five network namespaces: the hub with a STUN and a TURN server outside, two routers, and a host behind each. A
 router that keeps ports is got through by STUN; one that gives each connection another port (a symmetric NAT)
-only by TURN. Needs Linux, root, nftables' `nft`, and coturn's `turnserver` for TURN.
+only by TURN. The operator is a program with this project's client, and a page in headless Chromium. Needs
+Linux, root, nftables' `nft`, and coturn's `turnserver` for TURN.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, cast
+from typing import Any, Final, Literal, cast
 
 import anyio
 import anyio.to_thread
@@ -31,6 +33,7 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
 from rwt_transports.connect import connect as connect_transport
 from rwt_transports.relay.hub import open_hub
+from tests.browser.driver import Browser, find_browser
 
 OUTSIDE: Final = "203.0.113.1"
 HUB_PORT, STUN_PORT, TURN_PORT = 9091, 3478, 3479
@@ -59,6 +62,12 @@ CASES: Final = (
     Case("symmetric", True, "by a relay (TURN)"),
     Case("symmetric", False, ""),
 )
+
+Operator = Literal["program", "browser"]
+OPERATORS: Final[tuple[Operator, ...]] = ("program", "browser")
+
+SCRIPT: Final = (Path(__file__).parent / "nat.js").read_text()
+"""What a page does: an expression whose value is awaited."""
 
 
 def why_not() -> str:
@@ -236,6 +245,19 @@ async def operator() -> None:
         print(json.dumps({"way": "", "why": str(error)}), flush=True)
 
 
+async def browser() -> None:
+    """Do as :func:`operator` does from a page in Chromium, which any page of the hub's origin could."""
+    kind = find_browser()
+    assert kind is not None  # Who starts this has looked.
+    with TemporaryDirectory() as folder, (Path(folder) / "browser.log").open("wb") as log:
+        running = Browser(kind, Path(folder), log)
+        try:
+            async with running.page(f"http://{OUTSIDE}:{HUB_PORT}/rosie/webrtc") as page:
+                print(json.dumps(await page.evaluate(SCRIPT)), flush=True)
+        finally:
+            running.close()
+
+
 class _Nobody:
     """An endpoint that hears nothing."""
 
@@ -253,7 +275,7 @@ def _nobody(sink: object, info: object) -> _Nobody:
     return _Nobody()
 
 
-def measure(case: Case) -> dict[str, str]:
+def measure(case: Case, by: Operator = "program") -> dict[str, str]:
     """How the operator found the robot (`way`), or why not (`why`)."""
     here = [sys.executable, "-m", "bench.nat"]
     with ExitStack() as stack:
@@ -266,7 +288,7 @@ def measure(case: Case) -> dict[str, str]:
         outside.stdout.readline()
         stack.enter_context(networks.running("robot", *here, "--robot", *(["--turn"] if case.turn else [])))
         outside.stdout.readline()
-        asking = stack.enter_context(networks.running("operator", *here, "--operator"))
+        asking = stack.enter_context(networks.running("operator", *here, f"--{by}"))
         assert asking.stdout is not None
         found: dict[str, str] = json.loads(asking.stdout.readline())
     return found
@@ -291,15 +313,17 @@ def _turnserver(folder: str) -> list[str]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Try each kind; the exit code is 1 where another way was found than is expected."""
     parser = argparse.ArgumentParser(prog="python -m bench.nat", description=__doc__)
-    for name in ("--hub", "--robot", "--operator", "--turn"):
+    for name in ("--hub", "--robot", "--program", "--browser", "--turn"):
         parser.add_argument(name, action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
     if arguments.hub:
         anyio.run(hub)
     elif arguments.robot:
         anyio.run(lambda: robot(turn=arguments.turn))
-    elif arguments.operator:
+    elif arguments.program:
         anyio.run(operator)
+    elif arguments.browser:
+        anyio.run(browser)
     else:
         if why := why_not():
             print(why, file=sys.stderr)
@@ -309,14 +333,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _report() -> int:
-    print("| both routers | servers | the operator finds the robot |")
-    print("|---|---|---|")
+    print("| both routers | servers | the operator | finds the robot |")
+    print("|---|---|---|---|")
     right = True
+    by: Sequence[Operator] = OPERATORS
+    if find_browser() is None:
+        print("there is no Chromium: the page is left out (apt install chromium)", file=sys.stderr)
+        by = ("program",)
     for case in CASES:
-        found = measure(case)
-        way = found["way"] or f"not: {found['why']}"
-        right = right and (found["way"].startswith(case.expected) if case.expected else not found["way"])
-        print(f"| {case.nat} | STUN{' and TURN' if case.turn else ''} | {way} |", flush=True)
+        for each in by:
+            found = measure(case, each)
+            way = found["way"] or f"not: {found['why']}"
+            right = right and (found["way"].startswith(case.expected) if case.expected else not found["way"])
+            print(f"| {case.nat} | STUN{' and TURN' if case.turn else ''} | {each} | {way} |", flush=True)
     return 0 if right else 1
 
 
