@@ -8,13 +8,23 @@ from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from functools import partial
 from ssl import SSLContext
+from time import monotonic
 
 import anyio
+import anyio.lowlevel
 from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.tls import TLSStream
 
-from rwt_transports.api import Attach, BindAddress, RemoteAddress
-from rwt_transports.drivers.sockets import Handshakes, accept_peers, bind_tcp, bind_unix, remove_unix
+from rwt_transports.api import Attach, BindAddress, HangUp, RemoteAddress
+from rwt_transports.drivers.sockets import (
+    READ_SECONDS,
+    Handshakes,
+    accept_peers,
+    bind_tcp,
+    bind_unix,
+    hang_up_of,
+    remove_unix,
+)
 from rwt_transports.drivers.task_link import TaskLink
 from rwt_transports.errors import log_exception
 
@@ -27,15 +37,53 @@ GONE = (anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError)
 """How a stream says that its other end has gone; TLS says the first of them to a writer, too."""
 
 
+class _Turn:
+    """How much of large messages was received in a turn of the loop, of all connections together.
+
+    Each task reads once a turn at most, and what it has read is handed on within it. Where all together have
+    used :data:`READ_SECONDS`, those that go on with a large message wait in a line: the first of them for the
+    loop's next turn, in which the count begins anew. Nobody counts the turns in which nobody waits.
+    """
+
+    __slots__ = ("_line", "_received")
+
+    def __init__(self) -> None:
+        self._line = anyio.Lock()
+        self._received = 0.0  # seconds
+
+    @property
+    def is_full(self) -> bool:
+        """Whether as much was received as one turn may."""
+        return self._received > READ_SECONDS or self._line.statistics().tasks_waiting > 0
+
+    def note(self, seconds: float) -> None:
+        """Count time for which a part of a large message was taken."""
+        self._received += seconds
+
+    async def wait(self) -> None:
+        """Wait for a later turn, behind those that wait already."""
+        async with self._line:
+            if self._received > READ_SECONDS:
+                await anyio.lowlevel.checkpoint()
+                self._received = 0.0
+
+
 class _Link(TaskLink):
     """One stream."""
 
-    __slots__ = ("_finishing", "_stream")
+    __slots__ = ("_finishing", "_socket", "_stream", "_turn")
 
-    def __init__(self, stream: ByteStream) -> None:
+    def __init__(self, stream: ByteStream, turn: _Turn) -> None:
         super().__init__()
         self._stream = stream
+        self._socket: socket.socket | None = stream.extra(SocketAttribute.raw_socket, None)
+        self._turn = turn
         self._finishing = False
+
+    def hang_up(self) -> HangUp:
+        """Whether the peer has hung up, which nobody sees while nothing is read from it."""
+        file = -1 if self._socket is None else self._socket.fileno()
+        return HangUp.NO if file < 0 else hang_up_of(file)
 
     def finish(self) -> None:
         """Half-close once what was taken is written."""
@@ -54,11 +102,25 @@ class _Link(TaskLink):
         try:
             while True:
                 await self._reading.wait()
-                self._callbacks.receive(await self._stream.receive(READ_BYTES))
+                data = await self._stream.receive(READ_BYTES)
+                if self._callbacks.get_buffer() is None:
+                    self._callbacks.receive(data)
+                else:
+                    await self._receive_large(data)
         except anyio.EndOfStream:
             self._callbacks.eof()
         except GONE:
             self._scope.cancel()
+
+    async def _receive_large(self, data: bytes) -> None:
+        """Take a part of a large message, in a turn that has room for it."""
+        if self._turn.is_full:
+            await self._turn.wait()
+        began = monotonic()
+        try:
+            self._callbacks.receive(data)
+        finally:
+            self._turn.note(monotonic() - began)
 
     async def _write(self) -> None:
         try:
@@ -98,9 +160,10 @@ class AnyioDriver:
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
         port = 0 if address.path else int(sockets[0].getsockname()[1])
-        serve = partial(serve_stream, attach)
+        turn = _Turn()
+        serve = partial(serve_stream, attach, turn=turn)
         if address.tls is not None:
-            serve = partial(_serve_in_tls, address, address.tls, attach, Handshakes())
+            serve = partial(_serve_in_tls, address, address.tls, attach, turn, Handshakes())
         try:
             async with AsyncExitStack() as listeners, anyio.create_task_group() as tasks:
                 for each in sockets:
@@ -113,11 +176,17 @@ class AnyioDriver:
                 remove_unix(address.path)
 
 
-async def serve_stream(attach: Attach, stream: ByteStream) -> None:
-    """Serve the one peer at the other end of `stream`, until its connection ends."""
+async def serve_stream(attach: Attach, stream: ByteStream, turn: _Turn | None = None) -> None:
+    """Serve the one peer at the other end of `stream`, until its connection ends.
+
+    Args:
+        attach: takes the new peer.
+        stream: its bytes.
+        turn: of all connections of its listener.
+    """
     address = stream.extra(SocketAttribute.remote_address, "")
     host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
-    link = _Link(stream)
+    link = _Link(stream, turn or _Turn())
     try:
         attach(link, host, port)
         await link.run()
@@ -127,7 +196,12 @@ async def serve_stream(attach: Attach, stream: ByteStream) -> None:
 
 
 async def _serve_in_tls(
-    address: BindAddress, tls: SSLContext, attach: Attach, handshakes: Handshakes, stream: ByteStream
+    address: BindAddress,
+    tls: SSLContext,
+    attach: Attach,
+    turn: _Turn,
+    handshakes: Handshakes,
+    stream: ByteStream,
 ) -> None:
     """Shake hands, and serve the peer."""
     peer = stream.extra(SocketAttribute.remote_address, "")
@@ -138,7 +212,7 @@ async def _serve_in_tls(
     finally:
         address.addresses.leave(host)
     if encrypted is not None:
-        await serve_stream(attach, encrypted)
+        await serve_stream(attach, encrypted, turn)
 
 
 async def _shake_hands(

@@ -29,6 +29,7 @@ from rwt_transports.api import (
     RemoteAddress,
 )
 from rwt_transports.drivers.sockets import (
+    READ_SECONDS,
     Handshakes,
     accept_peers,
     bind_tcp,
@@ -45,9 +46,6 @@ READ_BYTES = 64 * 1024
 BACKLOG = 512
 GATHERED_BYTES = 64 * 1024
 """Less than this goes through asyncio's transport: what one call more or less costs is then little."""
-
-READ_SECONDS = 0.01
-"""Seconds of one turn of the loop for which large messages are received, of all connections together."""
 
 WATCHED_BYTES = 4096
 """Of what the network does not take, asyncio's transport keeps a copy of this much."""
@@ -121,12 +119,14 @@ class _Link(asyncio.BufferedProtocol):
         "_direct",
         "_file",
         "_gathering",
+        "_is_ended",
         "_is_paused",
         "_late",
         "_loop",
         "_open",
         "_resuming",
         "_since",
+        "_socket",
         "_tls",
         "_transport",
         "_turn",
@@ -143,10 +143,12 @@ class _Link(asyncio.BufferedProtocol):
         self._open = False
         self._writable = True
         self._resuming = False
-        self._file = -1
+        self._file = -1  # of the socket, where bytes may go to it past the transport
+        self._socket = -1  # the same, whatever speaks over it
         self._gathering: Gathering | None = None
         self._is_paused = False
         self._late = 0  # bytes that were received, and have to wait for a turn
+        self._is_ended = False  # the peer has said so, behind those bytes
         self._since = 0.0  # when it began to receive
         self._turn = turn
         self._loop = turn.loop
@@ -163,8 +165,9 @@ class _Link(asyncio.BufferedProtocol):
         self._transport = transport
         self._tls = transport.get_extra_info("sslcontext") is not None
         self._open = True
+        self._socket = transport.get_extra_info("socket").fileno()
         if not self._tls and isinstance(self._loop, asyncio.SelectorEventLoop) and hasattr(os, "writev"):
-            self._file = transport.get_extra_info("socket").fileno()
+            self._file = self._socket
         name = transport.get_extra_info("peername")
         address, port = (str(name[0]), int(name[1])) if isinstance(name, tuple) else ("", 0)
         self._attach(self, address, port)
@@ -183,7 +186,7 @@ class _Link(asyncio.BufferedProtocol):
         """`nbytes` have arrived in the buffer that :meth:`get_buffer` gave."""
         if not self._direct:
             self._callbacks.receive(bytes(self._view[:nbytes]))
-        elif self._turn.is_full and not self._tls:  # In TLS what is decrypted already cannot wait.
+        elif self._turn.is_full:
             self._late = nbytes
             self._transport.pause_reading()
             self._turn.put_off(self)
@@ -192,27 +195,37 @@ class _Link(asyncio.BufferedProtocol):
             self._turn.note(monotonic() - self._since)
 
     def take_late(self) -> None:
-        """Take what was received in a turn that was full already."""
+        """Take what was received in a turn that was full already, and the end that came behind it."""
         nbytes, self._late = self._late, 0
-        if not self._open:
+        is_ended, self._is_ended = self._is_ended, False
+        if not nbytes:
             return
         self._since = monotonic()
         try:
             self._callbacks.buffer_updated(nbytes)
         finally:
             self._turn.note(monotonic() - self._since)
-            if self._open and not self._is_paused:
+            if is_ended:
+                self._callbacks.eof()
+                if not self._open:
+                    self._callbacks.lost()
+            elif self._open and not self._is_paused:
                 self._transport.resume_reading()
 
     def eof_received(self) -> bool:
         """The peer will send nothing more; the connection decides whether to close, except in TLS."""
-        self._callbacks.eof()
+        if self._late:  # In TLS the end is seen though reading is paused, together with the last bytes.
+            self._is_ended = True
+        else:
+            self._callbacks.eof()
         return not self._tls
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The socket is gone."""
         self._open = False
-        self._callbacks.lost()
+        if not self._is_ended:
+            self._late = 0
+            self._callbacks.lost()
 
     def pause_writing(self) -> None:
         """The network takes no more for now."""
@@ -328,7 +341,7 @@ class _Link(asyncio.BufferedProtocol):
 
     def hang_up(self) -> HangUp:
         """Whether the peer has hung up, which nobody sees while nothing is read from it."""
-        return hang_up_of(self._file) if self._open and self._file >= 0 else HangUp.NO
+        return hang_up_of(self._socket) if self._open else HangUp.NO
 
 
 class AsyncioDriver:

@@ -36,6 +36,9 @@ MOST_DESCRIPTORS = 1 << 20
 """More are not asked for: programs that close them one by one before they start another would take long."""
 
 
+READ_SECONDS = 0.01
+"""Seconds of one turn of the loop for which large messages are received, of all connections together."""
+
 MOST_HANDSHAKES = 256
 """Handshakes in TLS that one listener has under way at a time, from all addresses together. Each takes some
 hundred kilobytes."""

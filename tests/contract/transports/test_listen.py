@@ -8,15 +8,17 @@ import ipaddress
 import json
 import logging
 import os
+import select
 import socket
 import ssl
 import struct
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Protocol
 
 import anyio
+import anyio.lowlevel
 import pytest
 from anyio.abc import ByteStream, ConnectedUDPSocket, SocketAttribute
 from anyio.streams.tls import TLSStream
@@ -29,9 +31,9 @@ from websockets.frames import Frame as WebSocketFrame
 from websockets.frames import Opcode
 from websockets.uri import parse_uri
 
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, ListenError, Refused, Routes, listen
-from rwt_transports.api import Driver
+from rwt_transports.api import Driver, FlowControl
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.drivers.standard_streams import DescriptorStream, StandardStreamsDriver
@@ -253,6 +255,7 @@ class Site:
         self.scheme = scheme
         self.make_driver = make_driver
         self.hub = Hub()
+        self.accept: Accept | None = None
         self.path = folder / "s.sock"
         self.certificate = certificate
         self.pipes: list[tuple[int, int]] = []
@@ -273,7 +276,7 @@ class Site:
             tls.load_cert_chain(self.certificate)
         chosen = limits or Limits(close_seconds=1)
         async with listen(
-            self.url, self.hub, limits=chosen, routes=routes, driver=self.driver(), tls=tls
+            self.url, self.accept or self.hub, limits=chosen, routes=routes, driver=self.driver(), tls=tls
         ) as listener:
             if self.scheme != "stdio":
                 yield listener
@@ -377,6 +380,7 @@ every_stream = pytest.mark.parametrize("scheme", [*SERVERS, "stdio"])
 every_shared = pytest.mark.parametrize("scheme", [*SERVERS, "udp"])
 every_server = pytest.mark.parametrize("scheme", SERVERS)
 over_tcp = pytest.mark.parametrize("scheme", ["ws", "tcp"])
+over_secure_ws = pytest.mark.parametrize("scheme", ["ws", "wss"])
 over_ws = pytest.mark.parametrize("scheme", ["ws"])
 
 
@@ -403,6 +407,127 @@ async def test_a_large_message_both_ways(site: Site) -> None:
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(client.send, message)
             assert await client.receive() == message
+
+
+class TurnsOfMessages(Hub):
+    """Counts the turns of the event loop, and notes in which of them each message was complete."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.turn = 0
+        self.turns: list[int] = []
+
+    async def count(self) -> None:
+        while True:
+            await anyio.lowlevel.checkpoint()
+            self.turn += 1
+
+    def __call__(self, sink: Sink, peer: PeerInfo) -> Endpoint:
+        endpoint = super().__call__(sink, peer)
+        endpoint.receive = lambda data, binary: self.turns.append(self.turn)  # type: ignore[method-assign]  # noted
+        return endpoint
+
+    def received(self) -> int:
+        """Bytes of all connections."""
+        return sum(endpoint.sink.received for endpoint in self.endpoints)
+
+
+@asynccontextmanager
+async def all_but_the_end_of_large_messages(
+    site: Site, many: int, monkeypatch: pytest.MonkeyPatch
+) -> AsyncIterator[tuple[TurnsOfMessages, list[ByteStream], bytes]]:
+    """Clients of which each has sent a large message up to its last byte, where a turn is full at once."""
+    for driver in ("asyncio_protocol", "anyio_stream"):
+        monkeypatch.setattr(f"rwt_transports.drivers.{driver}.READ_SECONDS", 0.0)
+    site.hub = hub = TurnsOfMessages()
+    message = json.dumps({"data": "x" * 1_100_000}).encode()
+    header = struct.pack(">BBQ", 0x81, 0xFF, len(message)) + bytes(4)
+    async with site.listen() as listener, AsyncExitStack() as stack, anyio.create_task_group() as tasks:
+        streams = []
+        for _ in range(many):
+            client = await stack.enter_async_context(site.client(listener))
+            assert isinstance(client, WebSocketClient)
+            streams.append(client.stream)
+            tasks.start_soon(client.stream.send, header + message[:-1])
+        with anyio.fail_after(20):
+            while hub.received() < many * (len(header) + len(message) - 1):
+                await anyio.lowlevel.checkpoint()
+            yield hub, streams, message[-1:]
+        tasks.cancel_scope.cancel()
+
+
+@every_stack
+@over_secure_ws
+async def test_large_messages_that_end_at_once_are_taken_in_turns(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    many = 8
+    async with (
+        all_but_the_end_of_large_messages(site, many, monkeypatch) as (hub, streams, end),
+        anyio.create_task_group() as tasks,
+    ):
+        tasks.start_soon(hub.count)
+        for stream in streams:
+            tasks.start_soon(stream.send, end)
+        while len(hub.turns) < many:
+            await anyio.lowlevel.checkpoint()
+        tasks.cancel_scope.cancel()
+    # The first fills its turn; in those that follow one that has waited is taken at a time.
+    assert len(set(hub.turns)) == many
+
+
+@every_stack
+@over_secure_ws
+async def test_a_large_message_that_waits_for_its_turn_outlives_its_sender(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def end_and_leave(stream: ByteStream) -> None:
+        await stream.send(end)
+        await stream.aclose()
+
+    many = 4
+    async with (
+        all_but_the_end_of_large_messages(site, many, monkeypatch) as (hub, streams, end),
+        anyio.create_task_group() as tasks,
+    ):
+        for stream in streams:
+            tasks.start_soon(end_and_leave, stream)
+        for endpoint in hub.endpoints:
+            await endpoint.over.wait()
+    assert len(hub.turns) == many
+    assert [len(endpoint.closings) for endpoint in hub.endpoints] == [1] * many
+
+
+class HeldBack(Echo):
+    """Takes nothing from the moment at which it is told so."""
+
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        self.flow_control = flow_control
+
+
+@pytest.mark.skipif(not hasattr(select, "POLLRDHUP"), reason="the system does not tell")
+@every_stack
+@over_secure_ws
+async def test_a_peer_that_is_cut_while_it_is_held_back_is_missed(site: Site) -> None:
+    endpoints: list[HeldBack] = []
+
+    def accept(sink: Sink, peer: PeerInfo) -> Endpoint:
+        endpoints.append(HeldBack(site.hub, sink, peer))
+        return endpoints[-1]
+
+    site.accept = accept
+    async with site.listen() as listener, site.client(listener) as client:
+        assert isinstance(client, WebSocketClient)
+        await client.send({"n": 1})
+        await client.receive()
+        endpoints[0].flow_control.pause()
+        for _ in range(3):
+            await client.send({"data": "x" * 100_000})
+        peer = client.stream.extra(SocketAttribute.raw_socket)
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        await anyio.aclose_forcefully(client.stream)
+        with anyio.fail_after(20):
+            await endpoints[0].over.wait()
 
 
 @every_stack
