@@ -52,6 +52,9 @@ class InterfaceModule(ModuleType):
         try:
             found = _interface(self._package, self._kind, name)
         except UnknownType as error:
+            if name in self.__all__:
+                # It is there, and needs what is not: of an AttributeError Python tells no reason here.
+                raise ImportError(f"{self.__name__}.{name}: {error}", name=self.__name__) from None
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}: {error}") from None
         setattr(self, name, found)
         return found

@@ -118,3 +118,15 @@ def test_what_is_absent_is_named_with_what_to_do_instead(name: str) -> None:
 
 def test_which_one_runs() -> None:
     assert rwt_rclpy.installed() == "rwt_rclpy"
+
+
+def test_an_interface_that_needs_an_unknown_one_says_which(tmp_path: Path) -> None:
+    (tmp_path / "msg").mkdir()
+    (tmp_path / "package.xml").write_text("<package><name>needy_msgs</name></package>")
+    (tmp_path / "msg" / "Whole.msg").write_text("needy_msgs/Absent part\n")
+    code = (
+        f"import rwt_rclpy; rwt_rclpy.install([{str(tmp_path)!r}])\n"
+        "try:\n    from needy_msgs.msg import Whole\nexcept ImportError as error:\n    print(error)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "needy_msgs.msg.Whole" in said and "Absent" in said

@@ -31,6 +31,7 @@ from tools.upstream.suites import HERE
 
 LIST: Final = HERE / "programs.toml"
 
+#: Of the server and of the programs: the setters of messages check nothing, as in a build of Jazzy.
 _SETTINGS: Final = {"PYTHONUNBUFFERED": "1", "ROS_PYTHON_CHECK_FIELDS": "0"}
 
 
@@ -42,6 +43,7 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     says: tuple[str, ...]
     keys: str = ""
     serve: tuple[str, ...] = ()
+    robot: str = ""
     interfaces: tuple[str, ...] = ()
 
     @property
@@ -59,12 +61,7 @@ class Running:
         self.process = subprocess.Popen(
             command,
             cwd=folder,
-            env={
-                **os.environ,
-                "RWT_RCLPY_GRAPH": graph,
-                "PYTHONUNBUFFERED": "1",
-                "ROS_PYTHON_CHECK_FIELDS": "0",
-            },
+            env={**os.environ, **_SETTINGS, "RWT_RCLPY_GRAPH": graph},
             stdin=other if other is not None else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -112,9 +109,12 @@ class Running:
 
 
 @contextmanager
-def _server(folder: Path, options: tuple[str, ...]) -> Iterator[str]:
+def _server(folder: Path, program: Program, interfaces: Sequence[str]) -> Iterator[str]:
     url = f"unix://{folder / 'robot.sock'}"
-    command = [sys.executable, "-m", "rwt_cli", "serve", url, *options]
+    if program.robot:
+        command = [sys.executable, str(HERE / "robots" / program.robot), url, *interfaces]
+    else:
+        command = [sys.executable, "-m", "rwt_cli", "serve", url, *program.serve]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
         try:
             assert server.stdout is not None  # It was asked for.
@@ -125,14 +125,17 @@ def _server(folder: Path, options: tuple[str, ...]) -> Iterator[str]:
             server.terminate()
 
 
-def outcome(program: Program, checkout: Path, graph: str, seconds: float) -> str:
+def outcome(program: Program, checkout: Path, seconds: float) -> str:
     """Empty when everything said what it should; else what did not, and what it said last."""
+    interfaces = [each for folder in program.interfaces for each in ("--interfaces", str(checkout / folder))]
+    with tempfile.TemporaryDirectory() as folder, _server(Path(folder), program, interfaces) as graph:
+        return _problem(program, checkout, graph, interfaces, seconds)
+
+
+def _problem(program: Program, checkout: Path, graph: str, interfaces: Sequence[str], seconds: float) -> str:
     with ExitStack() as stack:
         running: list[Running] = []
         for number, line in enumerate(program.run):
-            interfaces = [
-                each for folder in program.interfaces for each in ("--interfaces", str(checkout / folder))
-            ]
             command = [sys.executable, "-m", "rwt_cli", "run", "--root", str(checkout), *interfaces]
             keys = program.keys if number == len(program.run) - 1 else ""
             started = Running([*command, *line.split()], checkout, graph, keys)
@@ -180,8 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, program in programs.items():
         if program.name not in checkouts or options.only not in name:
             continue
-        with tempfile.TemporaryDirectory() as folder, _server(Path(folder), program.serve) as graph:
-            problem = outcome(program, checkouts[program.name], graph, options.seconds)
+        problem = outcome(program, checkouts[program.name], options.seconds)
         print(f"  {'FAILED' if problem else 'ran':8}{name}{': ' if problem else ''}{problem}", flush=True)
         passed, failed = passed + (not problem), failed + bool(problem)
     print(f"{passed} of {passed + failed} ran")
