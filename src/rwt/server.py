@@ -346,7 +346,7 @@ class Server:
         running = self._while_running
         settings = self._read_settings()
         server_tls(settings.tls)  # Raises before anything has changed.
-        running.bridge.access.admission.reload(settings)
+        running.bridge.access.reload(settings)
         running.bridge.reload_roles()
         for gateway in running.gateways:
             gateway.reload_roles()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import AsyncIterator, Awaitable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -29,6 +29,10 @@ class _Nobody:
     def may_subscribe(self, topic: str) -> bool:
         """There is no topic."""
         return False
+
+    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> NoReturn:
+        """Files are answers that end by themselves."""
+        raise Refused(403, _HERE_IS_NO_ROBOT)
 
 
 @asynccontextmanager

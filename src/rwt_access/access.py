@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from rwt_access.audit import Audit
 from rwt_access.client_graph import ClientGraph
 from rwt_access.disclosure import setting_parameters
 from rwt_access.graph_view import GraphView
+from rwt_access.lasting import LastingAnswers
 from rwt_access.quotas import AddressQuotas, ClientQuotas, Work, WorkTotals
 from rwt_access.roles import Role
 from rwt_access.settings import RoleSettings, SettingsError
@@ -72,6 +74,7 @@ class Access:
         self.audit = Audit()
         self.gate = self._gate_of(graph, settings.gate)
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
+        self._lasting = LastingAnswers(self.admission)
 
     def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
         if not settings.rules and settings.audit.file is None:
@@ -89,6 +92,16 @@ class Access:
         if settings.rules:
             GateNode(gate, graph)
         return gate
+
+    def reload(self, settings: AccessSettings) -> None:
+        """Go by other tokens, roles and origins from now on, and end the answers to requests that they do not
+        allow. The clients of gateways are asked by these (:meth:`rwt_access.gateway.Gateway.reload_roles`).
+
+        Raises:
+            SettingsError: they cannot be used; then all stays as it was.
+        """
+        self.admission.reload(settings)
+        self._lasting.review()
 
     def close(self) -> None:
         """Leave the graph, and write what the audit's queue holds."""
@@ -141,4 +154,6 @@ class Access:
         if role is None:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
-        return GraphView(self._graph, role, self._quotas_of(info.address).work)
+        return GraphView(
+            self._graph, role, self._quotas_of(info.address).work, partial(self._lasting.add, info)
+        )

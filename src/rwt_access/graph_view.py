@@ -6,8 +6,11 @@ from typing import TYPE_CHECKING
 
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
+from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     from rwt_access.quotas import Work
     from rwt_access.roles import Act, Role
     from rwt_graph.api import ActionInfo, Graph, NodeInfo, ServiceInfo, TopicInfo
@@ -27,10 +30,23 @@ class GraphView:
         distro: of the graph.
         registry: the interfaces that the graph knows.
         clock: of the graph.
+
+    Args:
+        graph: the robot.
+        role: see above.
+        work: see above.
+        keep: does what :meth:`while_allowed` says; None: nothing is ever begun for whoever has this view.
     """
 
-    def __init__(self, graph: Graph, role: Role, work: Work) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        role: Role,
+        work: Work,
+        keep: Callable[[Iterable[str], Callable[[str], None]], Callable[[], None]] | None = None,
+    ) -> None:
         self.role = role
+        self._keep = keep
         self.work = work
         self._graph = graph
         self._node_names: frozenset[str] = frozenset()
@@ -53,6 +69,12 @@ class GraphView:
     def may_subscribe(self, topic: str) -> bool:
         """Whether the role may subscribe to `topic`, in any spelling."""
         return self.role.allows("subscribe", canonical(topic))
+
+    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
+        """Begin an answer that lasts; see :meth:`rwt_transports.http.Reader.while_allowed`."""
+        if self._keep is None:
+            raise Refused(403, "no answer lasts for whoever is nobody")
+        return self._keep([canonical(topic) for topic in topics], end)
 
     @property
     def sees_every_topic(self) -> bool:

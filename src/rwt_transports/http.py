@@ -91,6 +91,21 @@ class Reader(Protocol):
     def may_subscribe(self, topic: str) -> bool:
         """Whether the reader may subscribe to `topic`, an absolute name without remappings to follow."""
 
+    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
+        """Begin an answer that lasts, and is to end when the settings are read again and do not let the
+        reader in any more, or not subscribe to one of the topics.
+
+        Args:
+            topics: absolute names; none for what shows no topic.
+            end: called once then, with the reason.
+
+        Returns:
+            What is to be called when the answer has ended.
+
+        Raises:
+            Refused: that has happened already, since the reader asked.
+        """
+
 
 Page = Callable[[HttpRequest, Reader], HttpResponse | Awaitable[HttpResponse]]
 """What answers the requests of a node's route; it shows what its reader may see."""

@@ -196,6 +196,11 @@ class SoundBroadcast:
             logger.warning("%s: %s", self.topic, error)
 
 
+def topics_of(name: str) -> tuple[str, str]:
+    """What has to be subscribed to for the sound of a topic: the samples, and how they are to be read."""
+    return name, f"{name}{INFO_SUFFIX}"
+
+
 class SoundTopics:
     """The sound topics of a graph, for those who may subscribe to them.
 
@@ -224,7 +229,7 @@ class SoundTopics:
             name = resolve(topic)
         except InvalidGraphName as error:
             raise RequestRefused(400, str(error)) from error
-        for each in (name, f"{name}{INFO_SUFFIX}"):
+        for each in topics_of(name):
             if not reader.may_subscribe(each):
                 raise RequestRefused(403, f"you may not subscribe to {each}")
         found = self._node.graph.topic(name)

@@ -22,6 +22,7 @@ from rwt_transports.http import Audience, HttpResponse, Route
 from rwt_transports.webrtc.sdp import BadDescription, read_description
 from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_routes
 from rwt_webrtc.opus import only_opus, require_opus
+from rwt_webrtc.sound_topics import topics_of
 from rwt_webrtc.sound_track import SoundTrack
 from rwt_webrtc.video_track import TopicTrack
 
@@ -82,8 +83,12 @@ class Sources:
             heard = await self._find_sound(audio, reader) if audio else None
         except RequestRefused as refused:
             raise Refused(refused.status, str(refused)) from refused
+        topics: tuple[str, ...] = () if heard is None else topics_of(heard[0])
+        if stream is not None:
+            topics = (stream.topic, *topics)
 
         async def answer(peer: Peer) -> str:
+            peer.when_ended(reader.while_allowed(topics, peer.fail))
             if stream is not None:
                 self._show(peer, stream, reader)
             if heard is not None:

@@ -118,6 +118,7 @@ LOOK_UPS = {
     "lease_seconds",
 }
 OWN = {
+    "while_allowed",
     "unadvertise",
     "unsubscribe",
     "startup_samples",

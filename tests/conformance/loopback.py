@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Awaitable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -80,6 +80,9 @@ class _Nobody:
 
     def may_subscribe(self, topic: str) -> bool:
         raise NotImplementedError
+
+    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
+        return lambda: None
 
 
 NOBODY = _Nobody()

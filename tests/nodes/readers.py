@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 
 class CountedWork:
     """Work that is counted, and waits only if a test says so.
@@ -27,3 +29,6 @@ class SeesNothing:
 
     def may_subscribe(self, topic: str) -> bool:
         return False
+
+    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
+        raise NotImplementedError

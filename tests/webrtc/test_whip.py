@@ -146,8 +146,6 @@ async def test_a_camera_whose_role_may_not_any_more_is_ended() -> None:
         server.node("robot").subscribe(TOPIC, got.append, "sensor_msgs/CompressedImage")
         await camera.send(_url(server, f"topic={TOPIC}&token=operator-operator"))
         await until(lambda: got)
-        running = server._while_running
-        running.bridge.access.admission.reload(server.settings.model_copy(update={"roles": may_not}))
-        for gateway in running.gateways:
-            gateway.reload_roles()
+        server.settings = server.settings.model_copy(update={"roles": may_not})
+        server.reload()
         await until(lambda: camera.connection.connectionState in ("closed", "failed"))

@@ -46,6 +46,7 @@ class Viewer:
     Attributes:
         work: to which its share of the encoder's work is charged.
         failure: why there are no more pictures; None while there may be some.
+        when_ended: called once when it has ended; None: nobody wants to know.
     """
 
     def __init__(self, broadcast: Broadcast, work: Work) -> None:
@@ -57,6 +58,7 @@ class Viewer:
         self._over = False
         self._handed_over: float | None = None  # when the viewer's connection was given a picture to send
         self.failure: VideoError | None = None
+        self.when_ended: Callable[[], None] | None = None
 
     @property
     def can_accept(self) -> bool:
@@ -113,12 +115,20 @@ class Viewer:
         """Leave the broadcast."""
         self._broadcast.leave(self)
 
+    def cut(self, reason: str) -> None:
+        """End the stream at once, without what is queued."""
+        logger.info("a viewer of %s is sent nothing more: %s", self._broadcast.request.topic, reason)
+        self._waiting.clear()
+        self.leave()
+
     def end(self, failure: VideoError | None = None) -> None:
         """End the stream after the pictures that are queued already."""
         if not self._over:
             self.failure = failure
             self._over = True
             self._woken.set()
+            if self.when_ended is not None:
+                self.when_ended()
 
 
 class EncoderThreads:

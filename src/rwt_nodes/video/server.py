@@ -28,6 +28,7 @@ from rwt_nodes.video.responses import (
 from rwt_nodes.video.stream_metrics import StreamMetrics
 from rwt_nodes.video.stream_request import StreamRequest, Video, read_request
 from rwt_nodes.video.topics import COMPRESSED, INFO, RAW, VisibleTopics
+from rwt_transports.errors import Refused
 from rwt_transports.http import (
     Audience,
     HttpExtension,
@@ -147,7 +148,7 @@ class WebVideoServer:
         stream = await self._resolved(stream, topics)
         self.check_room(stream)
         counts = self._stream_metrics.of(stream.topic, stream.type)
-        join = partial(self._join, stream, topics.reader.work)
+        join = partial(self._join_while_allowed, stream, topics.reader)
         if not isinstance(stream.coding, Video):
             return HttpResponse(multipart(join, counts), content_type=MULTIPART, headers=_NO_CACHE)
         media_type = MP4 if stream.type == "h264" else WEBM
@@ -276,6 +277,15 @@ class WebVideoServer:
             )
             self._broadcasts[stream] = broadcast
         return broadcast.join(work)
+
+    def _join_while_allowed(self, stream: StreamRequest, reader: Reader) -> Viewer:
+        """A viewer that ends when its reader may not see the topic any more."""
+        viewer = self._join(stream, reader.work)
+        try:
+            viewer.when_ended = reader.while_allowed((stream.topic,), viewer.cut)
+        except Refused as refused:
+            viewer.cut(refused.reason)
+        return viewer
 
     def _ended(self, broadcast: Broadcast) -> None:
         if self._broadcasts.get(broadcast.request) is broadcast:

@@ -14,6 +14,7 @@ import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import anyio
@@ -190,7 +191,7 @@ async def open_peers(
 def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
     """The routes of ``/webrtc``, by which data channels come to `accept` that counts for one listener."""
 
-    async def offered(request: HttpRequest) -> HttpResponse:
+    async def offered(reader: Reader, request: HttpRequest) -> HttpResponse:
         offer = read_description(request.body, peers.terms.candidates)
         if offer.media != ("application",):
             raise BadDescription(
@@ -199,12 +200,16 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
             )
 
         async def answer(peer: Peer) -> str:
+            peer.when_ended(reader.while_allowed((), peer.fail))
             await peer.take_description(offer, "offer")
             return await peer.describe()
 
         return opened(
             "/webrtc", request, *await peers.open(_on_behalf(request, accept), request.address, answer)
         )
+
+    def posted(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
+        return answering(request, SDP, partial(offered, reader))
 
     async def configured(request: HttpRequest, reader: Reader) -> HttpResponse:
         try:
@@ -217,7 +222,7 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
 
     return (
         Route("/webrtc", configured, Audience.ADMITTED),
-        Route("/webrtc", lambda request, reader: answering(request, SDP, offered), Audience.ADMITTED, "POST"),
+        Route("/webrtc", posted, Audience.ADMITTED, "POST"),
         *resource_routes(peers, "/webrtc"),
     )
 
