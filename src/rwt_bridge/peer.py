@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -50,7 +51,14 @@ class _Work(NamedTuple):
     steps: Steps
 
 
-_Waiting = Op | Refusal | _Work | tuple[bytes, bool]
+@dataclass(frozen=True, slots=True)
+class _TooLarge:
+    """A message that is too large to be taken from the wire, and does not tell who waits for an answer."""
+
+    reason: str
+
+
+_Waiting = Op | Refusal | _Work | _TooLarge | tuple[bytes, bool]
 """What may wait: a message, the rest of one, or a frame that is not read."""
 
 
@@ -282,6 +290,9 @@ class Peer(TakesTurns[_Waiting]):
         elif isinstance(what, tuple):
             data, binary = what
             self._read(data, binary, now)
+        elif isinstance(what, _TooLarge):
+            self.replies.log(logging.WARNING, what.reason)
+            self.sink.close(TOO_BIG, what.reason)
         else:
             self.messages += 1
             if self._may_send(now):
@@ -301,12 +312,11 @@ class Peer(TakesTurns[_Waiting]):
         under which id; otherwise the connection is closed, since its sender would wait for ever (CFG-06).
         """
         reason = f"a message of {size} bytes: the limit is {limit} (max_message_size)"
-        refusal = self._session.refuse_skipped(head, reason)
-        if refusal is not None:
-            self._do(refusal)
-            return
-        self.replies.log(logging.WARNING, reason)
-        self.sink.close(TOO_BIG, reason)
+        what = self._session.refuse_skipped(head, reason) or _TooLarge(reason)
+        if self._is_held:
+            self._wait(what)  # Behind what came before it, which may change how it is answered.
+        else:
+            self._take_up(what, self._monotonic())
 
     def _rate_exceeded(self) -> None:
         """Too many messages: the client has to go, since reading on would serve it before all others."""

@@ -93,6 +93,19 @@ def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next(
     assert not reading.paused
 
 
+def test_what_is_too_large_waits_behind_what_came_before_it(
+    clock: BusyClock, client: Client, heard: list[str]
+) -> None:
+    _read(client, *(_publish(str(number)) for number in range(4)), {"op": "set_level", "level": "none"})
+    client.peer.oversized(10**8, 10**7, b'{"op":"publish","id":"p"')
+    client.peer.oversized(10**8, 10**7, b'{"no":"op"')
+    assert client.close_code is None
+    clock.advance(0.0)
+    assert heard == ["0", "1", "2", "3"]
+    assert client.heard() == [], "it wants to hear of nothing"
+    assert client.close_code == 1009
+
+
 def test_a_new_read_is_a_new_turn(client: Client, heard: list[str]) -> None:
     for number in range(8):
         _read(client, _publish(str(number)))
