@@ -71,7 +71,9 @@ class Outcome:
         failed = f", {len(self.failed)} FAILED" if self.failed else ""
         print(f"{self.seconds:6.1f} s {self.tests:5} tests  {self.name}{failed}", flush=True)
         if self.failed:
-            print(self.output, flush=True)
+            # Those that passed are not worth a line each; the last one that began may be the one that hung.
+            lines = self.output.splitlines()
+            print("\n".join(line for line in lines if " PASSED " not in line), flush=True)
 
 
 def programs(paths: Iterable[Path]) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
@@ -110,7 +112,7 @@ def run(files: tuple[str, ...], further: list[str]) -> Outcome:
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder, "report.xml")
-        command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={report}", "-o", "junit_family=xunit1"]
+        command = [sys.executable, "-m", "pytest", "-v", f"--junitxml={report}", "-o", "junit_family=xunit1"]
         command += ["-o", f"cache_dir={folder}/cache", *further, *files]
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True

@@ -73,6 +73,16 @@ def rwt(demo: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
     return run
 
 
+def impatient(rwt: Rwt, *words: str, seconds: float = 0.2) -> tuple[Ended, str]:
+    """Run a command that waits for what never comes, and how long it waited, as its errors say it.
+
+    Its patience is for connecting, too, which a busy machine may need all of: then it gets ten times as much.
+    """
+    while (ended := rwt(*words, "--timeout", f"{seconds:g}")).code == 3 and seconds < 60:
+        seconds *= 10
+    return ended, f"{seconds:g} s"
+
+
 def process(*words: str, url: str, **options: Any) -> subprocess.Popen[str]:
     """`rwt …` in a process of its own."""
     environment = {**os.environ, "RWT_URL": url, "PYTHONUNBUFFERED": "1"}

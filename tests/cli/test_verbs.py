@@ -24,7 +24,7 @@ from rwt_client import connect
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
 from rwt_protocol.ops import Qos
-from tests.cli.conftest import Rwt, demo_server
+from tests.cli.conftest import Rwt, demo_server, impatient
 
 _ADD = "example_interfaces/srv/AddTwoInts"
 _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -181,8 +181,8 @@ def test_echo_undecoded(rwt: Rwt) -> None:
     assert isinstance(ast.literal_eval(text), bytes)
     assert end
     assert rwt("topic", "echo", "/odom", "--raw", "--field", "pose").code == 2
-    silent = rwt("topic", "echo", "/silent", "std_msgs/msg/String", "--raw", "--timeout", "0.2")
-    assert (silent.code, silent.err) == (4, "rwt: no message came on /silent within 0.2 s\n")
+    silent, waited = impatient(rwt, "topic", "echo", "/silent", "std_msgs/msg/String", "--raw")
+    assert (silent.code, silent.err) == (4, f"rwt: no message came on /silent within {waited}\n")
 
 
 def test_qos_profiles_are_those_of_ros_2() -> None:
@@ -198,8 +198,8 @@ def test_qos_profiles_are_those_of_ros_2() -> None:
 
 
 def test_echo_that_hears_nothing_in_time(rwt: Rwt) -> None:
-    ended = rwt("topic", "echo", "/nothing", "std_msgs/msg/String", "--once", "--timeout", "0.2")
-    assert (ended.code, ended.err) == (4, "rwt: no message came on /nothing within 0.2 s\n")
+    ended, waited = impatient(rwt, "topic", "echo", "/nothing", "std_msgs/msg/String", "--once")
+    assert (ended.code, ended.err) == (4, f"rwt: no message came on /nothing within {waited}\n")
 
 
 def test_pub_as_the_ros2_documentation_writes_it(rwt: Rwt) -> None:
@@ -231,10 +231,10 @@ def test_pub_reads_standard_input(rwt: Rwt, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_pub_that_nobody_hears(rwt: Rwt) -> None:
-    ended = rwt("topic", "pub", "--once", "/alone", "std_msgs/msg/Empty", "--timeout", "0.3")
+    ended, waited = impatient(rwt, "topic", "pub", "--once", "/alone", "std_msgs/msg/Empty")
     assert ended.code == 4
     assert "Waiting for at least 1 matching subscription(s)" in ended.err
-    assert "nobody has subscribed to /alone within 0.3 s; -w 0 publishes without" in ended.err
+    assert f"nobody has subscribed to /alone within {waited}; -w 0 publishes without" in ended.err
 
 
 @pytest.mark.parametrize(
@@ -329,7 +329,7 @@ def test_service_info(rwt: Rwt) -> None:
 
 
 def test_service_echo_says_who_would_have_to_publish(rwt: Rwt) -> None:
-    ended = rwt("service", "echo", "/add_two_ints", "--once", "--timeout", "0.2")
+    ended, _ = impatient(rwt, "service", "echo", "/add_two_ints", "--once")
     assert ended.code == 4
     assert ended.err.startswith("rwt: nobody publishes /add_two_ints/_service_event yet; ")
 
@@ -408,7 +408,7 @@ def test_send_goal_that_fails(rwt: Rwt) -> None:
 
 
 def test_a_goal_that_takes_too_long_is_canceled(rwt: Rwt) -> None:
-    ended = rwt("action", "send_goal", "/fibonacci", "{order: 40}", "--timeout", "0.5")
+    ended, _ = impatient(rwt, "action", "send_goal", "/fibonacci", "{order: 40}", seconds=0.5)
     assert ended.code == 4
     assert "canceling the goal" in ended.err
 
