@@ -107,7 +107,7 @@ async def _between_two_servers() -> Run:
         return await servers.play(select(load_cases(), target), target, jobs=24)
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(900)
 def test_every_case_between_two_servers_of_one_graph() -> None:
     """In real time, most of which is waiting."""
     run = asyncio.run(_between_two_servers())
