@@ -75,6 +75,7 @@ class Access:
         self.gate = self._gate_of(graph, settings.gate)
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
         self._lasting = LastingAnswers(self.admission)
+        self._reserved: set[str] = set()
 
     def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
         if not settings.rules and settings.audit.file is None:
@@ -121,7 +122,17 @@ class Access:
         work = self._work(self._limits.work_per_second, of_address.work)
         quotas = ClientQuotas(self._limits, of_address, work)
         gate = None if self.gate is None else self._client_gate(self.gate, role, address, name)
-        return ClientGraph(shared, role, quotas, self._disclosures, self._setting_parameters, gate)
+        return ClientGraph(
+            shared, role, quotas, self._disclosures, self._setting_parameters, gate, self._reserved
+        )
+
+    def reserve(self, topic: str) -> None:
+        """Let no client publish on a topic, in whatever role, by which the server itself tells something.
+
+        Args:
+            topic: absolute name.
+        """
+        self._reserved.add(topic)
 
     @staticmethod
     def _client_gate(gate: Gate, role: Role, address: str, name: str) -> ClientGate:

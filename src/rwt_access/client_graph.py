@@ -21,7 +21,7 @@ from rwt_program.errors import CallFailed, NotFound, ParameterRejected, Provider
 from rwt_program.goals import GoalStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator, Sequence
+    from collections.abc import Callable, Hashable, Iterator, Sequence, Set
 
     from rwt_access.disclosure import Disclosures, OutcomeFilter
     from rwt_access.gate.client_gate import ClientGate, GatedPublisher, Needed
@@ -227,6 +227,7 @@ class ClientGraph(GraphView):
         disclosures: what services reveal, by the name of their type.
         setting_parameters: types of services whose calls set parameters.
         gate: what the client's acts have to pass; None: nothing.
+        reserved: topics on which no client publishes, see :meth:`rwt_access.access.Access.reserve`.
     """
 
     def __init__(
@@ -237,8 +238,10 @@ class ClientGraph(GraphView):
         disclosures: Disclosures,
         setting_parameters: frozenset[str],
         gate: ClientGate | None = None,
+        reserved: Set[str] = frozenset(),
     ) -> None:
         super().__init__(shared.graph, role, quotas.work)
+        self._reserved = reserved
         self._shared = shared
         self._gate = gate
         self._disclosures = disclosures
@@ -345,6 +348,8 @@ class ClientGraph(GraphView):
 
     def _require_publish(self, topic: str, qos: QoS | None) -> str:
         name = self.require("publish", topic)
+        if name in self._reserved:
+            raise NotAllowed(f"{name} is published by the server alone")
         if self._gate is not None:
             self._gate.check_publisher(name, qos)
         return name

@@ -71,6 +71,11 @@ class Camera:
         self._newest: VideoFrame | None = None
         self._woken = asyncio.Event()
 
+    @property
+    def topic(self) -> str:
+        """Where it publishes, absolute."""
+        return self._publisher.topic
+
     def renew(self) -> None:
         """Publish as the client's role allows from now on. Raises AccessError where it may not."""
         self._publisher = self._client.publisher(self._wanted.topic, TYPE)

@@ -109,6 +109,11 @@ class Microphone:
             frame_size=wanted.rate // MESSAGES_PER_SECOND,
         )
 
+    @property
+    def topic(self) -> str:
+        """Where it publishes, absolute."""
+        return self._data.topic
+
     def renew(self) -> None:
         """Publish as the client's role allows from now on. Raises AccessError where it may not."""
         self._data = self._client.publisher(self._wanted.topic, DATA)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Container
+from collections.abc import Awaitable, Callable, Container, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final, Never
@@ -23,6 +23,7 @@ from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_ro
 from rwt_webrtc.camera import QUALITY, Camera, CameraRequest
 from rwt_webrtc.microphone import RATE, RATES, Microphone, MicrophoneRequest
 from rwt_webrtc.opus import only_opus, require_opus
+from rwt_webrtc.senders import SendersTopic, Sending
 
 if TYPE_CHECKING:
     from aiortc import MediaStreamTrack
@@ -112,6 +113,7 @@ class IncomingMedia:
         self._access = access
         self._shared = SharedGraph(graph, NODE, linger, partial(access.audit.write, logging.INFO, "%s"))
         self._senders: dict[MediaSender, PeerInfo] = {}
+        self._topic = SendersTopic(self._shared, access)
         self._count = 0
 
     def routes(self, peers: Peers) -> tuple[Route[GraphView], ...]:
@@ -150,7 +152,7 @@ class IncomingMedia:
         name = f"whip:{self._count}"
         client = self._access.client(self._shared, reader.role, request.address, name)
         try:
-            sender = MediaSender(client, wanted, self._forget)
+            sender = MediaSender(client, name, wanted, self._tell, self._forget)
         except (AccessError, RobotError, InvalidGraphName) as error:
             client.close()
             status = 403 if isinstance(error, AccessError) else 409
@@ -160,7 +162,12 @@ class IncomingMedia:
         return sender
 
     def _forget(self, sender: MediaSender) -> None:
-        self._senders.pop(sender, None)
+        if self._senders.pop(sender, None) is not None:
+            self._tell()
+
+    def _tell(self) -> None:
+        """Say who sends now."""
+        self._topic.tell(each for sender in self._senders for each in sender.sending())
 
     def reload_roles(self) -> None:
         """Let each client publish as the settings allow now, and end those that may not."""
@@ -169,6 +176,7 @@ class IncomingMedia:
                 sender.take_role(self._access.admission.role_now(info, None).name, self._access)
             except (Refused, AccessError, RobotError) as error:
                 sender.end(str(error))
+        self._tell()
 
     def close(self) -> None:
         """Leave the graph."""
@@ -186,7 +194,9 @@ class MediaSender:
 
     Args:
         client: the graph as the client may act on it.
+        name: of the client.
         wanted: what was asked for.
+        on_begin: called once when its peer is connected, so that what it sends is received.
         on_close: called once when it has ended.
 
     Raises:
@@ -195,9 +205,17 @@ class MediaSender:
     """
 
     def __init__(
-        self, client: ClientGraph, wanted: MediaRequest, on_close: Callable[[MediaSender], None]
+        self,
+        client: ClientGraph,
+        name: str,
+        wanted: MediaRequest,
+        on_begin: Callable[[], None],
+        on_close: Callable[[MediaSender], None],
     ) -> None:
         self._client = client
+        self._name = name
+        self._on_begin = on_begin
+        self._since_ns: int | None = None
         self._on_close = on_close
         self._sinks: dict[str, Camera | Microphone] = {}
         if wanted.camera is not None:
@@ -216,6 +234,7 @@ class MediaSender:
         """Publish what the peer's tracks bring, until the peer ends."""
         self._peer = peer
         peer.connection.on("track", self._begin)
+        peer.connection.on("connectionstatechange", self._state_changed)
         peer.when_ended(self.close)
 
     def _begin(self, track: MediaStreamTrack) -> None:
@@ -223,6 +242,19 @@ class MediaSender:
         if sink is not None and track.kind not in self._tasks and not self._over:
             loop = asyncio.get_running_loop()
             self._tasks[track.kind] = (loop.create_task(sink.take(track)), loop.create_task(sink.publish()))
+
+    def _state_changed(self) -> None:
+        connected = self._peer is not None and self._peer.connection.connectionState == "connected"
+        if connected and self._since_ns is None and not self._over:
+            self._since_ns = self._client.clock.time_ns()
+            self._on_begin()
+
+    def sending(self) -> Iterator[Sending]:
+        """What is received of it now: nothing before its peer is connected."""
+        if self._since_ns is not None:
+            role = self._client.role.name
+            for kind, sink in self._sinks.items():
+                yield Sending(sink.topic, kind, self._name, role, self._since_ns)
 
     def take_role(self, name: str, access: Access) -> None:
         """Publish as the role `name` from now on. Raises AccessError where that may not."""

@@ -6,11 +6,21 @@ from typing import Any
 
 import pytest
 
+from rwt import Server
 from tests.browser.driver import Browser, until
 from tests.browser.stand import stand
+from tests.browser.test_panels import violations
 from tests.webrtc.sounds import TONE
 
 pytestmark = pytest.mark.anyio
+
+WATCHER = "a-watcher-s-token-0123456789"
+DEAF = "a-deaf-one-s-token-0123456789"
+
+
+def _http(server: Server) -> str:
+    return server.urls[0].replace("ws", "http", 1) + "/"
+
 
 SIGNAL = """
 window.context = new AudioContext();
@@ -71,3 +81,34 @@ async def test_a_tone_goes_to_the_robot_and_comes_back(browser: Browser) -> None
             await until(lambda: len(pieces) > 5)
             await page.evaluate(HEAR)
             await page.wait(PITCH % TONE)
+
+
+async def test_who_is_heard_is_seen_by_everybody_while_it_lasts(browser: Browser) -> None:
+    """The page of somebody else has a light, and none of a role that may not know."""
+    tokens = {"watcher": {"token": WATCHER, "role": "watcher"}, "deaf": {"token": DEAF, "role": "deaf"}}
+    settings: dict[str, Any] = {
+        "auth": {"tokens": tokens, "default_role": "admin"},
+        "roles": {"watcher": {"subscribe": ["*"]}, "deaf": {"subscribe": ["/odom"]}},
+        "webrtc": {"enabled": True},
+    }
+    lights = "[...document.querySelectorAll('.senders p')].map((each) => each.textContent)"
+    async with (
+        Server("ws://127.0.0.1:0", **settings) as server,
+        browser.page(f"{_http(server)}web/pages/battery.html") as operator,
+        browser.page(f"{_http(server)}healthz") as watcher,
+        browser.page(f"{_http(server)}healthz") as deaf,
+    ):
+        for page, role, token in ((watcher, "watcher", WATCHER), (deaf, "deaf", DEAF)):
+            await page.evaluate(f"sessionStorage.setItem('rwt-token {server.urls[0]}/', '{token}')")
+            await page.goto(_http(server))
+            await page.wait(f"document.querySelector('.state-open')?.textContent.includes('{role}')")
+        await operator.evaluate(SIGNAL)
+        await operator.evaluate(SEND % TONE)
+        await watcher.wait(f"{lights}.length === 1")
+        (light,) = await watcher.evaluate(lights)
+        assert light.startswith("Microphone on: whip:1 (admin) sends /operator/voice since ")
+        assert await violations(watcher) == []
+        await watcher.picture("microphone on")
+        assert await deaf.evaluate(lights) == []
+        await operator.evaluate("sending.close()")
+        await watcher.wait(f"{lights}.length === 0")

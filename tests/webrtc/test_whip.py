@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import io
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
@@ -13,10 +14,13 @@ import pytest
 from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription, VideoStreamTrack
 from av import VideoFrame
 from PIL import Image
+from websockets.asyncio.client import connect
 
 from rwt import Server
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_access.settings import AuthSettings, RoleSettings, TokenSettings
+from rwt_program.qos import LATCHED
+from rwt_webrtc.senders import TOPIC as SENDERS
 from tests.webrtc.peers import until
 from tests.webrtc.test_whep import _post
 
@@ -104,6 +108,70 @@ async def test_a_camera_becomes_a_topic_until_it_ends() -> None:
 def _value(server: Server, name: str) -> float:
     page = server._while_running.metrics.text().decode().splitlines()
     return sum(float(line.rpartition(" ")[2]) for line in page if line.startswith(name))
+
+
+def _senders(server: Server) -> list[list[tuple[str, str, str, str]]]:
+    """Who sends, after each change."""
+    told: list[list[tuple[str, str, str, str]]] = []
+
+    def take(message: Any) -> None:
+        told.append([(each.topic, each.kind, each.client, each.role) for each in message.senders])
+        assert all(each.since.sec > 0 for each in message.senders)
+
+    server.node("looker").subscribe(SENDERS, take, "rwt_gate_msgs/MediaSenders", qos=LATCHED)
+    return told
+
+
+async def test_who_sends_is_told_while_it_is_received() -> None:
+    async with _server() as server:
+        told = _senders(server)
+        async with sender() as camera:
+            await until(lambda: told == [[]])
+            # An offer that nobody follows up lights nothing.
+            status, _ = await camera.offer(_url(server, f"topic={TOPIC}"))
+            assert status == 201
+        async with sender() as camera:
+            await camera.send(_url(server, f"topic={TOPIC}"))
+            await until(lambda: len(told) > 1)
+            assert told[-1] == [(TOPIC, "video", "whip:2", "admin")]
+            late = _senders(server)
+            await until(lambda: late == [told[-1]])
+        await until(lambda: told[-1] == [])
+        assert len(told) == 3
+
+
+async def test_nobody_else_says_who_sends() -> None:
+    roles = {"guest": RoleSettings(subscribe=("/camera/*",), publish=("*",))}
+    auth = AuthSettings(
+        tokens={
+            "guest": TokenSettings(token="guest-guest-guest", role="guest"),
+            "admin": TokenSettings(token="admin-admin-admin", role="admin"),
+        }
+    )
+    async with Server(
+        "ws://127.0.0.1:0", webrtc=WebRtcSettings(enabled=True), auth=auth, roles=roles
+    ) as server:
+        told = _senders(server)
+        for token in ("guest-guest-guest", "admin-admin-admin"):
+            async with connect(
+                server.urls[0], additional_headers={"Authorization": f"Bearer {token}"}
+            ) as client:
+                await client.send('{"op": "set_level", "level": "error"}')
+                for name in (SENDERS, SENDERS[1:]):
+                    for op in ("advertise", "publish"):
+                        message: dict[str, Any] = {
+                            "op": op,
+                            "topic": name,
+                            "type": "rwt_gate_msgs/MediaSenders",
+                            "msg": {},
+                        }
+                        await client.send(json.dumps(message))
+                        answer = json.loads(await asyncio.wait_for(client.recv(), 20))
+                        assert f"{SENDERS} is published by the server alone" in answer["msg"]
+            async with sender() as camera:
+                status, why = await camera.offer(_url(server, f"topic={SENDERS}&token={token}"))
+                assert (status, why) == (403, f"{SENDERS} is published by the server alone\n")
+        assert told == [[]]
 
 
 async def test_a_role_publishes_where_it_may() -> None:

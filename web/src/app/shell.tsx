@@ -65,6 +65,7 @@ export function Shell({ app }: { app: App }) {
           {stopText(app.stop)}
         </p>
       )}
+      <Senders app={app} />
       <Waiting app={app} />
       <main id="panels" tabIndex={-1}>
         {session.state.value === "refused" && <TokenForm app={app} />}
@@ -99,6 +100,27 @@ function Waiting({ app }: { app: App }) {
         {count === 1 ? t("approvals.waiting.one") : t("approvals.waiting", { count })}
       </button>
     </p>
+  );
+}
+
+/** A light for each camera and microphone that the robot receives: who is seen or heard has to know. */
+function Senders({ app }: { app: App }) {
+  const senders = app.senders.value;
+  if (senders.length === 0) return null;
+  return (
+    <div class="senders" role="status">
+      {senders.map(({ topic, kind, client, role, since }) => (
+        <p key={client + kind}>
+          <span class="dot" aria-hidden="true" />
+          {t(kind === "audio" ? "senders.audio" : "senders.video", {
+            client,
+            role,
+            topic,
+            since: new Date(since * 1000).toLocaleTimeString(),
+          })}
+        </p>
+      ))}
+    </div>
   );
 }
 

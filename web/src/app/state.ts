@@ -1,9 +1,10 @@
 /** What the whole page knows: the robot, the stop, the look, and the panels that are open. */
 
-import { computed, effect, type Signal, signal } from "@preact/signals";
+import { computed, effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
 import { t } from "../i18n/text";
 import { type PanelConfig, panelKind, panelKinds } from "../panels/registry";
 import { Navigation } from "../robot/navigation";
+import { mediaSenders, type Sender } from "../robot/senders";
 import { RobotSession } from "../robot/session";
 import { Stop } from "../robot/stop";
 import type { WorkerPort } from "../robot/transport";
@@ -69,6 +70,8 @@ export class App {
   readonly session: RobotSession;
   readonly stop: Stop;
   readonly navigation: Navigation;
+  /** Whose cameras and microphones are on. */
+  readonly senders: ReadonlySignal<readonly Sender[]>;
   readonly panels: Signal<OpenPanel[]> = signal([]);
   /** The panel that is shown where only one can be. */
   readonly front: Signal<string> = signal("");
@@ -101,6 +104,7 @@ export class App {
     });
     this.stop = new Stop(this.session);
     this.navigation = new Navigation(this.session);
+    this.senders = mediaSenders(this.session);
     effect(() => {
       document.documentElement.dataset.theme = this.dark.value ? "dark" : "light";
     });

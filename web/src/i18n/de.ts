@@ -134,6 +134,8 @@ export const de: Record<TextKey, string> = {
   "plot.choose": "Fügen Sie eine Kurve hinzu, um Zahlen über die Zeit zu sehen.",
   "plot.right": "{name} an der rechten Achse",
   "plot.chart": "Über die Zeit: {name}",
+  "senders.video": "Kamera an: {client} ({role}) sendet {topic} seit {since}",
+  "senders.audio": "Mikrofon an: {client} ({role}) sendet {topic} seit {since}",
   "approvals.title": "Freigaben",
   "approvals.none": "Nichts wartet auf ein Ja.",
   "approvals.absent": "Dieser Roboter fragt niemanden.",

@@ -131,6 +131,8 @@ export const en = {
   "plot.choose": "Add a line to see numbers over time.",
   "plot.right": "{name} on the right axis",
   "plot.chart": "Over time: {name}",
+  "senders.video": "Camera on: {client} ({role}) sends {topic} since {since}",
+  "senders.audio": "Microphone on: {client} ({role}) sends {topic} since {since}",
   "approvals.title": "Approvals",
   "approvals.none": "Nothing waits for a yes.",
   "approvals.absent": "This robot has no gate that asks.",
