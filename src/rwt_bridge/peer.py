@@ -16,7 +16,7 @@ from rwt_bridge.ops.services import Services
 from rwt_bridge.ops.topics import Topics
 from rwt_bridge.reply import Replies
 from rwt_delivery.counters import UNKNOWN
-from rwt_delivery.turns import SHARE, TakesTurns
+from rwt_delivery.turns import ALONE, SHARE, TakesTurns
 from rwt_program.errors import RobotError
 from rwt_protocol.codecs.quick_calls import UsualCall
 from rwt_protocol.errors import ProtocolError
@@ -150,7 +150,10 @@ class Peer(TakesTurns[_Waiting]):
             self._received = received
             self._turn_began = self._worked
             self._needs_turn = self._is_beyond
-        if len(data) > LARGE and self._loading is not None and self._loading.holds_up(data, binary):
+        if len(data) > LARGE and (
+            (len(data) > ALONE and self._flow_control is not None)
+            or (self._loading is not None and self._loading.holds_up(data, binary))
+        ):
             self._wait((data if type(data) is bytes else bytes(data), binary))
             return
         if (

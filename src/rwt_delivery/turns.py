@@ -17,6 +17,14 @@ T = TypeVar("T")
 SHARE: Final = 0.003
 """Seconds of one turn of the event loop that the messages of one client may take; the rest waits its turn."""
 
+STEPS: Final = 0.002
+"""Seconds of one turn in which steps of a large message are begun. The last of them comes on top, and what it
+sends."""
+
+ALONE: Final = 512 * 1024
+"""Messages of more bytes from a connection wait for a turn of their own: to receive one has taken a good part
+of this one."""
+
 FULL: Final = 5 * SHARE
 """Seconds of one turn that all clients together may take, small messages by themselves left out."""
 
@@ -148,12 +156,15 @@ class TakesTurns(ABC, Generic[T]):
             self._received = received
             self._turn_began = self._worked
             self._needs_turn = self._is_beyond
-        return (
-            self._is_held
-            or self._needs_turn
-            or self._turns.is_full
-            or self._worked - self._turn_began > SHARE
-        ) and self._must_wait(size)
+        return (size > ALONE and self._flow_control is not None) or (
+            (
+                self._is_held
+                or self._needs_turn
+                or self._turns.is_full
+                or self._worked - self._turn_began > SHARE
+            )
+            and self._must_wait(size)
+        )
 
     def _must_wait(self, size: int) -> bool:
         """Whether a message of `size` bytes waits, where one may have to."""
@@ -167,8 +178,8 @@ class TakesTurns(ABC, Generic[T]):
         return self._needs_turn
 
     def _has_time(self) -> bool:
-        """Whether the client's share of this turn is not used up."""
-        return self._worked - self._turn_began + self._monotonic() - self._began <= SHARE
+        """Whether the client may begin one more step of a large message in this turn."""
+        return self._worked - self._turn_began + self._monotonic() - self._began <= STEPS
 
     def _count_work(self) -> None:
         """Charge the work since the last time, which is not done for each message."""

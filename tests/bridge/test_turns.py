@@ -13,7 +13,7 @@ from rwt import Settings
 from rwt_access.roles import Role
 from rwt_access.settings import RoleSettings
 from rwt_bridge.bridge import Bridge
-from rwt_delivery.turns import FULL, SHARE, Turns
+from rwt_delivery.turns import ALONE, FULL, SHARE, Turns
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
@@ -74,6 +74,17 @@ def _read(client: Client, *frames: object) -> None:
     client.received += 1
     for frame in frames:
         client.endpoint.receive(json.dumps(frame).encode(), False)
+
+
+def test_a_large_message_waits_for_a_turn_of_its_own(
+    clock: BusyClock, client: Client, heard: list[str]
+) -> None:
+    reading = Reading()
+    client.peer.set_flow_control(reading)  # type: ignore[arg-type]  # all that a peer asks of it
+    _read(client, _publish("a"), _publish("x" * ALONE), _publish("b"))
+    assert heard == ["a"] and reading.paused  # To receive it has taken time that nobody counted.
+    clock.advance(0.0)
+    assert [text[0] for text in heard] == ["a", "x", "b"] and not reading.paused
 
 
 def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next(

@@ -93,13 +93,24 @@ def _end_of_objects(data: bytes, begin: int) -> Steps[int]:
         stop = data.rfind(b"]", first, first + _WINDOW) + 1
         end = _END.search(data, near, stop)
         reached = stop if end is None else end.end()
-        depth += data.count(b"[", at, reached) - data.count(b"]", at, reached)
+        depth += yield from _nesting(data, at, reached)
         at = reached
         if end is not None and depth <= 0:
             return at
         tries += 1
         if end is None or tries % _MOST_BRACKETS == 0:
             yield
+
+
+def _nesting(data: bytes, begin: int, end: int) -> Steps[int]:
+    """How many more brackets open than close between two places, as if no text held one."""
+    depth = 0
+    for start in range(begin, end, _WINDOW):
+        if start > begin:
+            yield
+        stop = min(start + _WINDOW, end)
+        depth += data.count(b"[", start, stop) - data.count(b"]", start, stop)
+    return depth
 
 
 def _region_of_texts(data: bytes, begin: int, at: int, size: int) -> Steps[Region | None]:

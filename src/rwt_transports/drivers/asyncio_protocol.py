@@ -195,9 +195,8 @@ class _Link(asyncio.BufferedProtocol):
             self._turn.note(monotonic() - self._since)
 
     def take_late(self) -> None:
-        """Take what was received in a turn that was full already, and the end that came behind it."""
+        """Take what was received in a turn that was full already."""
         nbytes, self._late = self._late, 0
-        is_ended, self._is_ended = self._is_ended, False
         if not nbytes:
             return
         self._since = monotonic()
@@ -205,16 +204,12 @@ class _Link(asyncio.BufferedProtocol):
             self._callbacks.buffer_updated(nbytes)
         finally:
             self._turn.note(monotonic() - self._since)
-            if is_ended:
-                self._callbacks.eof()
-                if not self._open:
-                    self._callbacks.lost()
-            elif self._open and not self._is_paused:
-                self._transport.resume_reading()
+            if not self._is_paused:
+                self.resume()
 
     def eof_received(self) -> bool:
         """The peer will send nothing more; the connection decides whether to close, except in TLS."""
-        if self._late:  # In TLS the end is seen though reading is paused, together with the last bytes.
+        if self._late or self._is_paused:  # In TLS the end comes together with the last bytes.
             self._is_ended = True
         else:
             self._callbacks.eof()
@@ -226,6 +221,14 @@ class _Link(asyncio.BufferedProtocol):
         if not self._is_ended:
             self._late = 0
             self._callbacks.lost()
+
+    def _end(self) -> None:
+        """Say that the peer has ended, which had to wait for what it sent before."""
+        if self._is_ended and not (self._late or self._is_paused):
+            self._is_ended = False
+            self._callbacks.eof()
+            if not self._open:
+                self._callbacks.lost()
 
     def pause_writing(self) -> None:
         """The network takes no more for now."""
@@ -315,13 +318,13 @@ class _Link(asyncio.BufferedProtocol):
 
     def close(self) -> None:
         """Close after what was written has gone out."""
-        self._end(self._transport.close)
+        self._close(self._transport.close)
 
     def abort(self) -> None:
         """Close at once."""
-        self._end(self._transport.abort)
+        self._close(self._transport.abort)
 
-    def _end(self, how: Callable[[], None]) -> None:
+    def _close(self, how: Callable[[], None]) -> None:
         if self._resuming:
             # A transport that is closed while it says that it can be written to is closed twice.
             self._loop.call_soon(how)
@@ -336,12 +339,14 @@ class _Link(asyncio.BufferedProtocol):
     def resume(self) -> None:
         """Read from the peer again."""
         self._is_paused = False
-        if self._open and not self._late:
+        if self._is_ended:
+            self._loop.call_soon(self._end)  # Whoever resumes has more to hand on first.
+        elif self._open and not self._late:
             self._transport.resume_reading()
 
     def hang_up(self) -> HangUp:
         """Whether the peer has hung up, which nobody sees while nothing is read from it."""
-        return hang_up_of(self._socket) if self._open else HangUp.NO
+        return hang_up_of(self._socket) if self._open else HangUp.GONE
 
 
 class AsyncioDriver:
