@@ -115,13 +115,15 @@ class RobotApi(Protocol):
         *,
         qos: QoS | None = None,
         queue_size: int = ...,
+        queue_bytes: int = ...,
     ) -> Handle:
         """Call `callback` with each message of a topic.
 
         Args:
             callback: a plain function is called at once, on the thread of the graph or the connection, and
                 should be quick. A coroutine function is called in one task with one message after the other;
-                while it is busy the newest `queue_size` messages wait.
+                while it is busy the newest `queue_size` messages wait, or fewer that are `queue_bytes`
+                together; the newest waits however big it is.
             type: None takes the topic's own: of a node, as soon as it has one; a client asks the robot, which
                 must know the topic.
             qos: by default whatever the publishers offer.
@@ -132,7 +134,13 @@ class RobotApi(Protocol):
         """
 
     def topic(
-        self, topic: str, type: str | None = None, *, qos: QoS | None = None, queue_size: int = ...
+        self,
+        topic: str,
+        type: str | None = None,
+        *,
+        qos: QoS | None = None,
+        queue_size: int = ...,
+        queue_bytes: int = ...,
     ) -> Subscription:
         """The messages of a topic from now on, as an asynchronous iterator; arguments as for `subscribe`."""
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Generator
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from rwt_program.messages import Message, MessageLike
+
+QUEUE_BYTES: Final = 64 * 1024 * 1024
+"""Bytes of messages that wait for a coroutine or an iterator, unless `queue_bytes` says another number."""
 
 
 class Handle(ABC):

@@ -123,6 +123,30 @@ async def test_messages_are_iterated_over_and_taken_one_by_one(graph: MemoryGrap
         assert [message async for message in subscription] == []
 
 
+async def test_what_waits_is_bounded_in_bytes_too(
+    graph: MemoryGraph, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = Node(graph, "n")
+    publisher = node.advertise("/t", "std_msgs/String")
+    async with graph:
+        subscription = node.topic("/t", queue_size=1_000_000, queue_bytes=3000)
+        for number in range(10):
+            publisher.publish({"data": f"{number}" * 1000})
+            publisher.publish({"data": f"{number}"})
+        kept = [(await subscription.get()).data[0] for _ in range(5)]
+        assert kept == ["7", "8", "8", "9", "9"]
+        assert subscription.dropped == 15
+        assert caplog.text.count("`queue_bytes`") == 1
+        publisher.publish({"data": "first"})
+        publisher.publish({"data": "larger than all that may wait" * 200})
+        assert (await subscription.get()).data.startswith("larger")
+        assert subscription.dropped == 16
+        # What was taken or dropped counts no more.
+        for number in range(3):
+            publisher.publish({"data": "a" * 1000})
+        assert subscription.dropped == 16
+
+
 async def test_waiting_iterators_end_when_the_subscription_is_closed(graph: MemoryGraph) -> None:
     node = Node(graph, "n")
     ended: list[int] = []

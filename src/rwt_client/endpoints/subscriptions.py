@@ -16,7 +16,7 @@ from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_enc
 from rwt_client.wire.decoding import MessageReader, UnparsedMessage
 from rwt_interfaces.structs import MessageType
 from rwt_program.errors import HandleClosed, InvalidMessage, RobotError, TimedOut
-from rwt_program.handles import Subscription
+from rwt_program.handles import QUEUE_BYTES, Subscription
 from rwt_program.messages import Message, MessageCallback, is_coroutine_function
 from rwt_protocol.codecs import SELECTABLE
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
@@ -54,7 +54,7 @@ class SubscribeOptions:
     compression: str = "auto"
     throttle: float = 0.0
     queue_size: int = 1000
-    queue_bytes: int = 64 * 1024 * 1024
+    queue_bytes: int = QUEUE_BYTES
     fragment_size: int | None = None
     qos: Qos | None = None
 

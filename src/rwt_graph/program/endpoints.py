@@ -63,21 +63,53 @@ class TopicPublisher(Publisher):
 
 
 class SampleQueue:
-    """Samples for a coroutine: bounded, the newest are kept."""
+    """Samples for a coroutine: bounded in number and bytes, the newest are kept.
 
-    def __init__(self, size: int, time_ns: Callable[[], int]) -> None:
+    Args:
+        topic: whose samples these are, for the log.
+        size: samples that may wait.
+        most_bytes: what those may take that came while others waited; the newest stays however big it is.
+        time_ns: the graph's clock.
+
+    Attributes:
+        dropped: how many samples gave way to newer ones.
+    """
+
+    def __init__(self, topic: str, size: int, most_bytes: int, time_ns: Callable[[], int]) -> None:
+        self._topic = topic
         self._time_ns = time_ns
-        self._samples: deque[Sample] = deque(maxlen=max(1, size))
+        self._samples: deque[tuple[Sample, int]] = deque()
+        self._most = max(1, size)
+        self._most_bytes = most_bytes
+        self._bytes = 0
         self._arrived: anyio.Event | None = None
         self._closed = False
+        self._has_warned = False
         self.dropped = 0
 
     def put(self, sample: Sample) -> None:
-        """Add a sample; the oldest makes room."""
-        if len(self._samples) == self._samples.maxlen:
-            self.dropped += 1
-        self._samples.append(sample.detach())
+        """Add a sample; the oldest make room."""
+        # Where the reader keeps up nothing waits, and nothing has to be measured.
+        size = self._room_for(sample) if self._samples else 0
+        self._samples.append((sample.detach(), size))
         self._wake()
+
+    def _room_for(self, sample: Sample) -> int:
+        """What a sample takes, once there is room for it."""
+        samples, size = self._samples, sample.payload.kept_size
+        self._bytes += size
+        while samples and (len(samples) >= self._most or self._bytes > self._most_bytes):
+            if len(samples) < self._most and not self._has_warned:
+                self._has_warned = True
+                logger.warning(
+                    "messages of %s are dropped: more than %d bytes wait for their subscriber;"
+                    " `queue_bytes` of what subscribes allows more",
+                    self._topic,
+                    self._most_bytes,
+                )
+            self._bytes -= samples.popleft()[1]
+            self.dropped += 1
+        return size
 
     def _wake(self) -> None:
         arrived, self._arrived = self._arrived, None
@@ -88,7 +120,8 @@ class SampleQueue:
         """The oldest sample that has not expired, waiting for one; None after `close`."""
         while True:
             if self._samples:
-                sample = self._samples.popleft()
+                sample, size = self._samples.popleft()
+                self._bytes -= size
                 if not sample.expires_ns or sample.expires_ns >= self._time_ns():
                     return sample
                 continue
@@ -102,6 +135,7 @@ class SampleQueue:
         """Let readers end; what was not read is dropped."""
         self._closed = True
         self._samples.clear()
+        self._bytes = 0
         self._wake()
 
 
@@ -122,6 +156,7 @@ class TopicSubscription(Subscription):
         interface: MessageType | None,
         qos: QoS,
         queue_size: int,
+        queue_bytes: int,
     ) -> None:
         self.name = topic
         self._graph = graph
@@ -129,7 +164,7 @@ class TopicSubscription(Subscription):
         self._queue: SampleQueue | None
         receive = on_sample or _at_once(callback)
         if receive is None:
-            self._queue = SampleQueue(queue_size, graph.clock.time_ns)
+            self._queue = SampleQueue(topic, queue_size, queue_bytes, graph.clock.time_ns)
             receive = self._queue.put
         else:
             self._queue = None

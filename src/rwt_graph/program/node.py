@@ -45,7 +45,7 @@ from rwt_program.blocking import (
 from rwt_program.errors import NotFound, ProviderNotFound, TimedOut, WrongThread
 from rwt_program.future import USUAL, Timeout
 from rwt_program.goals import Execute, Goal
-from rwt_program.handles import Handle
+from rwt_program.handles import QUEUE_BYTES, Handle
 from rwt_program.messages import (
     Message,
     MessageCallback,
@@ -234,8 +234,9 @@ class Node(RobotApi):
         *,
         qos: QoS | None = None,
         queue_size: int = 10,
+        queue_bytes: int = QUEUE_BYTES,
     ) -> TopicSubscription:
-        return self._subscribe(topic, type, qos, queue_size, callback=callback)
+        return self._subscribe(topic, type, qos, queue_size, queue_bytes, callback=callback)
 
     def subscribe_samples(
         self,
@@ -249,9 +250,15 @@ class Node(RobotApi):
         return self._subscribe(topic, type, qos, on_sample=on_sample)
 
     def topic(  # noqa: D102 - inherited
-        self, topic: str, type: str | None = None, *, qos: QoS | None = None, queue_size: int = 10
+        self,
+        topic: str,
+        type: str | None = None,
+        *,
+        qos: QoS | None = None,
+        queue_size: int = 10,
+        queue_bytes: int = QUEUE_BYTES,
     ) -> TopicSubscription:
-        return self._subscribe(topic, type, qos, queue_size)
+        return self._subscribe(topic, type, qos, queue_size, queue_bytes)
 
     async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:  # noqa: D102 - inherited
         try:
@@ -266,6 +273,7 @@ class Node(RobotApi):
         type: str | None,
         qos: QoS | None,
         queue_size: int = 1,
+        queue_bytes: int = QUEUE_BYTES,
         callback: MessageCallback | None = None,
         on_sample: Callable[[Sample], None] | None = None,
     ) -> TopicSubscription:
@@ -273,7 +281,15 @@ class Node(RobotApi):
         message = None if type is None else self.registry.message(type)
         return self.run(
             lambda: TopicSubscription(
-                self.graph, self._participant, name, callback, on_sample, message, wanted, queue_size
+                self.graph,
+                self._participant,
+                name,
+                callback,
+                on_sample,
+                message,
+                wanted,
+                queue_size,
+                queue_bytes,
             )
         )
 
