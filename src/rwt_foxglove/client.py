@@ -109,7 +109,7 @@ class FoxgloveClient(TakesTurns[_Waiting]):
         self.subscriptions = Subscriptions(graph, self.replies)
         self.publications = Publications(graph, self.replies, bounds.structure)
         self.services = Services(graph, self.replies, bounds.structure, bounds.call_timeout)
-        self.parameters = Parameters(graph, self.replies, gateway.settings.parameter_names)
+        self.parameters = Parameters(graph, self.replies, gateway.settings.parameter_names, gateway.turns)
         self.assets = (
             None
             if gateway.pages is None

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 from msgspec import UNSET
 
 from rwt_access.errors import AccessError
+from rwt_delivery.turns import SHARE, Turns
 from rwt_foxglove.errors import NotPossible
 from rwt_foxglove.wire.server_messages import Level, text
 from rwt_interfaces.payload import Payload
@@ -115,15 +116,18 @@ class Parameters:
         graph: the graph as the client may see it.
         replies: how the client is answered.
         most_names: that it may ask for at once, or watch.
+        turns: of the event loop, in which what it asks for is done.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, most_names: int) -> None:
+    def __init__(self, graph: ClientGraph, replies: Replies, most_names: int, turns: Turns) -> None:
         self._graph = graph
         self._replies = replies
         self._most_names = most_names
         self._requests = 0
         self._calls = 0
         self._due: deque[Callable[[], None]] = deque()
+        self._turns = turns
+        self._has_turn = False
         self._closed = False
         self.watched: set[str] = set()
         self.watches_all = False
@@ -188,6 +192,7 @@ class Parameters:
 
     def _read(self, names: Sequence[str], on_values: Callable[[Mapping[str, object]], None]) -> None:
         """Read parameters; those that do not exist, or may not be read, are left out."""
+        names = tuple(dict.fromkeys(names))
         values: dict[str, object] = {}
         left = len(names)
 
@@ -197,7 +202,7 @@ class Parameters:
             if not _failure(outcome) and not isinstance(outcome, str):
                 values[name] = json.loads(getattr(outcome.value(), "value", "null"))
             if not left:
-                on_values({name: values[name] for name in dict.fromkeys(names) if name in values})
+                on_values({name: values[name] for name in names if name in values})
 
         if not names:
             on_values({})
@@ -239,14 +244,27 @@ class Parameters:
     # -- calls ---------------------------------------------------------------------------------------------
 
     def _call(self, service: str, request: Mapping[str, object], done: Done) -> None:
-        """Call a service of rosapi when fewer than :data:`_AT_ONCE` calls are under way."""
+        """Call a service of rosapi in a turn of the event loop in which fewer than :data:`_AT_ONCE` calls are
+        under way: values may be large, and a client may ask for a thousand at a time."""
         self._due.append(partial(self._call_now, service, request, done))
-        if self._calls < _AT_ONCE:
-            self._go_on()
+        self._want_turn()
+
+    def _want_turn(self) -> None:
+        if self._due and not self._has_turn and not self._closed:
+            self._has_turn = True
+            self._turns.wait(self._go_on)
 
     def _go_on(self) -> None:
-        while self._due and self._calls < _AT_ONCE and not self._closed:
+        self._has_turn = False
+        monotonic = self._graph.clock.monotonic
+        began, worked = monotonic(), 0.0
+        while self._due and self._calls < _AT_ONCE and worked < SHARE and not self._closed:
             self._due.popleft()()
+            worked = monotonic() - began
+        self._turns.note(worked)
+        self._graph.work.add(worked, "messages")
+        if self._calls < _AT_ONCE:
+            self._want_turn()
 
     def _call_now(self, service: str, request: Mapping[str, object], done: Done) -> None:
         self._calls += 1
@@ -260,8 +278,7 @@ class Parameters:
             self._calls -= 1
             done(str(outcome) if isinstance(outcome, CallFailed) else outcome)
             # Not from within the answer: as many in a row would be as deep a stack.
-            if self._due and not self._closed:
-                self._graph.clock.call_later(0.0, self._go_on)
+            self._want_turn()
 
         def request_of(type: ServiceType) -> Payload:
             return Payload.from_value(type.request, request)

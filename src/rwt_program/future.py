@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Coroutine, Generator
 from contextlib import AbstractContextManager
+from contextvars import ContextVar
 from enum import Enum
-from typing import Final, Generic, TypeAlias, TypeVar
+from types import coroutine
+from typing import Any, Final, Generic, TypeAlias, TypeVar
 
 import anyio
 
@@ -58,6 +60,8 @@ class Future(Generic[T]):
     async def wait(self) -> T:
         """The value, at once if it is there already; raises the error that was set."""
         if not self._values:
+            if _HAS_NO_TASK.get():
+                await _for_a_task()
             if self._event is None:
                 self._event = anyio.Event()
             await self._event.wait()
@@ -81,3 +85,47 @@ class Future(Generic[T]):
         with within(timeout):
             return await self.wait()
         raise CallTimeout(f"{late} within {timeout:g} s")
+
+
+_HAS_NO_TASK: Final[ContextVar[bool]] = ContextVar("has no task", default=False)
+"""Whether a coroutine runs without a task of its own, until it has to wait."""
+
+
+@coroutine
+def _for_a_task() -> Generator[None]:
+    """Give up what runs without a task: it goes on in one."""
+    yield
+
+
+def run_until_it_waits(work: Coroutine[Any, Any, T]) -> T | Awaitable[T]:
+    """Run a coroutine at once, as far as it goes without waiting.
+
+    So its work is part of what its caller does, and bounded and charged with that, which a task's is not. It
+    may wait for futures of this module, and for nothing else before the first of them: what else waits, and
+    cancel scopes, want a task from the start.
+
+    Returns:
+        What it returned, or, if it has to wait, the rest of it, to be awaited in a task.
+
+    Raises:
+        Exception: what it raised.
+    """
+    before = _HAS_NO_TASK.set(True)
+    try:
+        work.send(None)
+    except StopIteration as end:
+        value: T = end.value
+        return value
+    finally:
+        _HAS_NO_TASK.reset(before)
+    return _Rest(work)
+
+
+class _Rest(Awaitable[T]):
+    """What is left of a coroutine that was begun; `await` itself takes only new ones."""
+
+    def __init__(self, work: Coroutine[Any, Any, T]) -> None:
+        self._work = work
+
+    def __await__(self) -> Generator[Any, Any, T]:
+        return self._work.__await__()

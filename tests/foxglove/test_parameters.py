@@ -70,7 +70,7 @@ async def values(viewer: Viewer) -> dict[str, Any]:
     clock = viewer.client.graph.clock
     assert isinstance(clock, SimulatedClock)
     for _ in range(5000):
-        for each in viewer.heard():
+        while (each := viewer.heard_one()) is not None:
             if isinstance(each, dict) and each["op"] in ("parameterValues", "status"):
                 return {**each, "parameters": {it.pop("name"): it for it in each.get("parameters", ())}}
         await anyio.lowlevel.checkpoint()
@@ -249,4 +249,4 @@ async def test_without_rosapi_there_are_no_parameters(graph: MemoryGraph, gatewa
     viewer = Viewer(gateway)
     assert "parameters" not in viewer.heard()[0]["capabilities"]
     viewer.say("getParameters", parameterNames=[])
-    assert "/rosapi/get_param_names" in str(viewer.statuses())
+    assert "/rosapi/get_param_names" in (await values(viewer))["message"]

@@ -110,6 +110,13 @@ class Viewer(Client):
             self._note(each)
         return found
 
+    def heard_one(self) -> Any:
+        """The first of what has come since the last time; None if nothing has."""
+        rest, self.frames = self.frames[1:], self.frames[:1]
+        found = self.heard()
+        self.frames[:0] = rest
+        return found[0] if found else None
+
     def _note(self, said: Any) -> None:
         match said:
             case {"op": "advertise", "channels": channels}:

@@ -142,7 +142,7 @@ async def test_what_waits_is_bounded_in_bytes_too(
         assert (await subscription.get()).data.startswith("larger")
         assert subscription.dropped == 16
         # What was taken or dropped counts no more.
-        for number in range(3):
+        for _ in range(3):
             publisher.publish({"data": "a" * 1000})
         assert subscription.dropped == 16
 

@@ -15,6 +15,7 @@ from rwt_graph import MemoryGraph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_nodes import Rosapi
+from rwt_nodes.rosapi.parameter_services import MOST_DEFAULT, MOST_VALUES
 from tests.bridge.recording_client import Client
 
 pytestmark = pytest.mark.anyio
@@ -31,6 +32,12 @@ class Asker:
         reply = await self.reply(service, **args)
         assert reply["result"] is True, reply
         return reply["values"]
+
+    def at_once(self, service: str, /, **args: object) -> Any:
+        self._asked += 1
+        self._client.say("call_service", id=self._asked, service=service, args=args)
+        (message,) = self._client.heard()
+        return message
 
     async def reply(self, service: str, /, **args: object) -> Any:
         self._asked += 1
@@ -250,6 +257,54 @@ async def test_the_default_of_a_missing_parameter(asker: Asker, distro: str) -> 
     for default, value in (("42", "42"), ("plain text", '"plain text"'), ('{"a": [1]}', '{"a": [1]}')):
         answer = await asker.ask("/rosapi/get_param", name="/nothing", **{field: default})
         assert answer["value"] == value
+
+
+async def test_a_default_is_no_longer_than_a_parameter(asker: Asker, distro: str) -> None:
+    field = "default_value" if distro == "jazzy" else "default"
+    reply = await asker.reply("/rosapi/get_param", name="/nothing", **{field: "x" * (MOST_DEFAULT + 1)})
+    assert reply["result"] is False
+    assert f"{MOST_DEFAULT} are the most" in reply["values"]
+
+
+@pytest.mark.parametrize(
+    ("value", "is_taken"),
+    [
+        (json.dumps([0] * (MOST_VALUES - 10)), True),
+        (json.dumps([0] * (MOST_VALUES + 10)), False),
+        ("[" + "[]," * MOST_VALUES + "0]", False),
+        # What is in strings is no value, escaped quotes or not.
+        (json.dumps("a,[{" * MOST_VALUES), True),
+        (json.dumps({"urdf": '<a b="1,2"/>,' * MOST_VALUES}), True),
+        (json.dumps(["\\"] * (MOST_VALUES + 10)), False),
+    ],
+)
+async def test_the_text_of_a_value_holds_only_so_many(
+    asker: Asker, distro: str, value: str, is_taken: bool
+) -> None:
+    name = "/large" if distro == "noetic" else "/rosapi/large"
+    reply = await asker.reply("/rosapi/set_param", name=name, value=value)
+    refused = not reply["result"] or not reply["values"].get("successful", True)
+    assert refused is not is_taken, reply
+    if refused:
+        assert "set several parameters" in str(reply)
+
+
+async def test_what_nothing_has_to_be_waited_for_is_answered_at_once(
+    asker: Asker, graph: MemoryGraph, robot: Node
+) -> None:
+    """As part of the caller's work, which is bounded and charged; a task's would not be."""
+    robot.parameters.declare("speed", 0.5)
+    name = "/robot:speed" if graph.distro.parameters_belong_to_nodes else "/robot/speed"
+    questions = {
+        "set_param": {"name": name, "value": "0.75"},
+        "get_param": {"name": name},
+        "has_param": {"name": name},
+        "get_param_names": {},
+        "search_param": {"name": "speed"},
+    }
+    for question, args in questions.items():
+        assert asker.at_once(f"/rosapi/{question}", **args)["result"] is True, question
+    assert robot.parameters.get("speed") == 0.75
 
 
 async def test_a_parameter_that_is_not_set_can_be_deleted_on_ros_1(asker: Asker, distro: str) -> None:

@@ -8,7 +8,7 @@ too, so that programs written for ROS 1 find a place for theirs; there it is apa
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from rwt_graph.api import Graph
 from rwt_graph.names import resolve, split_parameter
@@ -16,6 +16,8 @@ from rwt_graph.parameters.values import decode, encode
 from rwt_program.api import Parameters
 from rwt_program.errors import NotFound, ParameterRejected, ProviderNotFound
 from rwt_program.messages import Message, MessageLike, ParameterValue
+
+T = TypeVar("T")
 
 #: How long a node may take to answer for one of its parameters, in seconds.
 ANSWER_TIMEOUT = 5.0
@@ -56,6 +58,18 @@ class ParameterClient(Parameters):
             if default is None:
                 raise
             return default
+
+    async def read(self, name: str, read: Callable[[ParameterValue], T]) -> T:
+        """What a function makes of a parameter's value, which it must not change or keep: as large as the
+        graph's tree is, it is not copied.
+
+        Raises:
+            RobotError: as :meth:`get`.
+        """
+        node, parameter = self._place(name)
+        if not node:
+            return self._graph.parameters.read(parameter, read)
+        return read(await self._get(name))
 
     async def _get(self, name: str) -> ParameterValue:
         node, parameter = self._place(name)

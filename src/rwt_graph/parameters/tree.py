@@ -8,12 +8,21 @@ value.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Final, TypeAlias
+from datetime import datetime
+from decimal import Decimal
+from itertools import chain
+from math import inf
+from typing import Final, TypeAlias, TypeVar
+from uuid import UUID
+
+import msgspec
 
 from rwt_graph.parameters.accounts import Charges
 from rwt_graph.parameters.values import INT64_MAX, INT64_MIN
 from rwt_program.errors import NotFound, ParameterRejected
 from rwt_program.messages import ParameterValue
+
+T = TypeVar("T")
 
 #: Sees a value before it is stored; raises `ParameterRejected` to refuse it.
 Watch: TypeAlias = Callable[[ParameterValue], None]
@@ -31,37 +40,75 @@ _SET: Final = 256
 _NODE: Final = 64
 
 
-def _copied(value: ParameterValue, depth: int) -> ParameterValue:
-    """A value that shares nothing that can change with the one given, and is at most so many levels deep.
-
-    Raises:
-        ParameterRejected: it is deeper, or has a number of more than 64 bits.
-    """
-    if depth < 0 or (depth == 0 and isinstance(value, Mapping | list | tuple)):
-        raise _TooDeep
-    if isinstance(value, Mapping | list | tuple):
-        if isinstance(value, Mapping):
-            return {str(key): _copied(item, depth - 1) for key, item in value.items()}
-        return [_copied(item, depth - 1) for item in value]
-    if type(value) is int and not INT64_MIN <= value <= INT64_MAX:
-        raise ParameterRejected("an integer parameter must fit 64 bits")
-    return value
-
-
 class _TooDeep(Exception):
     """A value has more levels than may be."""
 
 
-def measured(value: ParameterValue) -> tuple[int, int]:
-    """How many names are in a value, and how many bytes it counts."""
-    if isinstance(value, dict):
-        parts = [measured(item) for item in value.values()]
-        names = sum(_NODE + _length(name) for name in value)
-        return len(value) + sum(count for count, _ in parts), _NODE + names + sum(size for _, size in parts)
-    if isinstance(value, list):
-        # Tables in a list have keys, and no names.
-        return 0, _NODE + sum(measured(item)[1] for item in value)
-    return 0, _NODE + (_length(value) if isinstance(value, str | bytes | bytearray) else 0)
+def measured(value: ParameterValue, most_depth: float = inf) -> tuple[int, int]:
+    """How many names are in a value, and how many bytes it counts. It is looked at level by level, since a
+    call for each of many small tables would take far longer.
+
+    Args:
+        value: of dictionaries, lists and scalars.
+        most_depth: levels of tables and lists that it may have.
+
+    Raises:
+        _TooDeep: it has more.
+        ParameterRejected: it has a number of more than 64 bits.
+    """
+    names = size = depth = 0
+    in_tables, in_lists = [value], list[ParameterValue]()
+    while in_tables or in_lists:
+        deeper = list[ParameterValue](), list[ParameterValue]()
+        for level, is_in_list in ((in_tables, False), (in_lists, True)):
+            size += _NODE * len(level) + _texts_and_numbers(level)
+            tables = [each for each in level if type(each) is dict]
+            keys = list(chain.from_iterable(tables))
+            size += _NODE * len(keys) + sum(map(_length, keys))
+            if not is_in_list:  # Tables in a list have keys, and no names.
+                names += len(keys)
+            deeper[is_in_list].extend(chain.from_iterable(table.values() for table in tables))
+            lists = [each for each in level if type(each) is list]
+            deeper[True].extend(chain.from_iterable(lists))
+            if depth >= most_depth and (tables or lists):
+                raise _TooDeep
+        in_tables, in_lists = deeper
+        depth += 1
+    return names, size
+
+
+def _texts_and_numbers(values: list[ParameterValue]) -> int:
+    """The length of texts and octets. Raises :exc:`ParameterRejected` for a number of more than 64 bits."""
+    kinds = set(map(type, values))
+    if int in kinds:
+        numbers = [each for each in values if type(each) is int]
+        if min(numbers) < INT64_MIN or max(numbers) > INT64_MAX:
+            raise ParameterRejected("an integer parameter must fit 64 bits")
+    if kinds.isdisjoint((str, bytes, bytearray)):
+        return 0
+    return sum(_length(each) for each in values if isinstance(each, str | bytes | bytearray))
+
+
+def _copied(value: ParameterValue) -> ParameterValue:
+    """A value of dictionaries, lists and scalars, which shares nothing that can change with the one given."""
+    if isinstance(value, str | int | float):
+        return value
+    try:
+        return msgspec.to_builtins(value, builtin_types=_KEPT, str_keys=True)
+    except TypeError:  # A program of the robot has something that no text can say.
+        return _copied_one_by_one(value)
+
+
+_KEPT: Final = (bytes, bytearray, datetime, Decimal, UUID)
+"""Scalars beside those of JSON that stay what they are."""
+
+
+def _copied_one_by_one(value: ParameterValue) -> ParameterValue:
+    if isinstance(value, Mapping):
+        return {str(key): _copied_one_by_one(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_copied_one_by_one(item) for item in value]
+    return value
 
 
 def _length(text: str | bytes | bytearray) -> int:
@@ -131,7 +178,15 @@ class ParameterTree:
         Raises:
             NotFound: it is not set.
         """
-        return _copied(self._find(name), self._most_depth)
+        return _copied(self._find(name))
+
+    def read(self, name: str, read: Callable[[ParameterValue], T]) -> T:
+        """What a function makes of a value or a branch, which it gets uncopied, and must not change or keep.
+
+        Raises:
+            NotFound: it is not set.
+        """
+        return read(self._find(name))
 
     def set(self, name: str, value: ParameterValue) -> None:
         """Set a value; a dictionary replaces the branch.
@@ -144,22 +199,26 @@ class ParameterTree:
         if not parts and not isinstance(value, Mapping):
             raise ParameterRejected("the root of the parameters is a table: a table alone can replace it")
         try:
-            value = _copied(value, self._most_depth - len(parts))
-        except _TooDeep:
+            if len(parts) > self._most_depth:
+                raise _TooDeep
+            value = _copied(value)
+            taken = measured(value, self._most_depth - len(parts))
+        except (_TooDeep, RecursionError):
             raise ParameterRejected(
                 f"parameter {name[:80]} is nested deeper than {self._most_depth} levels"
             ) from None
-        self._require_room(parts, value)
-        for watched, new in self._affected(name, value):
+        room = self._require_room(parts, taken)
+        affected = self._affected(name, value)
+        for watched, new in affected:
             for watch in tuple(self._watches[watched]):
                 watch(new)
-        # Placed only now: a watch may have set something itself.
-        count, size = self._require_room(parts, value)
+        if affected:  # A watch may have set something itself.
+            room = self._require_room(parts, taken)
         full = "/" + "/".join(parts)
-        self._charges.put(full, _SET + measured({full: value})[1])
+        self._charges.put(full, _SET + 2 * _NODE + _length(full) + taken[1])
         if self._is_branch(parts):
             self._charges.drop_below(full.rstrip("/") + "/")
-        self.names_set, self.bytes = count, size
+        self.names_set, self.bytes = room
         if not parts:
             self._root = value if isinstance(value, dict) else {}
             return
@@ -185,17 +244,16 @@ class ParameterTree:
             branch = deeper
         return branch, parts[-1:]
 
-    def _require_room(self, parts: list[str], value: ParameterValue) -> tuple[int, int]:
-        """What the tree holds with a value: names and bytes. Raises :exc:`ParameterRejected`."""
-        if not parts:
-            count, size = measured(value)
-        else:
+    def _require_room(self, parts: list[str], taken: tuple[int, int]) -> tuple[int, int]:
+        """What the tree holds with a value of so many names and bytes. Raises :exc:`ParameterRejected`."""
+        count, size = taken
+        if parts:
             branch, missing = self._deepest(parts)
             old = {missing[0]: branch[missing[0]]} if missing[0] in branch else {}
-            for part in reversed(missing):
-                value = {part: value}
-            (less, freed), (more, taken) = measured(old), measured(value)
-            count, size = self.names_set - less + more, self.bytes - freed + taken
+            less, freed = measured(old)
+            count += self.names_set - less + len(missing)
+            # Each name is counted, and the table that holds it.
+            size += self.bytes - freed + sum(2 * _NODE + _length(name) for name in missing)
         for what, has, most in (("names", count, self._most_names), ("bytes", size, self._most_bytes)):
             if has > most:
                 raise ParameterRejected(f"the parameters would hold {has} {what}, and {most} is the limit")

@@ -7,7 +7,10 @@ Names are `/node:name` on ROS 2 and `/name` on ROS 1 (API-08). On ROS 2 a failur
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
 
 from rwt_graph.disclosure import AsksAbout, Lists, Reads, Writes
 from rwt_nodes.rosapi.service import Answer, Service
@@ -15,8 +18,20 @@ from rwt_program.errors import NotFound, RobotError, ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_graph.program.node import Node
+    from rwt_program.messages import ParameterValue
 
 _DESCRIPTION = "robot_description"
+
+MOST_VALUES: Final = 32_768
+"""Values in the text of one parameter: what is made of a text takes many times its bytes."""
+
+MOST_DEFAULT: Final = 1 << 20
+"""Characters of what to answer where a parameter is not set."""
+
+_LONG_TEXT: Final = 4 << 20
+"""Characters beyond which what is in strings is counted as values are: to tell them apart takes long."""
+
+_STRING: Final = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
 
 
 async def get_param_names(node: Node, _: Any) -> Answer:
@@ -27,13 +42,22 @@ async def get_param_names(node: Node, _: Any) -> Answer:
 async def get_param(node: Node, request: Any) -> Answer:
     """One value; if there is none, the request's default, and without that null (API-07)."""
     default = request.default_value if node.distro.rosapi_reports_failures else request.default
+    if len(default) > MOST_DEFAULT:
+        raise ServiceFailed(
+            f"get_param: the default has {len(default)} characters, and {MOST_DEFAULT} are the most:"
+            " ask without one"
+        )
     try:
-        value = await node.params.get(await _full_name(node, request.name))
+        value = await node.params.read(await _full_name(node, request.name), _as_text)
     except RobotError as error:
         if default or not node.distro.rosapi_reports_failures:
             return {"value": _as_json(default), **_done(node)}
         return {"value": "null", "successful": False, "reason": str(error)}
-    return {"value": json.dumps(value, default=list), **_done(node)}  # Octets are numbers.
+    return {"value": value, **_done(node)}
+
+
+def _as_text(value: ParameterValue) -> str:
+    return json.dumps(value, default=list)  # Octets are numbers.
 
 
 def _as_json(default: str) -> str:
@@ -41,10 +65,24 @@ def _as_json(default: str) -> str:
     if not default:
         return "null"
     try:
-        json.loads(default)
-    except (ValueError, RecursionError):
+        msgspec.json.decode(default, type=msgspec.Raw)  # Read, and nothing made of it.
+    except (msgspec.DecodeError, RecursionError):
         return json.dumps(default)
     return default
+
+
+def _is_bounded(text: str) -> bool:
+    """Whether JSON holds no more values than a parameter may have."""
+    if _values(text) <= MOST_VALUES:
+        return True
+    if len(text) > _LONG_TEXT:
+        return False
+    return _values(_STRING.sub("", text, MOST_VALUES)) <= MOST_VALUES
+
+
+def _values(text: str) -> int:
+    """How many values are in JSON at most: what is in its strings is counted too."""
+    return 1 + text.count(",") + text.count("[") + text.count("{")
 
 
 async def _full_name(node: Node, name: str) -> str:
@@ -66,6 +104,12 @@ async def _full_name(node: Node, name: str) -> str:
 
 async def set_param(node: Node, request: Any) -> Answer:
     """Set one value from JSON text."""
+    if not _is_bounded(request.value):
+        return _failed(
+            node,
+            f"set_param: the value of {request.name[:80]} has more than {MOST_VALUES} values in it:"
+            " set several parameters, or publish it as a message",
+        )
     try:
         value = json.loads(request.value)
     except (ValueError, RecursionError):

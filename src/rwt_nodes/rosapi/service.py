@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces.payload import Payload
+from rwt_program.future import run_until_it_waits
 
 if TYPE_CHECKING:
     from rwt_graph.disclosure import Disclosure
@@ -40,7 +41,18 @@ class Service:
 
     def serve(self, node: Node) -> ServiceHandler:
         """The service's handler, for a node that offers it."""
-        return Listing(node, self) if self.is_listing else partial(self.handler, node)
+        if self.is_listing:
+            return Listing(node, self)
+        return partial(_at_once, self.handler, node)
+
+
+def _at_once(
+    handler: Callable[[Node, Any], Answer | Awaitable[Answer]], node: Node, request: Any
+) -> Answer | Awaitable[Answer]:
+    """The answer now if nothing has to be waited for: tasks would do, in one turn of the event loop, all that
+    many clients ask for at a time."""
+    answer = handler(node, request)
+    return run_until_it_waits(answer) if isinstance(answer, Coroutine) else answer
 
 
 class Listing:

@@ -483,6 +483,50 @@ def large_description(attacker: Attacker) -> None:
     attacker.send(_ops("call_service", service="/rosapi/get_param", id="#", args=ask))
 
 
+def _in_text(item: str, count: int) -> str:
+    """A list of many items, in JSON."""
+    return f"[{','.join([item] * count)}]"
+
+
+def lists_in_texts(attacker: Attacker) -> None:
+    """Millions of lists in a text that is read as JSON: what to answer where a parameter is not set."""
+    field = "default" if "noetic" in sys.argv else "default_value"
+    for item in ("[]", "0", '{"a":[]}'):
+        args = {"name": "/nothing", field: _in_text(item, 9_000_000 // (len(item) + 1))}
+        if item[0] == "{":
+            args[field] = args[field].replace('"', "'")[:4_000_000].replace("'", '"')
+            args[field] = args[field].rpartition(",")[0] + "]"
+        attacker.send(_ops("call_service", service="/rosapi/get_param", id="#", args=args))
+
+
+def lists_as_parameters(attacker: Attacker) -> None:
+    """Parameters with as many values as may be, set and asked for, all of them at once."""
+    noetic = "noetic" in sys.argv
+    many = [Attacker(attacker.port) for _ in range(5)]
+    _held.extend(many)
+    for number, each in enumerate(many):
+        for item, count in (("{}", 30_000), ("0", 30_000), ("[]", 3_000_000), ("0", 4_000_000)):
+            name = f"/lists{number}" if noetic else "/rosapi:lists"
+            args = {"name": name, "value": _in_text(item, count)}
+            each.send(islice(_ops("call_service", service="/rosapi/set_param", args=args), 1), 3 * SECONDS)
+    for name in ("/", "/lists0") if noetic else ("/rosapi:lists",):
+        attacker.send(_ops("call_service", service="/rosapi/get_param", id="#", args={"name": name}))
+    attacker.send(_ops("call_service", service="/rosapi/get_param_names", id="#"))
+
+
+def tables_as_parameters(attacker: Attacker) -> None:
+    """Parameters with as many names as may be, set and asked for, all of them at once."""
+    many = [Attacker(attacker.port) for _ in range(5)]
+    _held.extend(many)
+    for number, each in enumerate(many):
+        table = json.dumps({f"n{count}": "\x01" * 20 for count in range(6_000)})
+        args = {"name": f"/tables{number}", "value": table}
+        each.send(islice(_ops("call_service", service="/rosapi/set_param", args=args), 1))
+    for service, asked in (("get_param", "/"), ("search_param", "nothing"), ("get_param_names", "")):
+        args = {"name": asked} if asked else {}
+        attacker.send(_ops("call_service", service=f"/rosapi/{service}", id="#", args=args))
+
+
 def many_connections(attacker: Attacker) -> None:
     """Forty connections from one address that is not this machine's, each with as much work as it may."""
     elsewhere = (b"X-Forwarded-For: 192.0.2.1",)
@@ -828,7 +872,8 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         empty_maps, nested_arrays, deep_json, deep_payload, many_in_a_member, constants, long_numbers,
         defaults, incomplete_poses, empty_names, parameters, refusals, services_again, small_video,
         expensive_videos, lists_of_many, offers_again, everything_subscribed, come_and_go, pages_again,
-        pictures_of_text, large_description, many_connections, names_in_cbor, values_in_cdr,
+        pictures_of_text, large_description, lists_in_texts, lists_as_parameters,
+        tables_as_parameters, many_connections, names_in_cbor, values_in_cdr,
         numbers_in_an_item, broken_lists, large_arguments, everything_kept, deep_arrays, simple_values,
         every_type,
         deflate_bombs, picture_bombs, mjpeg_flood, snapshots_again,
