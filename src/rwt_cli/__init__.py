@@ -47,6 +47,7 @@ COMMANDS: Final = (
     Command("web", "serve the page alone, for any rosbridge server", "serve.web"),
     Command("hub", "let robots behind a NAT dial in, and clients reach them"),
     Command("run", "run a ROS 2 program that imports rclpy, without ROS"),
+    Command("launch", "start the nodes of a ROS 2 launch file, without ROS"),
     Command("topic", "topics: list, echo, pub, hz and more"),
     Command("service", "services: list, info, type, call, echo, find"),
     Command("action", "actions: list, info, type, find, send_goal"),

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import rwt_rclpy
 from rwt_program.errors import RobotError
-from rwt_rclpy.running import run_file, run_module
+from rwt_rclpy.running import interface_folders, run_module, run_program
 
 _EXAMPLE = """\
 example:
@@ -40,19 +39,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("-m", dest="module", metavar="NAME", help="run a module instead of a file")
     parser.add_argument(
-        "program", nargs=argparse.REMAINDER, metavar="FILE …", help="the file and its arguments"
+        "program",
+        nargs=argparse.REMAINDER,
+        metavar="FILE | PACKAGE EXECUTABLE",
+        help="a file, or a package's executable, and its arguments",
     )
     given = parser.parse_args(arguments)
     if not given.module and not given.program:
         parser.error("a file is missing")
     try:
-        if rwt_rclpy.install(given.interfaces) == "ros":
+        if rwt_rclpy.install(interface_folders(given.interfaces)) == "ros":
             print("rwt_rclpy: ROS is installed, and its own rclpy runs", file=sys.stderr)  # noqa: T201 - it is a command
         with rwt_rclpy.join(given.graph):
             if given.module:
                 run_module(given.module, given.program)
             else:
-                run_file(Path(given.program[0]), given.program[1:])
+                run_program(given.program)
     except RobotError as error:
         print(f"rwt_rclpy: {error}", file=sys.stderr)  # noqa: T201 - it is a command
         return 2

@@ -70,6 +70,32 @@ _RCLPY: Final = {
     "waitable": "execution.waitable",
 }
 
+_LAUNCH: Final = {
+    "": "",
+    "action": ".entities",
+    "actions": ".actions",
+    "condition": ".conditions",
+    "conditions": ".conditions",
+    "event": ".entities",
+    "event_handler": ".event_handlers",
+    "event_handlers": ".event_handlers",
+    "events": ".events",
+    "events.matchers": ".events",
+    "events.process": ".events",
+    "launch_context": ".entities",
+    "launch_description": ".entities",
+    "launch_description_entity": ".entities",
+    "launch_description_source": ".sources",
+    "launch_description_sources": ".sources",
+    "launch_service": ".service",
+    "logging": ".logging",
+    "some_entities_type": ".entities",
+    "some_substitutions_type": ".entities",
+    "substitution": ".entities",
+    "substitutions": ".substitutions",
+    "utilities": ".entities",
+}
+
 #: Every module that can be imported, and where it is.
 MODULES: Final = {
     **{f"rclpy.{name}" if name else "rclpy": f"{_HERE}.{place}" for name, place in _RCLPY.items()},
@@ -107,6 +133,12 @@ MODULES: Final = {
     "sensor_msgs_py.point_cloud2": f"{_HERE}.companions.sensor_msgs_py",
     "cv_bridge": f"{_HERE}.companions.cv_bridge",
     "rosidl_parser.definition": f"{_HERE}.messages.slot_types",
+    **{f"launch.{name}" if name else "launch": f"{_HERE}.launch{place}" for name, place in _LAUNCH.items()},
+    "launch_ros": f"{_HERE}.launch.ros",
+    "launch_ros.actions": f"{_HERE}.launch.ros_actions",
+    "launch_ros.descriptions": f"{_HERE}.launch.ros_parameters",
+    "launch_ros.parameter_descriptions": f"{_HERE}.launch.ros_parameters",
+    "launch_ros.substitutions": f"{_HERE}.launch.ros_substitutions",
 }
 
 #: Modules of rclpy that are not here, and what to use instead.
@@ -120,8 +152,9 @@ ABSENT: Final = {
     "rclcpp_components": "C++ components; run them on a machine with ROS",
     "rmw_implementation": "DDS; the graph of this project carries the messages",
     "rosidl_generator_py": "generated code; messages are made from definitions when they are imported",
-    "launch": "launch files; start the nodes with `rwt run`, several in one process",
-    "launch_ros": "launch files; start the nodes with `rwt run`, several in one process",
+    "launch.frontend": "launch files in XML and YAML; write them in Python",
+    "launch_xml": "launch files in XML; write them in Python",
+    "launch_yaml": "launch files in YAML; write them in Python",
     "launch_testing": "launch tests; use the pytest fixture `rclpy_graph`",
     "ros2cli": "the ros2 command; use `rwt topic`, `rwt service`, `rwt param` and the others",
     "rosbag2_py": "rosbag2; use `rwt bag`",

@@ -5,11 +5,15 @@ from __future__ import annotations
 import ast
 import importlib
 import os
+import re
 import runpy
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
+from rwt_interfaces.definitions.package_directories import package_name
 from rwt_program.errors import RobotError
 
 
@@ -30,49 +34,177 @@ def run_file(path: Path, arguments: Sequence[str]) -> None:
     runpy.run_path(str(path), run_name="__main__")
 
 
+def run_program(program: Sequence[str]) -> None:
+    """Run what a command line names: a file, or a package below :func:`root` and an executable.
+
+    Raises:
+        CannotRun: there is no such program.
+    """
+    first = Path(program[0])
+    if first.suffix == ".py" or first.is_file():
+        run_file(first, program[1:])
+    elif len(program) > 1:
+        run_executable(program[0], program[1], program[2:], root())
+    else:
+        raise CannotRun(f"{first}: no such file; after the name of a package give one of its executables")
+
+
 def run_module(name: str, arguments: Sequence[str]) -> None:
     """Run a module as `python -m NAME ARGUMENTS…` does."""
     sys.argv = [name, *arguments]
     runpy.run_module(name, run_name="__main__", alter_sys=True)
 
 
+#: Where packages are looked for when nobody says; what is started here passes it on.
+_ROOT: Final = "RWT_RCLPY_ROOT"
+#: Folders of interfaces, for programs that are started in processes of their own.
+_INTERFACES: Final = "RWT_RCLPY_INTERFACES"
+
+
+def root() -> Path:
+    """The folder below which packages are looked for: what RWT_RCLPY_ROOT says, or the present one."""
+    return Path(os.environ.get(_ROOT) or ".")
+
+
+def use_root(folder: Path) -> None:
+    """Look for packages below a folder from now on, in programs that are started as well."""
+    os.environ[_ROOT] = str(folder.resolve())
+
+
+def interface_folders(given: Sequence[str]) -> list[str]:
+    """The folders of interfaces given, after those that the program's starter had; passed on as well."""
+    before = [each for each in os.environ.get(_INTERFACES, "").split(os.pathsep) if each]
+    folders = [*before, *(each for each in map(os.path.abspath, given) if each not in before)]
+    if folders:
+        os.environ[_INTERFACES] = os.pathsep.join(folders)
+    return folders
+
+
+@dataclass(frozen=True, slots=True)
+class Executable:
+    """What `ros2 run` would start.
+
+    Attributes:
+        name: what it is called.
+        function: ``module:function`` of a console script; empty for a file.
+        file: the program, where it is a file.
+    """
+
+    name: str
+    function: str = ""
+    file: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Package:
+    """A package's source: a folder with a ``package.xml`` or a ``setup.py``."""
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """What the manifest calls it, or else ``setup.py``, or the folder."""
+        if (self.folder / "package.xml").is_file():
+            return package_name(self.folder)
+        named = _argument(self.folder / "setup.py", "name")
+        return named if isinstance(named, str) else self.folder.name
+
+    @property
+    def executables(self) -> dict[str, Executable]:
+        """The console scripts of its ``setup.py``, and the programs that its ``CMakeLists.txt`` installs."""
+        setup = self.folder / "setup.py"
+        scripts = console_scripts(setup) if setup.is_file() else {}
+        found = {name: Executable(name, function) for name, function in scripts.items()}
+        for group in _PROGRAMS.findall(self._cmake):
+            for path in group.split():
+                file = self.folder / path.strip('"')
+                found[file.name] = Executable(file.name, file=file)
+        return found
+
+    @property
+    def python_folder(self) -> Path:
+        """The folder on the path of Python from which its modules are imported."""
+        found = _PYTHON_PACKAGE.search(self._cmake)
+        if found is None:
+            return self.folder
+        inner = (found[2] or found[1]).replace("${PROJECT_NAME}", self.name)
+        return (self.folder / inner).parent
+
+    @property
+    def _cmake(self) -> str:
+        file = self.folder / "CMakeLists.txt"
+        return file.read_text("utf-8", errors="replace") if file.is_file() else ""
+
+
+_PROGRAMS: Final = re.compile(r"install\s*\(\s*PROGRAMS\s+([^)]*?)\s+DESTINATION\s")
+_PYTHON_PACKAGE: Final = re.compile(
+    r'ament_python_install_package\s*\(\s*"?([^\s")]+)"?(?:\s+PACKAGE_DIR\s+"?([^\s")]+)"?)?'
+)
+
+
+def packages(root: Path) -> Iterator[Package]:
+    """The packages below a folder; hidden folders are not entered."""
+    for folder, folders, files in os.walk(root):
+        folders[:] = sorted(each for each in folders if not each.startswith(".") and each != "node_modules")
+        if "package.xml" in files or "setup.py" in files:
+            yield Package(Path(folder))
+
+
+def find_executable(package: str, executable: str, root: Path) -> Executable:
+    """An executable of a package below a folder.
+
+    Raises:
+        CannotRun: there is no such package or executable.
+    """
+    for found in packages(root):
+        if found.name != package:
+            continue
+        known = found.executables
+        if executable not in known:
+            names = ", ".join(sorted(known)) or "none"
+            raise CannotRun(
+                f"package {package} in {found.folder} has no executable {executable!r} in Python; it has"
+                f" {names}"
+            )
+        return known[executable]
+    raise CannotRun(f"no package {package!r} with a package.xml or setup.py below {root.resolve()}")
+
+
 def run_executable(package: str, executable: str, arguments: Sequence[str], root: Path) -> None:
     """Run an executable as `ros2 run PACKAGE EXECUTABLE` does, from the package's source.
 
+    The modules of the other packages below the folder can be imported, as in a workspace that is built.
+
     Args:
-        package: the name of a package with a ``setup.py`` below `root`.
-        executable: one of its console scripts.
+        package: the name of a package below `root`.
+        executable: one of its console scripts, or of the programs that it installs.
         arguments: the command line of the program.
         root: where packages are looked for.
 
     Raises:
         CannotRun: there is no such package or executable.
     """
-    for setup in setup_files(root):
-        if _name(setup) != package:
-            continue
-        scripts = console_scripts(setup)
-        if executable not in scripts:
-            known = ", ".join(sorted(scripts)) or "none"
-            raise CannotRun(
-                f"package {package} in {setup.parent} has no executable {executable!r}; it has {known}"
-            )
-        module, _, function = scripts[executable].partition(":")
-        sys.path.insert(0, str(setup.parent))
-        sys.argv = [executable, *arguments]
-        outcome = getattr(importlib.import_module(module), function)()
-        if outcome:
-            raise SystemExit(outcome)
+    found = find_executable(package, executable, root)
+    own = [each for each in packages(root) if each.name == package]
+    others = [each for each in packages(root) if each.name != package]
+    sys.path[:0] = [str(each.python_folder.resolve()) for each in (*own, *others)]
+    if found.file is not None:
+        run_file(found.file, arguments)
         return
-    raise CannotRun(f"no package {package!r} with a setup.py below {root.resolve()}")
+    module, _, function = found.function.partition(":")
+    sys.argv = [executable, *arguments]
+    outcome = getattr(importlib.import_module(module), function)()
+    if outcome:
+        raise SystemExit(outcome)
 
 
-def setup_files(root: Path) -> Iterator[Path]:
-    """Every ``setup.py`` below a folder; hidden folders are not entered."""
-    for folder, folders, files in os.walk(root):
-        folders[:] = sorted(each for each in folders if not each.startswith(".") and each != "node_modules")
-        if "setup.py" in files:
-            yield Path(folder) / "setup.py"
+def is_python(file: Path) -> bool:
+    """Whether a file is a program in Python, by its name or its first line."""
+    if file.suffix == ".py" or not file.is_file():
+        return file.suffix == ".py"
+    with file.open("rb") as opened:
+        first = opened.readline(200)
+    return first.startswith(b"#!") and b"python" in first
 
 
 def _call_of_setup(setup: Path) -> tuple[ast.Call | None, dict[str, ast.expr]]:
@@ -141,11 +273,6 @@ def _plain(value: ast.expr, variables: dict[str, ast.expr], depth: int) -> objec
         case ast.FormattedValue():
             return _plain(value.value, variables, below)
     raise ValueError(f"{ast.dump(value)[:80]} is not plain")
-
-
-def _name(setup: Path) -> str:
-    name = _argument(setup, "name")
-    return name if isinstance(name, str) else setup.parent.name
 
 
 def console_scripts(setup: Path) -> dict[str, str]:

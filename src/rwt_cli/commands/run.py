@@ -46,9 +46,7 @@ def add_run_command(commands: Commands) -> None:
         help="the graph to join: memory (default), ws://HOST:PORT or unix:///PATH of a server, zenoh, or"
         " zenoh:ENDPOINT; without it what RWT_RCLPY_GRAPH says",
     )
-    parser.add_argument(
-        "--root", type=Path, default=Path(), metavar="DIR", help="where packages are looked for (default .)"
-    )
+    parser.add_argument("--root", type=Path, metavar="DIR", help="where packages are looked for (default .)")
     parser.add_argument(
         "program",
         nargs=argparse.REMAINDER,
@@ -61,13 +59,14 @@ def add_run_command(commands: Commands) -> None:
 def _run(arguments: Arguments) -> int:
     import rwt_rclpy
     from rwt_program.errors import RobotError
+    from rwt_rclpy.running import interface_folders, run_program, use_root
 
     if not arguments.program:
         raise CommandError(
             "what to run is missing: a Python file, or a package and an executable", exit_code=2
         )
     try:
-        if rwt_rclpy.install(arguments.interfaces) == "ros":
+        if rwt_rclpy.install(interface_folders(arguments.interfaces)) == "ros":
             if arguments.serve:
                 raise CommandError(
                     "ROS is installed, and its own rclpy would run, which --serve does not show"
@@ -83,25 +82,12 @@ def _run(arguments: Arguments) -> int:
                 _serve(arguments.serve, stack)
             else:
                 stack.enter_context(rwt_rclpy.join(arguments.graph))
-            _start(arguments.program, arguments.root)
+            if arguments.root is not None:
+                use_root(arguments.root)
+            run_program(arguments.program)
     except RobotError as error:
         raise CommandError(str(error)) from error
     return 0
-
-
-def _start(program: list[str], root: Path) -> None:
-    from rwt_rclpy.running import run_executable, run_file
-
-    first = Path(program[0])
-    if first.suffix == ".py" or first.is_file():
-        run_file(first, program[1:])
-    elif len(program) > 1:
-        run_executable(program[0], program[1], program[2:], root)
-    else:
-        raise CommandError(
-            f"{program[0]}: no such file; after the name of a package give one of its executables",
-            exit_code=2,
-        )
 
 
 def _serve(url: str, stack: ExitStack) -> None:

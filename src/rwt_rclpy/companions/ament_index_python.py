@@ -1,13 +1,13 @@
 """`ament_index_python`: where packages are, among the folders that ``AMENT_PREFIX_PATH`` names or that hold
-their source."""
+their source below the root."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-from rwt_interfaces.definitions.package_directories import package_name
 from rwt_rclpy.companions.rosidl_runtime_py import get_interface_packages
+from rwt_rclpy.running import packages, root
 
 
 class PackageNotFoundError(KeyError):
@@ -26,8 +26,9 @@ def get_packages_with_prefixes() -> dict[str, str]:
         for folder in sorted(share.iterdir()) if share.is_dir() else ():
             if (folder / "package.xml").is_file():
                 found[folder.name] = str(prefix)
-    for manifest in sorted(Path().glob("**/package.xml")):
-        found.setdefault(package_name(manifest.parent), str(manifest.parent.resolve()))
+    for package in packages(root()):
+        if not found.get(package.name):
+            found[package.name] = str(package.folder.resolve())
     return found
 
 
@@ -36,7 +37,7 @@ def get_package_prefix(package_name: str) -> str:
     found = get_packages_with_prefixes().get(package_name)
     if not found:
         raise PackageNotFoundError(
-            f"no folder of package {package_name!r} in AMENT_PREFIX_PATH or below {Path().resolve()}"
+            f"no folder of package {package_name!r} in AMENT_PREFIX_PATH or below {root().resolve()}"
         )
     return found
 

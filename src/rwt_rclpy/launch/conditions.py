@@ -1,0 +1,54 @@
+"""`launch.conditions`: whether an action is done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rwt_rclpy.launch.entities import LaunchContext, LaunchError, SomeText, text, truth
+
+InvalidConditionExpressionError = LaunchError
+
+
+class Condition:
+    """Decides by a function of the context."""
+
+    def __init__(self, *, predicate: Callable[[LaunchContext], bool]) -> None:
+        self._predicate = predicate
+
+    def evaluate(self, context: LaunchContext) -> bool:
+        """Whether it holds."""
+        return self._predicate(context)
+
+
+class IfCondition(Condition):
+    """Holds when an expression is true."""
+
+    def __init__(self, predicate_expression: SomeText) -> None:
+        super().__init__(predicate=lambda context: truth(context, predicate_expression))
+
+
+class UnlessCondition(Condition):
+    """Holds when an expression is false."""
+
+    def __init__(self, predicate_expression: SomeText) -> None:
+        super().__init__(predicate=lambda context: not truth(context, predicate_expression))
+
+
+class LaunchConfigurationEquals(Condition):
+    """Holds when a configuration has a value; with None when there is no such configuration."""
+
+    def __init__(self, launch_configuration_name: str, expected_value: SomeText | None) -> None:
+        def equals(context: LaunchContext) -> bool:
+            value = context.launch_configurations.get(launch_configuration_name)
+            expected = None if expected_value is None else text(context, expected_value)
+            return bool(value == expected)
+
+        super().__init__(predicate=equals)
+
+
+class LaunchConfigurationNotEquals(LaunchConfigurationEquals):
+    """Holds when a configuration has another value."""
+
+    def evaluate(self, context: LaunchContext) -> bool:
+        """Whether it differs."""
+        return not super().evaluate(context)

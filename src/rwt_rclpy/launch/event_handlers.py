@@ -1,0 +1,158 @@
+"""`launch.event_handlers`: what is done when something happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, ClassVar
+
+from rwt_rclpy.launch.entities import (
+    Action,
+    Event,
+    LaunchContext,
+    LaunchDescriptionEntity,
+    SomeEntitiesType,
+    entities_of,
+)
+from rwt_rclpy.launch.events import (
+    ActionEvent,
+    ExecutionComplete,
+    ProcessExited,
+    ProcessIO,
+    ProcessStarted,
+    Shutdown,
+)
+
+#: Actions, or a function of the event and the context that may give some.
+OnEvent = SomeEntitiesType | Callable[..., Any]
+
+
+class EventHandler:
+    """Does something when an event comes that fits.
+
+    Args:
+        matcher: whether it fits.
+        entities: what is visited then.
+        handle_once: whether only the first one counts.
+    """
+
+    def __init__(
+        self,
+        *,
+        matcher: Callable[[Event], bool],
+        entities: SomeEntitiesType | None = None,
+        handle_once: bool = False,
+    ) -> None:
+        self.matcher = matcher
+        self.entities = entities_of(entities)
+        self.handle_once = handle_once
+
+    def matches(self, event: Event) -> bool:
+        """Whether it fits."""
+        return self.matcher(event)
+
+    def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
+        """What is visited; the event is in `context.locals` until all of it was."""
+        context.extend_locals({"event": event})
+        if self.handle_once:
+            context.unregister_event_handler(self)
+        return self.entities
+
+
+BaseEventHandler = EventHandler
+
+
+class _OnEvent(EventHandler):
+    """Does what it is given: visits actions, or calls a function."""
+
+    def __init__(self, matcher: Callable[[Event], bool], on_event: OnEvent | None, handle_once: bool) -> None:
+        self.on_event = on_event if callable(on_event) else None
+        super().__init__(
+            matcher=matcher, entities=None if callable(on_event) else on_event, handle_once=handle_once
+        )
+
+    def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
+        """What is visited."""
+        entities = super().handle(event, context)
+        return entities if self.on_event is None else entities_of(self.on_event(event, context))
+
+
+class _OnAction(_OnEvent):
+    """Waits for an event of one action, of those that a function picks, or of any."""
+
+    event_class: ClassVar[type[ActionEvent]]
+
+    def __init__(
+        self,
+        target: Action | Callable[[Action], bool] | None,
+        on_event: OnEvent | None,
+        handle_once: bool = False,
+    ) -> None:
+        def fits(event: Event) -> bool:
+            if not isinstance(event, self.event_class):
+                return False
+            if target is None or event.action is target:
+                return True
+            return not isinstance(target, Action) and bool(target(event.action))
+
+        super().__init__(fits, on_event, handle_once)
+
+
+class OnProcessStart(_OnAction):
+    """When a process runs."""
+
+    event_class = ProcessStarted
+
+    def __init__(
+        self, *, target_action: Any = None, on_start: OnEvent | None = None, handle_once: bool = False
+    ) -> None:
+        super().__init__(target_action, on_start, handle_once)
+
+
+class OnProcessExit(_OnAction):
+    """When a process has ended."""
+
+    event_class = ProcessExited
+
+    def __init__(
+        self, *, target_action: Any = None, on_exit: OnEvent | None = None, handle_once: bool = False
+    ) -> None:
+        super().__init__(target_action, on_exit, handle_once)
+
+
+class OnExecutionComplete(_OnAction):
+    """When an action is done."""
+
+    event_class = ExecutionComplete
+
+    def __init__(
+        self, *, target_action: Any = None, on_completion: OnEvent | None = None, handle_once: bool = False
+    ) -> None:
+        super().__init__(target_action, on_completion, handle_once)
+
+
+class OnProcessIO(_OnAction):
+    """When a process says something; each function gets the event."""
+
+    event_class = ProcessIO
+
+    def __init__(
+        self,
+        *,
+        target_action: Any = None,
+        on_stdin: Callable[[ProcessIO], Any] | None = None,
+        on_stdout: Callable[[ProcessIO], Any] | None = None,
+        on_stderr: Callable[[ProcessIO], Any] | None = None,
+        handle_once: bool = False,
+    ) -> None:
+        def tell(event: ProcessIO, context: LaunchContext) -> Any:
+            call = on_stdout if event.from_stdout else on_stderr
+            return None if call is None else call(event)
+
+        super().__init__(target_action, tell, handle_once)
+
+
+class OnShutdown(_OnEvent):
+    """When the launch ends."""
+
+    def __init__(self, *, on_shutdown: OnEvent, handle_once: bool = False) -> None:
+        super().__init__(lambda event: isinstance(event, Shutdown), on_shutdown, handle_once)

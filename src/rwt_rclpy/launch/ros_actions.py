@@ -1,0 +1,218 @@
+"""`launch_ros.actions`: nodes, and what holds for all nodes of a group."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+from rwt_rclpy.launch.entities import (
+    Action,
+    LaunchContext,
+    LaunchDescriptionEntity,
+    LaunchError,
+    SomeSubstitutionsType,
+    SomeText,
+    text,
+)
+from rwt_rclpy.launch.processes import ExecuteProcess
+from rwt_rclpy.launch.ros_parameters import arguments_of, flattened
+from rwt_rclpy.names.validation import validate_namespace, validate_node_name
+from rwt_rclpy.running import find_executable, is_python, root
+
+#: The names under which what holds for later nodes is kept among the configurations, as ROS has them.
+_NAMESPACE, _PARAMETERS, _REMAPPINGS = "ros_namespace", "global_params", "ros_remaps"
+
+
+def _joined(base: str | None, namespace: str | None) -> str | None:
+    """A namespace below another, absolute; None when there is none."""
+    if base is None and namespace is None:
+        return None
+    absolute = namespace or ""
+    if not absolute.startswith("/"):
+        absolute = f"{(base or '').rstrip('/')}/{absolute}"
+    absolute = absolute.rstrip("/") or "/"
+    validate_namespace(absolute)
+    return absolute
+
+
+class Node(ExecuteProcess):
+    """Starts a node of a package's source, or of a file.
+
+    Args:
+        executable: its name in the package, or without one a file.
+        package: the package, which is looked for below the root.
+        name, namespace: what the node is called, and where; what its program says by default.
+        parameters: dictionaries, files, or both; of several values the last holds.
+        remappings: pairs of a name and what takes its place.
+        arguments: further arguments.
+        ros_arguments: further arguments of ROS.
+        exec_name: what the process is called; the executable by default.
+        process: the rest, as :class:`ExecuteProcess` takes it.
+    """
+
+    def __init__(
+        self,
+        *,
+        executable: SomeSubstitutionsType,
+        package: SomeSubstitutionsType | None = None,
+        name: SomeSubstitutionsType | None = None,
+        namespace: SomeSubstitutionsType | None = None,
+        exec_name: SomeSubstitutionsType | None = None,
+        parameters: Iterable[Any] | None = None,
+        remappings: Iterable[tuple[SomeText, SomeText]] | None = None,
+        ros_arguments: Iterable[SomeText] | None = None,
+        arguments: Iterable[SomeText] | None = None,
+        **process: Any,
+    ) -> None:
+        if "cmd" in process:
+            raise LaunchError("a Node is started by its executable; for a command use ExecuteProcess(cmd=…)")
+        super().__init__(cmd=[], name=executable if exec_name is None else exec_name, **process)
+        self._package, self._node_executable = package, executable
+        self._node_name, self._namespace = name, namespace
+        self._parameters = list(parameters or ())
+        self._remappings = list(remappings or ())
+        self._ros_arguments, self._arguments = list(ros_arguments or ()), list(arguments or ())
+        #: The node's whole name, or what of it is known; after it was started.
+        self.node_name = ""
+
+    def execute(self, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:
+        """Start it. Raises LaunchError, CannotRun: there is no such executable, or a wrong name."""
+        self._cmd = [*self._program(context), *self._arguments, "--ros-args", *self._ros_arguments]
+        self._cmd.extend(self._own(context))
+        return super().execute(context)
+
+    def _program(self, context: LaunchContext) -> Iterator[str]:
+        executable = text(context, self._node_executable)
+        here = [sys.executable, "-m", "rwt_rclpy"]
+        if self._package is not None:
+            package = text(context, self._package)
+            find_executable(package, executable, root())
+            yield from (*here, package, executable)
+        elif is_python(Path(executable)):
+            yield from (*here, executable)
+        else:
+            yield executable
+
+    def _own(self, context: LaunchContext) -> Iterator[str]:
+        """The arguments of ROS that it is given here and by its groups."""
+        held = context.launch_configurations
+        given = None if self._namespace is None else text(context, self._namespace)
+        namespace = _joined(held.get(_NAMESPACE), given)
+        name = None if self._node_name is None else text(context, self._node_name)
+        if name is not None:
+            validate_node_name(name)
+            yield from ("-r", f"__node:={name}")
+        if namespace is not None:
+            yield from ("-r", f"__ns:={namespace}")
+        self.node_name = f"{(namespace or '').rstrip('/')}/{name or '<node_name_unspecified>'}"
+        for kind, value in held.get(_PARAMETERS, ()):
+            yield from (kind, value)
+        yield from arguments_of(context, self._parameters)
+        for old, new in (*held.get(_REMAPPINGS, ()), *self._remappings):
+            yield from ("-r", f"{text(context, old)}:={text(context, new)}")
+
+
+class LifecycleNode(Node):
+    """A node with a lifecycle; its transitions are asked for by its services."""
+
+    def __init__(self, *, name: SomeSubstitutionsType, namespace: SomeSubstitutionsType, **node: Any) -> None:
+        if node.pop("autostart", False):
+            raise LaunchError("autostart is not available here: call the node's service change_state")
+        super().__init__(name=name, namespace=namespace, **node)
+
+
+class PushRosNamespace(Action):
+    """Puts the nodes of the rest of a group into a namespace, below the one that holds already."""
+
+    def __init__(self, namespace: SomeSubstitutionsType, **action: Any) -> None:
+        super().__init__(**action)
+        self.namespace = namespace
+
+    def execute(self, context: LaunchContext) -> None:
+        """Do so. Raises InvalidNamespaceException."""
+        held = context.launch_configurations
+        held[_NAMESPACE] = _joined(held.get(_NAMESPACE), text(context, self.namespace))
+
+
+PushROSNamespace = PushRosNamespace
+
+
+class _ForLaterNodes(Action):
+    """Adds to what the nodes of the rest of a group are given."""
+
+    kept_as = _PARAMETERS
+
+    def execute(self, context: LaunchContext) -> None:
+        """Add it."""
+        held = context.launch_configurations
+        # A new list: the one before belongs to those outside of the group.
+        held[self.kept_as] = [*held.get(self.kept_as, ()), *self._given(context)]
+
+    def _given(self, context: LaunchContext) -> Iterator[tuple[str, str]]:
+        raise NotImplementedError
+
+
+class SetParameter(_ForLaterNodes):
+    """Gives the nodes of the rest of a group a parameter."""
+
+    def __init__(self, name: SomeSubstitutionsType, value: Any, **action: Any) -> None:
+        super().__init__(**action)
+        self.name = name
+        self.value = value
+
+    def _given(self, context: LaunchContext) -> Iterator[tuple[str, str]]:
+        for name, value in flattened(context, {text(context, self.name): self.value}):
+            yield "-p", f"{name}:={value}"
+
+
+class SetUseSimTime(SetParameter):
+    """Lets the nodes of the rest of a group take their time from `/clock`, or not."""
+
+    def __init__(self, value: bool | SomeText = True, **action: Any) -> None:
+        super().__init__("use_sim_time", value, **action)
+
+
+class SetParametersFromFile(_ForLaterNodes):
+    """Gives the nodes of the rest of a group the parameters of a file."""
+
+    def __init__(self, filename: SomeSubstitutionsType, **action: Any) -> None:
+        super().__init__(**action)
+        self.filename = filename
+
+    def _given(self, context: LaunchContext) -> Iterator[tuple[str, str]]:
+        kind, path = arguments_of(context, [self.filename])
+        yield kind, path
+
+
+class SetRemap(_ForLaterNodes):
+    """Gives the nodes of the rest of a group a remapping."""
+
+    kept_as = _REMAPPINGS
+
+    def __init__(self, src: SomeText, dst: SomeText, **action: Any) -> None:
+        super().__init__(**action)
+        self.src = src
+        self.dst = dst
+
+    def _given(self, context: LaunchContext) -> Iterator[tuple[str, str]]:
+        yield text(context, self.src), text(context, self.dst)
+
+
+_COMPONENTS = "components are C++; run them on a machine with ROS, and join it over Zenoh or rosbridge"
+_ABSENT = {
+    "ComposableNodeContainer": _COMPONENTS,
+    "LoadComposableNodes": _COMPONENTS,
+    "LifecycleTransition": "call the node's service change_state",
+    "RosTimer": "use launch.actions.TimerAction, whose seconds are this machine's",
+    "SetROSLogDir": "the lines of nodes are shown, and go to no files",
+}
+
+
+def __getattr__(name: str) -> NoReturn:
+    if name in _ABSENT:
+        raise ImportError(
+            f"launch_ros.actions.{name} is not available without ROS: {_ABSENT[name]}", name=name
+        )
+    raise AttributeError(f"launch_ros.actions has no {name} here")
