@@ -44,7 +44,7 @@ class DeclareLaunchArgument(Action):
         super().__init__(**action)
         if choices is not None and not choices:
             raise LaunchError(f"argument {name!r} has an empty list of choices; leave it out for any value")
-        self.name = name
+        self.name = self.declares = name
         self.default_value = default_value
         self.description = description or (f"one of {', '.join(choices)}" if choices else "")
         self.choices = choices

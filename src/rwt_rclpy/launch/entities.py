@@ -11,13 +11,9 @@ import os
 from collections import deque
 from collections.abc import Iterable, MutableMapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 from rwt_program.errors import RobotError
-
-if TYPE_CHECKING:
-    from rwt_rclpy.launch.conditions import Condition
-    from rwt_rclpy.launch.event_handlers import EventHandler
 
 _Value = TypeVar("_Value")
 
@@ -80,6 +76,39 @@ class Event:
     name = "launch.Event"
 
 
+class ActionEvent(Event):
+    """Something happened to an action."""
+
+    def __init__(self, *, action: Action) -> None:
+        self.action = action
+
+
+class ExecutionComplete(ActionEvent):
+    """An action is done."""
+
+    name = "launch.events.ExecutionComplete"
+
+
+class Decides(Protocol):
+    """A condition."""
+
+    def evaluate(self, context: LaunchContext) -> bool:
+        """Whether it holds."""
+        ...
+
+
+class Hears(Protocol):
+    """An event handler."""
+
+    def matches(self, event: Event) -> bool:
+        """Whether the event is for it."""
+        ...
+
+    def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
+        """What is visited then."""
+        ...
+
+
 class Locals:
     """What is known only while one event is handled, by attribute."""
 
@@ -105,7 +134,7 @@ class LaunchContext:
         self.noninteractive = noninteractive
         self.launch_configurations: dict[str, Any] = {}
         self.is_shutdown = False
-        self.handlers: deque[EventHandler] = deque()
+        self.handlers: deque[Hears] = deque()
         self.events: deque[Event] = deque()
         #: What this process is asked for so far by one name, for the numbers of processes.
         self.process_count = 0
@@ -174,14 +203,14 @@ class LaunchContext:
         """What a substitution comes to."""
         return text(self, value)
 
-    def register_event_handler(self, handler: EventHandler, append: bool = False) -> None:
+    def register_event_handler(self, handler: Hears, append: bool = False) -> None:
         """Hear of events from now on; before those that do already, unless `append`."""
         if append:
             self.handlers.append(handler)
         else:
             self.handlers.appendleft(handler)
 
-    def unregister_event_handler(self, handler: EventHandler) -> None:
+    def unregister_event_handler(self, handler: Hears) -> None:
         """Hear of no more. Raises ValueError when it was not registered."""
         self.handlers.remove(handler)
 
@@ -207,7 +236,13 @@ def _last(kept: list[_Value], what: str) -> _Value:
 
 
 class LaunchDescriptionEntity:
-    """What a launch description may hold."""
+    """What a launch description may hold.
+
+    Attributes:
+        declares: the name of the argument that it declares, if it does.
+    """
+
+    declares: str | None = None
 
     def visit(self, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
         """Do what it is for; gives what is visited next."""
@@ -247,13 +282,11 @@ class Action(LaunchDescriptionEntity):
         condition: whether it is done; always by default.
     """
 
-    def __init__(self, *, condition: Condition | None = None) -> None:
+    def __init__(self, *, condition: Decides | None = None) -> None:
         self.condition = condition
 
     def visit(self, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
         """Do it, if its condition holds, and tell who waits for its end."""
-        from rwt_rclpy.launch.events import ExecutionComplete
-
         if self.condition is not None and not self.condition.evaluate(context):
             return None
         after = self.execute(context)
@@ -299,14 +332,12 @@ class LaunchDescription(LaunchDescriptionEntity):
 
     def get_launch_arguments(self) -> list[Any]:
         """Every argument that it declares, as far as that is known before it is visited."""
-        from rwt_rclpy.launch.actions import DeclareLaunchArgument
-
-        found: dict[str, DeclareLaunchArgument] = {}
+        found: dict[str, LaunchDescriptionEntity] = {}
         waiting: list[LaunchDescriptionEntity] = [self]
         while waiting:
             each = waiting.pop(0)
-            if isinstance(each, DeclareLaunchArgument):
-                found.setdefault(each.name, each)
+            if each.declares is not None:
+                found.setdefault(each.declares, each)
             waiting[:0] = each.get_sub_entities()
         return list(found.values())
 

@@ -7,15 +7,15 @@ from typing import Any, ClassVar
 
 from rwt_rclpy.launch.entities import (
     Action,
+    ActionEvent,
     Event,
+    ExecutionComplete,
     LaunchContext,
     LaunchDescriptionEntity,
     SomeEntitiesType,
     entities_of,
 )
 from rwt_rclpy.launch.events import (
-    ActionEvent,
-    ExecutionComplete,
     ProcessExited,
     ProcessIO,
     ProcessStarted,

@@ -6,7 +6,8 @@ import signal
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rwt_rclpy.launch.entities import Action, Event, LaunchDescription
+from rwt_rclpy.launch.entities import Action, ActionEvent, Event, LaunchDescription
+from rwt_rclpy.launch.entities import ExecutionComplete as ExecutionComplete
 
 ProcessMatcher = Callable[[Action], bool]
 
@@ -24,19 +25,6 @@ class Shutdown(Event):
     def __init__(self, *, reason: str = "reason not given", due_to_sigint: bool = False, **_: object) -> None:
         self.reason = reason
         self.due_to_sigint = due_to_sigint
-
-
-class ActionEvent(Event):
-    """Something happened to an action."""
-
-    def __init__(self, *, action: Action) -> None:
-        self.action = action
-
-
-class ExecutionComplete(ActionEvent):
-    """An action is done."""
-
-    name = "launch.events.ExecutionComplete"
 
 
 class TimerEvent(Event):
