@@ -176,7 +176,8 @@ class GraphRobot(Robot):
     async def pass_gate(self, seconds: float = 0.0) -> bool:  # noqa: D102 - inherited
         return self._ask_for_leave is not None and await self._ask_for_leave(seconds)
 
-    def lease_seconds(self, topic: str) -> float | None:  # noqa: D102 - inherited
+    async def take_lease(self, topic: str) -> float | None:  # noqa: D102 - inherited
+        # The first message takes it, or is refused where it is made.
         return self._graph.lease_seconds(topic)
 
     async def time_ns(self) -> int:  # noqa: D102 - inherited

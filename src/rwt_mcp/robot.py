@@ -103,9 +103,16 @@ class Robot(Protocol):
             ToolError: the person says no, or cannot be asked.
         """
 
-    def lease_seconds(self, topic: str) -> float | None:
-        """How long the robot's gate lets a topic be published on without a word of whoever does; None where
-        it sets no bound, or where only the robot itself knows."""
+    async def take_lease(self, topic: str) -> float | None:
+        """Make sure that the robot's gate lets a topic be published on, which this robot has advertised.
+
+        Returns:
+            For how long the gate lets that go on without a word of whoever publishes, in seconds; None where
+            it sets no bound.
+
+        Raises:
+            ToolError: another client holds the topic, who is named, or the emergency stop is on.
+        """
 
     async def time_ns(self) -> int:
         """The robot's time, nanoseconds since the epoch."""

@@ -107,7 +107,7 @@ def test_by_service_it_is_taken_given_back_and_passed_on() -> None:
     one, two = robot.client(), robot.client()
     assert "take it by /gate/take_lease first (gate.rules.drive.lease.take)" in drive(one, 0.5)
     assert call(one, "/gate/take_lease", topic="cmd_vel") == {
-        "success": True, "message": "", "client": "rosbridge:1", "holder": "rosbridge:1",
+        "success": True, "message": "", "client": "rosbridge:1", "holder": "rosbridge:1", "seconds": 0.5,
     }  # fmt: skip
     assert drive(one, 0.5) == ""
     refused = call(two, "/gate/take_lease", topic="/cmd_vel")

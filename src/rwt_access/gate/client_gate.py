@@ -12,7 +12,6 @@ from rwt_access.gate.gate import GATE_NODE
 from rwt_access.gate.node import SERVICES, STOP_TOPIC, TOPICS
 from rwt_access.gate.record import CALLER
 from rwt_access.gate.rules import pattern
-from rwt_access.graph_view import canonical
 from rwt_graph.api import ClientGoal, PendingCall
 from rwt_program.errors import CallFailed, GoalRejected, RobotError, ServiceFailed
 from rwt_program.goals import GoalStatus
@@ -298,11 +297,7 @@ class ClientGate:
 
     def lease_seconds(self, topic: str) -> float | None:
         """Silence after which the client loses the lease of a topic; None where no rule asks for one."""
-        if self._gate.is_observing:
-            return None
-        rules = self._gate.rules.of("publish", canonical(topic))
-        leases = (rule.settings.lease for rule in rules if rule.holds_for(self._actor.role))
-        return min((lease.seconds for lease in leases if lease is not None), default=None)
+        return self._gate.lease_seconds(self._actor.rights, topic)
 
     # Calls
 

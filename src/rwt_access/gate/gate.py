@@ -300,6 +300,15 @@ class Gate:
             raise GateRefused(f"the rules of {absolute} cannot be applied: {topic.fault}")
         return topic
 
+    def lease_seconds(self, role: Role, name: str) -> float | None:
+        """Silence after which a client of a role loses the lease of a topic; None where no rule asks for one,
+        and where the gate only observes."""
+        if self.is_observing:
+            return None
+        rules = self.rules.of("publish", canonical(name))
+        leases = (rule.settings.lease for rule in rules if rule.holds_for(role.name))
+        return min((lease.seconds for lease in leases if lease is not None), default=None)
+
     def take_lease(self, actor: Actor, name: str) -> None:
         """Give a client a lease that it asks for.
 

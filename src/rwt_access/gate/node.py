@@ -167,7 +167,15 @@ class GateNode:
             each.lease.holder for each in self._gate.topics if each.lease and each.name == canonical(topic)
         ]
         holder = held[0].name if held and held[0] else ""
-        return {"success": not refusal, "message": refusal, "client": client.name, "holder": holder}
+        may = client.rights.allows("publish", canonical(topic))
+        seconds = self._gate.lease_seconds(client.rights, topic) if may else None
+        return {
+            "success": not refusal,
+            "message": refusal,
+            "client": client.name,
+            "holder": holder,
+            "seconds": seconds or 0.0,
+        }
 
     def _pass_lease(self, actor: Actor | None, request: _Request) -> dict[str, object]:
         to = request("to")

@@ -45,13 +45,6 @@ class PublishArguments(Arguments):
 
 async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
-    lease = agent.robot.lease_seconds(asked.topic)
-    if lease is not None and seconds > lease:
-        # It is this side that would publish, and it cannot tell an agent that has died from one that waits.
-        raise ToolError(
-            f"`seconds` is {seconds:g}, and on {asked.topic} nobody may go on for longer than {lease:g} s"
-            " without a word (the lease of the robot's gate): publish for that long, and again to go on"
-        )
     type = await _message_type(agent, asked)
     stop = asked.stop
     if stop is None and seconds and type in _STOPPED_BY_ZEROS:
@@ -61,6 +54,13 @@ async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
         "publish", asked.topic, f"publish {as_text(asked.message)} on {asked.topic}{for_long}"
     )
     async with agent.robot.advertise(asked.topic, type) as publisher:
+        lease = await agent.robot.take_lease(asked.topic)
+        if lease is not None and seconds > lease:
+            # It is this side that would publish, and cannot tell an agent that has died from one that waits.
+            raise ToolError(
+                f"`seconds` is {seconds:g}, and on {asked.topic} nobody may go on for longer than {lease:g} s"
+                " without a word (the lease of the robot's gate): publish for that long, and again to go on"
+            )
         await _publish_first(agent, publisher, asked)
         if not seconds:
             return (f"published one message on {publisher.name}",)

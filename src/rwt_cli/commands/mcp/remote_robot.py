@@ -6,18 +6,23 @@ import time
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
+from typing import Final
 
 import anyio
 
 from rwt_cli.verbs import gather
+from rwt_client import ConnectionEvent, ServerRefused
 from rwt_client import Robot as Connection
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+from rwt_mcp.errors import ToolError
 from rwt_mcp.robot import Named, Robot
 from rwt_program.errors import RobotError, UnknownType
 from rwt_program.goals import Goal
 from rwt_program.handles import Handle, Publisher
 from rwt_program.messages import Message, MessageCallback, MessageLike
 from rwt_program.transforms import Transforms
+
+_TAKE_LEASE: Final = "/gate/take_lease"
 
 
 class RemoteRobot(Robot):
@@ -66,7 +71,7 @@ class RemoteRobot(Robot):
         return self._connection.subscribe(topic, callback, type)
 
     def advertise(self, topic: str, type: str) -> Publisher:  # noqa: D102 - inherited
-        return self._connection.advertise(topic, type)
+        return _HeardPublisher(self._connection, topic, type)
 
     async def call(self, service: str, request: MessageLike, seconds: float) -> Message:  # noqa: D102 - inherited
         return await self._connection.call(service, request, timeout=seconds)
@@ -82,8 +87,13 @@ class RemoteRobot(Robot):
     async def pass_gate(self, seconds: float = 0.0) -> bool:  # noqa: D102 - inherited
         return False  # Its server asks whoever may give it.
 
-    def lease_seconds(self, topic: str) -> float | None:  # noqa: D102 - inherited
-        return None
+    async def take_lease(self, topic: str) -> float | None:  # noqa: D102 - inherited
+        if _TAKE_LEASE not in await self._connection.api.services():
+            return None  # A gate shows its services to every role.
+        answer = await self._connection.call(_TAKE_LEASE, {"topic": topic}, "rwt_gate_msgs/Lease")
+        if answer.seconds and not answer.success:
+            raise ToolError(answer.message)
+        return answer.seconds or None
 
     async def time_ns(self) -> int:  # noqa: D102 - inherited
         return await self._connection.time_ns()
@@ -96,6 +106,52 @@ class RemoteRobot(Robot):
 
     def within(self, seconds: float | None) -> AbstractContextManager[object]:  # noqa: D102 - inherited
         return anyio.move_on_after(seconds)
+
+
+class _HeardPublisher(Publisher):
+    """A publisher that raises what the server says of its messages: rosbridge tells of a refusal later, and
+    of no message in particular. Of two that publish meanwhile both hear it.
+
+    Args:
+        connection: to the robot.
+        topic: where it publishes.
+        type: of the messages.
+    """
+
+    def __init__(self, connection: Connection, topic: str, type: str) -> None:
+        self._connection = connection
+        self._publisher = connection.advertise(topic, type)
+        self._refusal = ""
+        self._listening = connection.on_event(self._hear)
+        self.name = self._publisher.name
+
+    def _hear(self, event: ConnectionEvent) -> None:
+        if event.kind == "status" and event.level == "error" and event.text.startswith("publish: "):
+            self._refusal = event.text
+
+    async def ready(self) -> None:
+        await self._publisher.ready()
+
+    def publish(self, message: MessageLike) -> None:
+        self._publisher.publish(message)
+        self._raise_refusal()
+
+    def _raise_refusal(self) -> None:
+        if self._refusal:
+            raise ServerRefused(self._refusal)
+
+    async def __aexit__(self, *exc: object) -> None:
+        try:
+            if exc[0] is None:
+                # What is said of the messages comes before the answer to what is asked after them.
+                await self._connection.time_ns()
+                self._raise_refusal()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        self._listening()
+        self._publisher.close()
 
 
 async def _typed(names: Sequence[str], type_of: Callable[[str], Awaitable[str]]) -> tuple[Named, ...]:
