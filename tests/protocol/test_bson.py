@@ -71,11 +71,8 @@ def as_json(found: object) -> object:
 
 
 def nested(levels: int) -> bytes:
-    data = b"\x05\0\0\0\0"
-    for _ in range(levels - 1):
-        data = b"\x03a\0" + data + b"\0"
-        data = struct.pack("<i", len(data) + 4) + data
-    return data
+    heads = (struct.pack("<i", 5 + 8 * inner) for inner in range(levels - 1, -1, -1))
+    return b"\x03a\0".join(heads) + b"\0" * levels
 
 
 def test_depth_is_limited() -> None:

@@ -61,7 +61,7 @@ def workspace(tmp_path: Path) -> Path:
 
 def ran(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, *arguments], cwd=cwd, capture_output=True, text=True, timeout=25, check=False
+        [sys.executable, *arguments], cwd=cwd, capture_output=True, text=True, timeout=100, check=False
     )
 
 

@@ -288,7 +288,8 @@ print("\\n" + "\\n".join(sorted(told)))
 
 def test_threads_of_a_program_without_a_loop_have_robots_of_their_own(loop: Loop) -> None:
     code = _THREADS.format(imports=_IMPORTS, loop=loop)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=25)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-5:] == [
         "block cleaned up",
         "coroutine cleaned up",
@@ -296,4 +297,3 @@ def test_threads_of_a_program_without_a_loop_have_robots_of_their_own(loop: Loop
         "function cleaned up",
         "function ended with 0",
     ]
-    assert (done.returncode, done.stderr) == (0, "")

@@ -72,7 +72,7 @@ def test_a_program_has_workers_too_with_its_own_nodes_once(loop: Loop) -> None:
         for _ in range(4):
             assert beeps(url)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=25)
+        _, errors = process.communicate(timeout=100)
     assert process.returncode == 0, errors
     assert "worker 2 is up" in errors
     assert "Traceback" not in errors

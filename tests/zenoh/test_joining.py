@@ -203,7 +203,7 @@ def test_a_process_ends_after(how: str) -> None:
         [sys.executable, "-c", program, free_endpoint()],
         capture_output=True,
         text=True,
-        timeout=25,
+        timeout=100,
         check=False,
     )
     assert done.stdout == "up\n"
