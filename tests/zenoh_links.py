@@ -16,7 +16,7 @@ from tests.processes import free_port
 QUICK = Path(__file__).parent / "quick.zenoh.json5"
 
 #: Far more than anything takes; a test that waits so long has failed.
-PATIENCE = 20.0
+PATIENCE = 60.0
 
 
 def free_endpoint() -> str:

@@ -18,7 +18,7 @@ from typing import Self
 from tests.docs.blocks import ROOT
 
 #: Seconds that one example may take before its test fails.
-LIMIT = 20.0
+LIMIT = 90.0
 
 
 def commands_folder(folder: Path) -> Path:

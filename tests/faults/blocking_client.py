@@ -11,7 +11,7 @@ from typing import Any
 from tests.transports.rfc6455.frames import CLOSE, PING, PONG, TEXT, frame, text
 from tests.transports.rfc6455.handshake import REQUEST
 
-PATIENCE = 5.0
+PATIENCE = 60.0
 """Seconds to wait for what must come."""
 
 Message = dict[str, Any]

@@ -12,7 +12,7 @@ from rwt_graph import Node
 from rwt_graph.api import Graph
 from tests.faults.conftest import BRIEF, MIB, Robot, Start
 
-PATIENCE = 20.0
+PATIENCE = 60.0
 
 
 def ask(robot: Robot, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, bytes]:

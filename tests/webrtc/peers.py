@@ -19,7 +19,7 @@ from rwt_transports.webrtc.peer import PeerTerms
 from rwt_transports.webrtc.signalling import PeerBounds, Peers, data_routes, open_peers
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
-PATIENCE = 20.0
+PATIENCE = 60.0
 
 
 async def until(condition: Callable[[], object]) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 
 #: Far more than anything takes; a test that waits so long has failed.
-PATIENCE = 20.0
+PATIENCE = 60.0
 
 _NUMBERS = count()
 

@@ -35,7 +35,7 @@ ADD = "example_interfaces/AddTwoInts"
 FIBONACCI = "example_interfaces/Fibonacci"
 STRING = "std_msgs/String"
 
-PATIENCE = 10.0
+PATIENCE = 60.0
 
 GIVES: dict[str, object] = {}
 RAISES: dict[str, tuple[type[RobotError], str]] = {}

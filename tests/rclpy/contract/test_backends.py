@@ -19,7 +19,7 @@ import rwt_rclpy
 from rwt import MemoryGraph, Server
 
 #: How long anything is waited for, in seconds: only what is broken takes so long.
-PATIENCE = 30.0
+PATIENCE = 60.0
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -35,7 +35,7 @@ from tests.transports.rfc6455.compression import inflated
 from tests.transports.rfc6455.frames import FIN, TEXT, ReadFrame, read_frames, text
 from tests.transports.rfc6455.handshake import REQUEST
 
-PATIENCE = 10.0
+PATIENCE = 60.0
 """Seconds after which a silent server fails the case."""
 SENTINEL = b"<the end of the case>"
 
