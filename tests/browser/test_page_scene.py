@@ -216,3 +216,31 @@ async def test_a_marker_is_dragged_and_its_program_hears_of_it(
         await page.picture_when(
             f"slab dragged {distro}", lambda seen: is_magenta(seen, end) and not is_magenta(seen, start)
         )
+
+
+async def test_it_is_drawn_as_finely_as_is_chosen_and_whole_when_nothing_moves(
+    browser: Browser, tmp_path: Path
+) -> None:
+    fineness = (
+        "(({ view: { canvas } }) => canvas.width / canvas.clientWidth)"
+        "(document.querySelector('.scene-view').robotScene)"
+    )
+    chosen = "document.querySelector('.scene-layers .choice select')"
+    async with scene_from_above(browser, "jazzy", tmp_path) as (node, page):
+        publisher = node.advertise("/marks", "visualization_msgs/MarkerArray", latch=True)
+        publisher.publish({"markers": [marker(1)]})
+        # Without a graphics card what moves is drawn coarsely; what stands still is not.
+        await page.wait(f"Math.abs({fineness} - devicePixelRatio) < 0.01")
+        for quality, drawn in (("low", "0.5"), ("high", "devicePixelRatio")):
+            await page.evaluate(
+                f"{chosen}.value = '{quality}';"
+                f" {chosen}.dispatchEvent(new Event('change', {{ bubbles: true }}))"
+            )
+            await page.wait(f"Math.abs({fineness} - {drawn}) < 0.01")
+            # Once it is drawn it has found the robot, and turned the camera to it.
+            await page.wait(
+                "(({ base, view }) => base && view.drawn)(document.querySelector('.scene-view').robotScene)"
+            )
+            await page.click("text=From above")
+            spot = await pixel(page, *place(1))
+            await page.picture_when(f"quality {quality}", lambda seen, spot=spot: is_magenta(seen, spot))

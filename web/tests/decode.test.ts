@@ -63,13 +63,48 @@ describe("point clouds", () => {
   test("places and colours", () => {
     const points = decodeCloud(cloud([[1, 2, 3, 0x102030]]));
     expect(points.positions).toEqual(Float32Array.of(1, 2, 3));
-    expect(points.colors).toEqual(Uint8Array.of(0x10, 0x20, 0x30));
+    expect(points.colors).toEqual(Uint8Array.of(0x10, 0x20, 0x30, 255));
   });
 
   test("points without a place are left out", () => {
     const points = decodeCloud(cloud([[Number.NaN], [4, 5, 6], [0, Number.POSITIVE_INFINITY]]));
     expect(points.count).toBe(1);
     expect(points.positions).toEqual(Float32Array.of(4, 5, 6));
+  });
+
+  test("without colours they go from blue to red by their intensity, or else by height", () => {
+    const [blue, red] = [Uint8Array.of(58, 12, 242, 255), Uint8Array.of(242, 12, 12, 255)];
+    const byHeight = decodeCloud(
+      cloud(
+        [
+          [0, 0, 1],
+          [0, 0, 5],
+        ],
+        { fields: fields.slice(0, 3) },
+      ),
+    ).colors;
+    expect([byHeight.slice(0, 4), byHeight.slice(4)]).toEqual([blue, red]);
+    const shaded = [...fields.slice(0, 3), { name: "intensity", offset: 8, datatype: 7 }];
+    const byShade = decodeCloud(
+      cloud(
+        [
+          [0, 0, 9],
+          [0, 0, 2],
+        ],
+        { fields: shaded },
+      ),
+    ).colors;
+    expect([byShade.slice(0, 4), byShade.slice(4)]).toEqual([red, blue]);
+  });
+
+  test("all points of a large one are there once, and the first of them are a sample of all", () => {
+    const many = Array.from({ length: 10_007 }, (_, at) => [at]);
+    const { count, positions } = decodeCloud(cloud(many));
+    const places = Array.from({ length: count }, (_, at) => positions[at * 3] as number);
+    expect([...places].sort((one, other) => one - other)).toEqual(many.map(([x]) => x));
+    const sample = places.slice(0, 100).sort((one, other) => one - other);
+    const gaps = sample.slice(1).map((x, at) => x - (sample[at] as number));
+    expect(Math.max(...gaps)).toBeLessThan((3 * 10_007) / 100);
   });
 
   test("fewer octets than announced are fewer points", () => {

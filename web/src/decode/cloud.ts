@@ -3,8 +3,12 @@
 import { bytesOf } from "./bytes";
 import type { Points } from "./protocol";
 
-/** Points of one cloud that are drawn; of larger ones every second, third … is. */
+/** Points of one cloud that are drawn; of larger ones it is a sample. */
 export const MOST_POINTS = 500_000;
+/** Clouds of so many points keep their order: nobody draws a part of them. */
+const FEW_POINTS = 2_000;
+/** The golden ratio's share: steps of it through a circle spread evenly, wherever they end. */
+const GOLDEN = (Math.sqrt(5) - 1) / 2;
 
 export interface PointField {
   name: string;
@@ -37,7 +41,11 @@ const READ: Record<number, Read> = {
 };
 const SIZE: Record<number, number> = { 1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 8: 8 };
 
-/** The points of a cloud but for those without a finite place. Throws where fields and data do not fit. */
+/**
+ * The points of a cloud but for those without a finite place. Throws where fields and data do not fit.
+ *
+ * A cloud without colours of its own is coloured by its field `intensity`, or else by height, from blue to red.
+ */
 export function decodeCloud(cloud: PointCloud2): Points {
   const data = bytesOf(cloud.data);
   const step = cloud.point_step;
@@ -54,20 +62,23 @@ export function decodeCloud(cloud: PointCloud2): Points {
   const [x, y, z] = [field("x"), field("y"), field("z")];
   if (!x || !y) throw new Error("the cloud has no fields x and y");
   const color = field("rgb") ?? field("rgba");
-  const intensity = field("intensity");
-  const stride = Math.max(1, Math.ceil(total / MOST_POINTS));
-  const most = Math.ceil(total / stride);
+  const shade = field("intensity");
+  const most = Math.min(total, MOST_POINTS);
   const positions = new Float32Array(most * 3);
-  const colors = color ? new Uint8Array(most * 3) : null;
-  const intensities = intensity ? new Float32Array(most) : null;
+  const colors = new Uint8Array(most * 4).fill(255);
+  const shades = color ? null : new Float32Array(most);
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   const little = !cloud.is_bigendian;
+  const stride = strideThrough(total);
   let count = 0;
-  for (let index = 0; index < total; index += stride) {
+  for (let taken = 0, next = 0; taken < most; taken++) {
+    const index = next;
+    next += stride;
+    if (next >= total) next -= total;
     // Rows may be padded.
     const row = cloud.width > 0 ? Math.floor(index / cloud.width) : 0;
     const start = cloud.row_step ? row * cloud.row_step + (index - row * cloud.width) * step : index * step;
-    if (start + step > data.length) break;
+    if (start + step > data.length) continue;
     const px = x.read(view, start + x.at, little);
     const py = y.read(view, start + y.at, little);
     const pz = z ? z.read(view, start + z.at, little) : 0;
@@ -75,20 +86,59 @@ export function decodeCloud(cloud: PointCloud2): Points {
     positions[count * 3] = px;
     positions[count * 3 + 1] = py;
     positions[count * 3 + 2] = pz;
-    if (colors && color) {
+    if (color) {
       // Packed in 32 bits, also where the field calls itself a float.
       const packed = view.getUint32(start + color.at, little);
-      colors[count * 3] = (packed >> 16) & 255;
-      colors[count * 3 + 1] = (packed >> 8) & 255;
-      colors[count * 3 + 2] = packed & 255;
+      colors[count * 4] = (packed >> 16) & 255;
+      colors[count * 4 + 1] = (packed >> 8) & 255;
+      colors[count * 4 + 2] = packed & 255;
     }
-    if (intensities && intensity) intensities[count] = intensity.read(view, start + intensity.at, little);
+    if (shades) shades[count] = shade ? shade.read(view, start + shade.at, little) : pz;
     count++;
   }
-  return {
-    count,
-    positions: positions.slice(0, count * 3),
-    colors: colors?.slice(0, count * 3) ?? null,
-    intensities: intensities?.slice(0, count) ?? null,
-  };
+  if (shades) paint(colors, shades.subarray(0, count));
+  return { count, positions: positions.subarray(0, count * 3), colors: colors.subarray(0, count * 4) };
+}
+
+/** How far to go on after each point so that all are met once, and every beginning of the way is spread over all. */
+function strideThrough(total: number): number {
+  if (total <= FEW_POINTS) return 1;
+  let stride = Math.round(total * GOLDEN);
+  while (divisor(stride, total) !== 1) stride++;
+  return stride;
+}
+
+function divisor(one: number, other: number): number {
+  return other === 0 ? one : divisor(other, one % other);
+}
+
+/** 256 colours from blue over green to red, four octets each. */
+const PALETTE = new Uint8Array(256 * 4);
+for (let at = 0; at < 256; at++) {
+  const hue = 4.2 * (1 - at / 255);
+  // The hue's hexagon, at half lightness and nine tenths of saturation.
+  const part = (away: number) => 127.5 + 127.5 * 0.9 * Math.max(-1, Math.min(1, away));
+  PALETTE.set(
+    [part(Math.abs(hue - 3) * 2 - 3), part(3 - Math.abs(hue - 2) * 2), part(3 - Math.abs(hue - 4) * 2), 255],
+    at * 4,
+  );
+}
+
+/** Colour points by a number of each, between the least and the greatest that there is. */
+function paint(colors: Uint8Array, shades: Float32Array): void {
+  let least = Number.POSITIVE_INFINITY;
+  let most = Number.NEGATIVE_INFINITY;
+  for (const shade of shades) {
+    if (!Number.isFinite(shade)) continue;
+    if (shade < least) least = shade;
+    if (shade > most) most = shade;
+  }
+  const scale = most > least ? 255 / (most - least) : 0;
+  const palette = new Uint32Array(PALETTE.buffer);
+  const pixels = new Uint32Array(colors.buffer);
+  for (let at = 0; at < shades.length; at++) {
+    // What is no number, or infinite, is painted as the least or the greatest.
+    const place = Math.round(((shades[at] as number) - least) * scale);
+    pixels[at] = palette[Math.max(0, Math.min(255, place)) | 0] as number;
+  }
 }

@@ -3,15 +3,13 @@
 /** What the worker makes of a topic's messages beside what stands in them. */
 export type Decoding = "cloud" | "image";
 
-/** The points of a cloud, as a renderer takes them. */
+/** The points of a cloud, as a renderer takes them. The first of many are a sample of all. */
 export interface Points {
   count: number;
   /** x, y and z of each, in metres, in the frame of the cloud. */
   positions: Float32Array;
-  /** Red, green and blue of each, 0 to 255; null where the cloud has no colours. */
-  colors: Uint8Array | null;
-  /** The field `intensity` of each; null where there is none. */
-  intensities: Float32Array | null;
+  /** Red, green, blue and opacity of each, 0 to 255, as a screen shows them. */
+  colors: Uint8Array;
 }
 
 /** Pixels of a raw image, as a canvas takes them. */

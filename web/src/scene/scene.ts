@@ -4,6 +4,7 @@ import { effect, type Signal, signal, untracked } from "@preact/signals-core";
 import { shortType } from "../robot/names";
 import type { RobotSession } from "../robot/session";
 import { Frames } from "./frames";
+import type { Detail } from "./governor";
 import { CloudLayer, ScanLayer } from "./layers/clouds";
 import { FrameAxes } from "./layers/frame_axes";
 import { InteractiveLayer, type MenuRequest } from "./layers/interactive";
@@ -12,6 +13,7 @@ import { MapLayer } from "./layers/map";
 import { MarkersLayer } from "./layers/markers";
 import { OdometryLayer, PathLayer, PosesLayer } from "./layers/poses";
 import { RobotLayer } from "./layers/robot";
+import type { Quality } from "./quality";
 import { Tools } from "./tools";
 import { View } from "./view";
 
@@ -75,13 +77,15 @@ export class RobotScene {
    * @param session the robot
    * @param host where it is drawn
    * @param wanted layers that are shown or hidden by choice, by topic
+   * @param quality how finely it is drawn
    */
   constructor(
     private readonly session: RobotSession,
     host: HTMLElement,
     private readonly wanted: Record<string, boolean> = {},
+    quality: Quality = "auto",
   ) {
-    this.view = new View(host);
+    this.view = new View(host, quality);
     this.frames = new Frames(session, this.view.scene);
     this.tools = new Tools(this.view);
     this.axes = new FrameAxes(this.frames, this.view);
@@ -89,7 +93,7 @@ export class RobotScene {
       this.touched = true;
     });
     this.frames.onMove = () => this.view.redraw();
-    this.view.beforeDraw = () => this.beforeDraw();
+    this.view.beforeDraw = (detail) => this.beforeDraw(detail);
     this.endDiscovery = effect(() => {
       const { topics } = session.graph.value;
       untracked(() => this.discover(topics));
@@ -166,7 +170,8 @@ export class RobotScene {
     return this.maker(topic, type)?.({ session, frames, view, topic, type }, this) ?? null;
   }
 
-  private beforeDraw(): void {
+  private beforeDraw(detail: Detail): void {
+    for (const { layer } of this.rows.peek()) layer?.prepare(detail);
     this.frames.update();
     this.axes.update();
     const fixed = this.frames.fixed.peek();

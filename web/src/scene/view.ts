@@ -1,4 +1,4 @@
-/** The drawn view: camera, light, ground, and a frame drawn only when something has changed. */
+/** The drawn view: camera, light, ground, and a frame drawn only when something has changed, as finely as the machine can. */
 
 import {
   AmbientLight,
@@ -13,10 +13,12 @@ import {
   Scene,
   Vector2,
   Vector3,
-  WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { CSS2DRenderer } from "three/addons/renderers/CSS2DRenderer.js";
+import { type Detail, Governor } from "./governor";
+import type { Quality } from "./quality";
+import { Surface } from "./surface";
 
 // ROS's frames have z up (REP 103).
 Object3D.DEFAULT_UP.set(0, 0, 1);
@@ -28,29 +30,66 @@ const FIELD_OF_VIEW = 50;
 /** What the library's points are to be asked for so that they are as large as one metre is: it leaves the field of view out. */
 export const METRE_OF_POINTS = 1 / Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
 
+/** Milliseconds without a change after which a scene is drawn as finely as it can be. */
+const REST = 700;
+
+/** Objects whose materials are new, as something that the library can walk over. */
+class Fresh extends Object3D {
+  constructor(private readonly objects: readonly Object3D[]) {
+    super();
+  }
+
+  override traverse(callback: (object: Object3D) => void): void {
+    this.objects.forEach(callback);
+  }
+
+  override traverseVisible(): void {
+    // Here it looks for lights, which are the scene's.
+  }
+}
+
 export class View {
   readonly scene = new Scene();
   readonly camera = new PerspectiveCamera(FIELD_OF_VIEW, 1, 0.05, 500);
   readonly controls: OrbitControls;
   readonly canvas: HTMLCanvasElement;
-  /** Called before each frame that is drawn. */
-  beforeDraw: () => void = () => undefined;
+  /** Called before each frame that is drawn, with how finely it will be. */
+  beforeDraw: (detail: Detail) => void = () => undefined;
   /** Frames that were drawn. */
   drawn = 0;
 
-  private readonly renderer: WebGLRenderer;
+  private readonly surface: Surface;
+  private readonly governor: Governor;
   private readonly labels = new CSS2DRenderer();
   private readonly grid = new GridHelper(40, 40);
   private readonly sizes: ResizeObserver;
-  private dirty = true;
-  private visible = true;
+  private width = 0;
+  private height = 0;
+  /** Materials whose programs are compiled, or are about to be. */
+  private readonly known = new WeakSet<object>();
+  private isCompiling = false;
+  private isDirty = true;
+  /** Whether nothing has changed for so long that the next frame is as fine as can be. */
+  private isResting = false;
+  private rest: ReturnType<typeof setTimeout> | undefined;
+  /** Whether the frame that is being drawn tells how long those of a moving scene take. */
+  private isCounted = false;
+  private isVisible = true;
   private frame = 0;
 
-  /** Throws where the browser has no WebGL. */
-  constructor(private readonly host: HTMLElement) {
-    this.renderer = new WebGLRenderer({ antialias: true, powerPreference: "high-performance" });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
-    this.canvas = this.renderer.domElement;
+  /**
+   * @param host where it is drawn
+   * @param quality how finely
+   * @throws Error the browser has no WebGL
+   */
+  constructor(
+    private readonly host: HTMLElement,
+    quality: Quality = "auto",
+  ) {
+    this.surface = new Surface({ antialias: quality !== "low", always: quality === "high" });
+    this.surface.renderer.debug.checkShaderErrors = false; // To ask for them makes the page wait for the compiler.
+    this.governor = new Governor(quality, Math.min(devicePixelRatio, 2), this.surface.isSoftware);
+    this.canvas = this.surface.canvas;
     this.labels.domElement.className = "scene-labels";
     host.append(this.canvas, this.labels.domElement);
     this.camera.position.set(-5, -4, 6);
@@ -68,16 +107,18 @@ export class View {
     this.sizes = new ResizeObserver(() => this.resize());
     this.sizes.observe(host);
     this.resize();
-    this.frame = requestAnimationFrame(this.tick);
   }
 
   /** Draw a frame when the browser next can. */
   redraw(): void {
-    this.dirty = true;
+    this.isDirty = true;
+    this.isResting = false;
+    this.schedule();
   }
 
+  /** Whether anybody can see it; nothing is drawn meanwhile. */
   setVisible(visible: boolean): void {
-    this.visible = visible;
+    this.isVisible = visible;
     this.redraw();
   }
 
@@ -141,13 +182,13 @@ export class View {
   }
 
   dispose(): void {
+    this.isVisible = false;
     cancelAnimationFrame(this.frame);
+    clearTimeout(this.rest);
     this.sizes.disconnect();
     this.controls.dispose();
     disposeTree(this.scene);
-    this.renderer.dispose();
-    this.renderer.forceContextLoss();
-    this.canvas.remove();
+    this.surface.dispose();
     this.labels.domElement.remove();
   }
 
@@ -156,20 +197,66 @@ export class View {
     if (!width || !height) return;
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    this.renderer.setSize(width, height);
+    this.width = width;
+    this.height = height;
     this.labels.setSize(width, height);
     this.redraw();
   }
 
+  private schedule(): void {
+    if (this.isVisible && !this.frame) this.frame = requestAnimationFrame(this.tick);
+  }
+
   private readonly tick = () => {
-    this.frame = requestAnimationFrame(this.tick);
-    if (!this.dirty || !this.visible) return;
-    this.dirty = false;
-    this.drawn++;
-    this.beforeDraw();
-    this.renderer.render(this.scene, this.camera);
-    this.labels.render(this.scene, this.camera);
+    this.frame = 0;
+    const took = this.surface.finish();
+    if (took !== null) {
+      this.drawn++;
+      if (this.isCounted) this.governor.drew(took);
+    }
+    if (!this.surface.isBusy && !this.isCompiling && (this.isDirty || this.isResting)) this.draw();
+    if (this.surface.isBusy || (this.isDirty && !this.isCompiling)) this.schedule();
   };
+
+  private draw(): void {
+    if (!this.width) {
+      this.isDirty = false; // A new size asks again.
+      return;
+    }
+    const { best } = this.governor;
+    const { isResting } = this;
+    const detail = isResting ? best : this.governor.detail;
+    this.beforeDraw(detail);
+    if (this.compile()) return;
+    this.surface.draw(this.scene, this.camera, this.width, this.height, detail.ratio);
+    this.labels.render(this.scene, this.camera);
+    this.isCounted = !isResting;
+    this.isDirty = this.isResting = false;
+    clearTimeout(this.rest);
+    if (detail === best) return;
+    this.rest = setTimeout(() => {
+      this.isResting = true;
+      this.schedule();
+    }, REST);
+  }
+
+  /** Begin to compile what new materials need, which the page's thread would wait for otherwise; whether there is anything. */
+  private compile(): boolean {
+    const fresh: Object3D[] = [];
+    this.scene.traverseVisible((object) => {
+      const { material } = object as Object3D & { material?: object };
+      if (!material || this.known.has(material)) return;
+      this.known.add(material);
+      fresh.push(object);
+    });
+    if (!fresh.length) return false;
+    this.isCompiling = true;
+    this.surface.renderer.compileAsync(new Fresh(fresh), this.camera, this.scene).then(() => {
+      this.isCompiling = false;
+      this.schedule();
+    });
+    return true;
+  }
 }
 
 interface Disposable {

@@ -6,6 +6,7 @@ import { Check, Choice } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { shortType } from "../../robot/names";
+import { QUALITIES, type Quality } from "../../scene/quality";
 import type { RobotScene } from "../../scene/scene";
 import type { ToolName } from "../../scene/tools";
 import { componentPanel } from "../component";
@@ -35,15 +36,15 @@ function ScenePanel({ context }: { context: PanelContext }) {
   const drawn = useSignal<RobotScene | null>(null);
   const problem = useSignal("");
   const { session, config } = context;
+  const quality = qualityOf(context);
   useEffect(() => {
     let made: RobotScene | null = null;
     let ended = false;
     import("../../scene/scene")
       .then(({ RobotScene }) => {
         if (ended || !place.current) return;
-        made = new RobotScene(session, place.current, {
-          ...(config.peek().layers as Record<string, boolean>),
-        });
+        const layers = { ...(config.peek().layers as Record<string, boolean>) };
+        made = new RobotScene(session, place.current, layers, quality);
         drawn.value = made;
         // For people who write tests and for the curious; nothing of the page uses it.
         Object.assign(place.current, { robotScene: made });
@@ -53,9 +54,10 @@ function ScenePanel({ context }: { context: PanelContext }) {
       });
     return () => {
       ended = true;
+      drawn.value = null;
       made?.dispose();
     };
-  }, [session, config, drawn, problem]);
+  }, [session, config, quality, drawn, problem]);
   const view = drawn.value?.view;
   useEffect(() => view?.setVisible(context.visible.value), [view, context.visible.value]);
   useEffect(() => view?.setDark(context.dark.value), [view, context.dark.value]);
@@ -68,6 +70,11 @@ function ScenePanel({ context }: { context: PanelContext }) {
       {drawn.value && <Problems scene={drawn.value} />}
     </div>
   );
+}
+
+/** How finely the panel is set to draw. */
+function qualityOf({ config }: PanelContext): Quality {
+  return QUALITIES.find((each) => each === config.value.quality) ?? "auto";
 }
 
 function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene }) {
@@ -139,6 +146,14 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
             </li>
           ))}
         </ul>
+        <Choice
+          label={t("scene.quality")}
+          chosen={qualityOf(context)}
+          options={QUALITIES.map((each) => [each, t(`scene.quality.${each}`)])}
+          onChoose={(quality) => {
+            config.value = { ...config.value, quality };
+          }}
+        />
       </details>
       <NavigationState navigation={navigation} />
     </div>

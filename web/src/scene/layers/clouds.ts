@@ -1,52 +1,88 @@
 /** Points: laser scans and point clouds. */
 
-import { BufferAttribute, BufferGeometry, Color, DynamicDrawUsage, Points, PointsMaterial } from "three";
+import { BufferAttribute, BufferGeometry, DynamicDrawUsage, Points, PointsMaterial } from "three";
 import type { Points as DecodedPoints } from "../../decode/protocol";
 import type { Message } from "../../robot/subscriptions";
+import type { Detail } from "../governor";
 import { frameOf, Layer, type LayerContext, within } from "./layer";
 
 const MOST_RANGES = 200_000;
 
-/** Points whose buffers are used again from message to message, and grow when they must. */
+/**
+ * Points whose buffers are used again from message to message, and grow when they must. Colours are drawn as they
+ * are, and what is not drawn is not sent to the graphics card.
+ */
 class PointBuffer {
   readonly points: Points;
+  private readonly material: PointsMaterial;
   private capacity = 0;
+  private count = 0;
+  /** Points that the graphics card has been sent, or will be. */
+  private sent = 0;
+  private limit = Number.POSITIVE_INFINITY;
 
-  constructor(size: number, colour: number | null) {
-    this.points = new Points(
-      new BufferGeometry(),
-      new PointsMaterial({
-        size,
-        sizeAttenuation: true,
-        vertexColors: colour === null,
-        color: colour ?? 0xffffff,
-      }),
-    );
+  constructor(
+    private readonly size: number,
+    private readonly colour: number | null,
+  ) {
+    this.material = new PointsMaterial({ size, vertexColors: colour === null });
+    if (colour === null) this.material.onBeforeCompile = asTheyAre;
+    else this.material.color.set(colour);
+    this.points = new Points(new BufferGeometry(), this.material);
     this.points.frustumCulled = false;
+    this.points.visible = false;
   }
 
-  /** Draw so many points, which `fill` puts into the arrays. */
+  /** Draw so many points, which `fill` puts into the arrays: three numbers, and four octets of colour, for each. */
   set(count: number, fill: (positions: Float32Array, colours: Uint8Array) => void): void {
     const { geometry } = this.points;
     if (count > this.capacity) {
       this.capacity = Math.ceil(count * 1.25);
       geometry.dispose();
       const positions = new BufferAttribute(new Float32Array(this.capacity * 3), 3);
-      const colours = new BufferAttribute(new Uint8Array(this.capacity * 3), 3, true);
       geometry.setAttribute("position", positions.setUsage(DynamicDrawUsage));
-      geometry.setAttribute("color", colours.setUsage(DynamicDrawUsage));
+      const colours = new BufferAttribute(
+        new Uint8Array(this.colour === null ? this.capacity * 4 : 0),
+        4,
+        true,
+      );
+      if (this.colour === null) geometry.setAttribute("color", colours.setUsage(DynamicDrawUsage));
     }
-    geometry.setDrawRange(0, count);
+    this.count = count;
+    this.points.visible = count > 0;
     if (!count) return;
-    const positions = geometry.getAttribute("position") as BufferAttribute;
-    const colours = geometry.getAttribute("color") as BufferAttribute;
-    fill(positions.array as Float32Array, colours.array as Uint8Array);
-    for (const each of [positions, colours]) {
-      each.clearUpdateRanges();
-      each.addUpdateRange(0, count * 3);
+    const [positions, colours] = this.attributes as [BufferAttribute, BufferAttribute?];
+    fill(positions.array as Float32Array, (colours?.array ?? NO_COLOURS) as Uint8Array);
+    for (const each of this.attributes) each.clearUpdateRanges();
+    this.sent = 0;
+    this.draw();
+  }
+
+  /** Draw so many of the points at most, and larger where they are fewer. */
+  draw(most: number = this.limit): void {
+    this.limit = most;
+    const drawn = Math.min(this.count, most);
+    this.points.geometry.setDrawRange(0, drawn);
+    // As much of the view as all of them would cover where they lie side by side, and never as much as four times.
+    this.material.size = this.size * Math.min(2, Math.sqrt(this.count / Math.max(1, drawn)));
+    if (drawn <= this.sent) return;
+    for (const each of this.attributes) {
+      each.addUpdateRange(this.sent * each.itemSize, (drawn - this.sent) * each.itemSize);
       each.needsUpdate = true;
     }
+    this.sent = drawn;
   }
+
+  private get attributes(): BufferAttribute[] {
+    return Object.values(this.points.geometry.attributes) as BufferAttribute[];
+  }
+}
+
+const NO_COLOURS = new Uint8Array(0);
+
+/** Leave out what would make a screen's colours of numbers of light: they are a screen's already. */
+function asTheyAre(shader: { fragmentShader: string }): void {
+  shader.fragmentShader = shader.fragmentShader.replace("#include <colorspace_fragment>", "");
 }
 
 /** sensor_msgs/LaserScan. */
@@ -88,7 +124,7 @@ export class ScanLayer extends Layer {
   }
 }
 
-/** sensor_msgs/PointCloud2, decoded by the worker; without colours of its own it is coloured by height. */
+/** sensor_msgs/PointCloud2, decoded by the worker. */
 export class CloudLayer extends Layer {
   private readonly buffer = new PointBuffer(0.025, null);
 
@@ -98,6 +134,10 @@ export class CloudLayer extends Layer {
     this.hear((message) => this.take(message), { throttle: 100, decoding: "cloud" });
   }
 
+  override prepare({ points }: Detail): void {
+    this.buffer.draw(points);
+  }
+
   private take(message: Message): void {
     if (typeof message.$error === "string") throw new Error(message.$error);
     const decoded = message.$points as DecodedPoints | undefined;
@@ -105,36 +145,7 @@ export class CloudLayer extends Layer {
     this.moveTo(frameOf(message));
     this.buffer.set(decoded.count, (positions, colours) => {
       positions.set(decoded.positions);
-      if (decoded.colors) colours.set(decoded.colors);
-      else paint(colours, decoded);
+      colours.set(decoded.colors);
     });
-  }
-}
-
-/** Red, green and blue of 256 colours from blue to red. */
-const palette = Uint8Array.from(
-  Array.from({ length: 256 }, (_, at) => {
-    const { r, g, b } = new Color().setHSL(0.7 * (1 - at / 255), 0.9, 0.5);
-    return [r * 255, g * 255, b * 255];
-  }).flat(),
-);
-
-/** Colour points by their intensity, or else by their height. */
-function paint(colours: Uint8Array, { count, positions, intensities }: DecodedPoints): void {
-  let least = Number.POSITIVE_INFINITY;
-  let most = Number.NEGATIVE_INFINITY;
-  const value = (at: number) => (intensities ? intensities[at] : positions[at * 3 + 2]) as number;
-  for (let at = 0; at < count; at++) {
-    const each = value(at);
-    if (each < least) least = each;
-    if (each > most) most = each;
-  }
-  const scale = most > least ? 255 / (most - least) : 0;
-  for (let at = 0; at < count; at++) {
-    // Octet by octet: a hundred thousand small arrays would cost more than all the rest.
-    const from = Math.round((value(at) - least) * scale) * 3;
-    colours[at * 3] = palette[from] as number;
-    colours[at * 3 + 1] = palette[from + 1] as number;
-    colours[at * 3 + 2] = palette[from + 2] as number;
   }
 }

@@ -5,6 +5,7 @@ import { Group } from "three";
 import type { RobotSession } from "../../robot/session";
 import type { Message, SubscribeOptions } from "../../robot/subscriptions";
 import type { Frames } from "../frames";
+import type { Detail } from "../governor";
 import { disposeTree, type View } from "../view";
 
 /** What a layer works with. */
@@ -65,6 +66,11 @@ export abstract class Layer {
     if (name === this.frame && this.group.parent) return;
     this.frame = name;
     this.context.frames.place(name).add(this.group);
+  }
+
+  /** Called before each frame that is drawn. */
+  prepare(_detail: Detail): void {
+    // Most layers cost the same however finely they are drawn.
   }
 
   /** Show or hide it. */
