@@ -21,6 +21,7 @@ from rwt_transports.http import Audience, HttpResponse, Route
 from rwt_transports.webrtc.sdp import BadDescription, Description, read_description
 from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_routes
 from rwt_webrtc.camera import QUALITY, Camera, CameraRequest
+from rwt_webrtc.decoding import bound_decoding
 from rwt_webrtc.microphone import RATE, RATES, Microphone, MicrophoneRequest
 from rwt_webrtc.opus import only_opus, require_opus
 from rwt_webrtc.senders import SendersTopic, Sending
@@ -136,6 +137,8 @@ class IncomingMedia:
                 # Of what nobody has asked for there is nothing that would take it.
                 taken = sender.takes(kind)
                 transceiver = peer.connection.addTransceiver(kind, "recvonly" if taken else "inactive")
+                if taken:
+                    bound_decoding(transceiver.receiver)
                 if taken and kind == "audio":
                     only_opus(transceiver)
             await peer.take_description(description, "offer")

@@ -262,6 +262,28 @@ def test_a_chunk_that_would_unpack_to_more_than_there_is_memory_is_left_out(
         reader.read(path)
 
 
+def test_chunks_are_as_large_as_they_are_let(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, whole = tmp_path / "run.mcap", tmp_path / "whole.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1024)
+        writer.start("ros2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channel = writer.register_channel("/words", "cdr", schema)
+        for size in (100, 3_000_000, 200):  # The large one is a chunk of its own, of some hundred bytes.
+            text = (size + 1).to_bytes(4, "little") + b"x" * size + b"\0"
+            writer.add_message(channel, size, b"\0\1\0\0" + text, size)
+        writer.finish()  # type: ignore[no-untyped-call]  # the library's own has no types
+    assert path.stat().st_size < 10_000
+    for options, count in (([], 3), (["--chunk-bytes", "1000000"], 1)):
+        arguments = ["bag", "recover", str(path), "-o", str(whole), "--overwrite", *options]
+        parsed = _PARSER.parse_args(arguments)
+        assert parsed.run(parsed) == (count != 3)
+        assert f"{count} messages of 1 topics" in capsys.readouterr().out
+    assert "1000000 are the most; --chunk-bytes allows more" in caplog.text
+
+
 Damage = Callable[[bytes], bytes]
 
 

@@ -30,6 +30,7 @@ from rwt_nodes.recording.channels import DEFINITION, TYPE, ChannelForm, Encoding
 from rwt_nodes.recording.errors import RecordingNotWritten, RecordingUnreadable
 from rwt_nodes.recording.recorded_qos import read_offered_qos
 from rwt_nodes.recording.recording import (
+    CHUNK_BYTES,
     MessageEncoding,
     RecordedMessage,
     RecordedTopic,
@@ -47,9 +48,6 @@ _Found = tuple[records.Schema | None, records.Channel, records.Message]
 
 _HEAD: Final = struct.Struct("<BQ")
 _MOST_WAITING: Final = 64 * 1024 * 1024
-
-#: Bytes of the largest chunk that is unpacked; writers make them of some megabytes.
-_LARGEST_CHUNK: Final = 1024 * 1024 * 1024
 
 #: Bytes from which on a reading is compared with what the file still has.
 _MUCH: Final = 64 * 1024
@@ -95,13 +93,17 @@ class McapRecording(Recording):
         recovery: set when the file has no index, and was searched.
         index: the file's, or the one that was found by searching.
 
+    Args:
+        chunk_bytes: what a chunk may have unpacked; one that says more is left out.
+
     Raises:
         RecordingUnreadable: it is not an MCAP file.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, chunk_bytes: int = CHUNK_BYTES) -> None:
         self.paths = (path,)
         self._path = path
+        self._chunk_bytes = chunk_bytes
         self.recovery: RecoveryReport | None = None
         self._damaged: set[int] = set()  # by where the chunk begins
         self._file = _opened(path)
@@ -123,7 +125,7 @@ class McapRecording(Recording):
             summary = None
         counted = None if summary is None else summary.statistics
         if summary is None or counted is None or (counted.message_count and not summary.chunk_indexes):
-            self.recovery = rebuild_index(self._file)
+            self.recovery = rebuild_index(self._file, self._chunk_bytes)
             return self.recovery.summary
         return summary
 
@@ -200,7 +202,7 @@ class McapRecording(Recording):
         begin = chunk.chunk_start_offset
         try:
             file.seek(begin + _HEAD.size)
-            return _contents(records.Chunk.read(ReadDataStream(file)))
+            return _contents(records.Chunk.read(ReadDataStream(file)), self._chunk_bytes)
         except Exception as error:
             # A damaged chunk fails in as many ways as there are compressions; the next one may be whole.
             if begin not in self._damaged:
@@ -307,19 +309,22 @@ def _record(opcode: int, content: bytes) -> records.McapRecord | _Damaged:
         return DAMAGED
 
 
-def _contents(chunk: records.Chunk) -> list[records.McapRecord]:
-    """The records in a chunk.
+def _contents(chunk: records.Chunk, most_bytes: int) -> list[records.McapRecord]:
+    """The records in a chunk, if it says that they have no more bytes than that.
 
     Raises:
         Exception: it is damaged; of which kind is up to the library that unpacks it.
     """
-    if chunk.uncompressed_size > _LARGEST_CHUNK:
-        raise ValueError(f"it would have {chunk.uncompressed_size} bytes, more than {_LARGEST_CHUNK}")
+    if chunk.uncompressed_size > most_bytes:
+        raise ValueError(
+            f"it would have {chunk.uncompressed_size} bytes unpacked, and {most_bytes} are the most;"
+            " --chunk-bytes allows more"
+        )
     return breakup_chunk(chunk, validate_crc=True)
 
 
-def rebuild_index(file: IO[bytes]) -> RecoveryReport:
-    """Rebuild the index of a file by reading all of it."""
+def rebuild_index(file: IO[bytes], chunk_bytes: int = CHUNK_BYTES) -> RecoveryReport:
+    """Rebuild the index of a file by reading all of it; see :class:`McapRecording`."""
     summary, counts, unchunked = Summary(), dict[int, int](), list[int]()
     damaged, whole = 0, len(MAGIC)
     for whole, record in walk(file):
@@ -334,9 +339,10 @@ def rebuild_index(file: IO[bytes]) -> RecoveryReport:
             _note(summary, [record], counts)
             continue
         try:
-            inner = _contents(record)
-        except Exception:
+            inner = _contents(record, chunk_bytes)
+        except Exception as error:
             # A damaged chunk fails in as many ways as there are compressions; the next one may be whole.
+            logger.warning("the chunk before byte %d is left out: %s", whole, error)
             damaged += 1
             continue
         _note(summary, inner, counts)
@@ -388,7 +394,9 @@ def _statistics(summary: Summary, counts: dict[int, int], times: list[int]) -> r
     )
 
 
-def recover(path: Path, to: Path, *, overwrite: bool = False) -> McapRecording:
+def recover(
+    path: Path, to: Path, *, overwrite: bool = False, chunk_bytes: int = CHUNK_BYTES
+) -> McapRecording:
     """Copy what can be read of a file into a complete one; gives what was found in the first.
 
     The copy has another name until it is complete, so `to` may be the file itself, and stays as it is if
@@ -401,7 +409,7 @@ def recover(path: Path, to: Path, *, overwrite: bool = False) -> McapRecording:
     if not overwrite and to.exists():
         raise RecordingNotWritten(f"{to} is there already: name another file, or overwrite it")
     part = to.with_name(f".{to.name}.{os.getpid()}.part")
-    with McapRecording(path) as recording:
+    with McapRecording(path, chunk_bytes) as recording:
         channels = recording.index.channels.values()
         encoding: Encoding = "json" if any(each.message_encoding == "json" for each in channels) else "ros"
         try:

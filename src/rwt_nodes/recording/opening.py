@@ -7,11 +7,15 @@ from heapq import merge
 from pathlib import Path
 
 from rwt_nodes.recording.errors import RecordingUnreadable, require
-from rwt_nodes.recording.recording import RecordedMessage, Recording, merged_topics
+from rwt_nodes.recording.recording import CHUNK_BYTES, RecordedMessage, Recording, merged_topics
 
 
-def open_recording(paths: Sequence[Path]) -> Recording:
+def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Recording:
     """Open a recording: MCAP files, ROS 1 bags, or folders of rosbag2; several are played together.
+
+    Args:
+        paths: of the files and folders.
+        chunk_bytes: what a chunk of an MCAP file may have unpacked; one that says more is left out.
 
     Raises:
         RecordingUnreadable: one is not a recording, or they speak different versions of ROS.
@@ -19,7 +23,7 @@ def open_recording(paths: Sequence[Path]) -> Recording:
     """
     opened: list[Recording] = []
     try:
-        opened.extend(_open(path) for path in paths)
+        opened.extend(_open(path, chunk_bytes) for path in paths)
         if not opened:
             raise RecordingUnreadable("no recording was named")
         return opened[0] if len(opened) == 1 else _Together(opened)
@@ -29,7 +33,7 @@ def open_recording(paths: Sequence[Path]) -> Recording:
         raise
 
 
-def _open(path: Path) -> Recording:
+def _open(path: Path, chunk_bytes: int) -> Recording:
     if not path.exists():
         raise RecordingUnreadable(f"{path}: there is no such file")
     if path.is_dir() and not (path / "metadata.yaml").exists():
@@ -44,7 +48,7 @@ def _open(path: Path) -> Recording:
     require("mcap")
     from rwt_nodes.recording.mcap_files import McapRecording
 
-    return McapRecording(path)
+    return McapRecording(path, chunk_bytes)
 
 
 class _Together(Recording):

@@ -6,12 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self
+from typing import Final, Literal, Self
 
 from msgspec import Struct
 
 from rwt_interfaces.distro import Distro
 from rwt_program.qos import QoS
+
+CHUNK_BYTES: Final = 128 * 1024 * 1024
+"""What a chunk of an MCAP file may have unpacked, unless another bound is given. Writers make them of some
+megabytes, or as large as one message."""
 
 MessageEncoding = Literal["cdr", "ros1", "json", ""]
 """How a topic's messages are written; empty for an encoding that cannot be read."""

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rwt_cli.commands.bag.recording import add_chunk_bytes, chunk_bytes
 from rwt_cli.commands.config import add_settings_options, settings_of
 from rwt_cli.commands.serve import command_errors
 from rwt_cli.console.key_presses import Key, key_presses
@@ -87,6 +88,7 @@ def _add_time(parser: argparse.ArgumentParser) -> None:
         "--start-offset", type=seconds_or_none, default=0.0, metavar="S", help="seconds from its beginning"
     )
     parser.add_argument("--end", type=seconds_or_none, metavar="S", help="seconds from its beginning")
+    add_chunk_bytes(parser)
     parser.add_argument("--start-paused", "-p", action="store_true", help="wait to be resumed")
     parser.add_argument("--loop", "-l", action="store_true", help="begin again at the end")
     parser.add_argument(
@@ -122,7 +124,7 @@ def _run(arguments: argparse.Namespace) -> int:
         )
     settings = settings_of(arguments, {"listen": urls or None}).settings
     try:
-        with open_recording(files) as recording, command_errors():
+        with open_recording(files, chunk_bytes(arguments)) as recording, command_errors():
             server = PlaybackServer(
                 recording, options=_options(arguments), stay=arguments.stay, settings=settings
             )

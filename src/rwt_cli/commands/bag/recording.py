@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rwt_cli.console.output import printable, standard_output
 from rwt_cli.errors import CommandError
 from rwt_cli.parser import Commands
+from rwt_cli.verbs import number_within
 
 if TYPE_CHECKING:
     from rwt_nodes.recording import Recording
@@ -26,7 +27,26 @@ def add_recover_verb(verbs: Commands) -> None:
     recover.add_argument("file", type=Path, metavar="FILE")
     recover.add_argument("--output", "-o", type=Path, required=True, metavar="FILE", help="the complete file")
     recover.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
+    add_chunk_bytes(recover)
     recover.set_defaults(run=_run_recover)
+
+
+def add_chunk_bytes(parser: argparse.ArgumentParser) -> None:
+    """Add the option that bounds what a file can make its reader unpack."""
+    parser.add_argument(
+        "--chunk-bytes",
+        type=number_within("a number of bytes", 1024, 2**40),
+        metavar="N",
+        help="leave out chunks of MCAP files that have more than so many bytes unpacked (default 128 MiB)",
+    )
+
+
+def chunk_bytes(arguments: argparse.Namespace) -> int:
+    """What :func:`add_chunk_bytes` has added."""
+    from rwt_nodes.recording.recording import CHUNK_BYTES
+
+    given: float | None = arguments.chunk_bytes
+    return CHUNK_BYTES if given is None else int(given)
 
 
 def add_info_verb(verbs: Commands) -> None:
@@ -34,6 +54,7 @@ def add_info_verb(verbs: Commands) -> None:
     info = verbs.add_parser("info", help="list topics, types, counts and times")
     info.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP, .bag or folder of rosbag2")
     info.add_argument("--json", action="store_true", help="as JSON")
+    add_chunk_bytes(info)
     info.set_defaults(run=_run_info)
 
 
@@ -41,7 +62,7 @@ def _run_info(arguments: argparse.Namespace) -> int:
     from rwt_nodes.recording import RecordingError, open_recording
 
     try:
-        with open_recording(arguments.files) as recording:
+        with open_recording(arguments.files, chunk_bytes(arguments)) as recording:
             text = json.dumps(described(recording), indent=2) if arguments.json else text_of(recording)
             standard_output(json=arguments.json).line(text)
     except RecordingError as error:
@@ -57,8 +78,9 @@ def _run_recover(arguments: argparse.Namespace) -> int:
         require("mcap")
         from rwt_nodes.recording.mcap_files import recover
 
-        found = recover(arguments.file, arguments.output, overwrite=arguments.overwrite)
-        with open_recording([arguments.output]) as whole:
+        most = chunk_bytes(arguments)
+        found = recover(arguments.file, arguments.output, overwrite=arguments.overwrite, chunk_bytes=most)
+        with open_recording([arguments.output], most) as whole:
             count = sum(topic.count or 0 for topic in whole.topics)
     except RecordingError as error:
         raise CommandError(str(error)) from error
