@@ -98,7 +98,7 @@ class Reassembly:
         if len(self._open) >= self._limits.max_lists:
             raise Refused(
                 f"fragment: {self._limits.max_lists} messages are in pieces already; complete one first"
-                " (fragmented_messages)"
+                " (limits.fragmented_messages)"
             )
         pieces = self._open[fragment.id] = _Pieces(fragment.total, now)
         return pieces
@@ -110,7 +110,7 @@ class Reassembly:
             self.forget(fragment.id)
             raise Refused(
                 f"fragment: the pieces take more than {most} characters; the message was dropped"
-                " (fragment_characters)"
+                " (limits.fragment_characters)"
             )
         pieces.texts[fragment.num] = fragment.data
         pieces.size += size

@@ -258,7 +258,9 @@ class HttpConnection:
         if state.closing:
             return HttpResponse(b"this server is closing\n", 503)
         if len(state.connections) > state.limits.connections:
-            text = f"all {state.limits.connections} connections of this server are taken (connections)\n"
+            text = (
+                f"all {state.limits.connections} connections of this server are taken (limits.connections)\n"
+            )
             return HttpResponse(text.encode(), 503)
         peer = PeerInfo(
             state.transport,
@@ -472,7 +474,7 @@ def _refusal(refused: Refused) -> HttpResponse:
 _INTERNAL_ERROR = HttpResponse(b"internal error\n", 500)
 _BROKEN = {
     400: b"this is not a valid HTTP request\n",
-    408: b"the request did not arrive in time (handshake_seconds)\n",
+    408: b"the request did not arrive in time (limits.handshake_seconds)\n",
     413: b"the request body is too large (http_body_bytes)\n",
     431: b"the request's headers are too large (http_header_bytes)\n",
 }

@@ -264,8 +264,8 @@ class Outbox:
         if self._control_bytes >= limits.control_bytes or len(self._control) >= limits.control_frames:
             self._overflow(
                 f"{len(self._control)} replies ({self._control_bytes} bytes) wait unread; "
-                f"the limits are {limits.control_frames} (control_frames) and {limits.control_bytes} "
-                "bytes (control_bytes)"
+                f"the limits are {limits.control_frames} (limits.control_frames) and {limits.control_bytes} "
+                "bytes (limits.control_bytes)"
             )
             return
         self._control.append(frame)
@@ -276,7 +276,9 @@ class Outbox:
     def push(self, data: Buffer) -> None:
         """Queue bytes of the protocol itself, in front of the lanes: a handshake, a page."""
         if self.room < -self._limits.control_bytes:
-            self._overflow(f"answers wait unread; the limit is {self._limits.control_bytes} (control_bytes)")
+            self._overflow(
+                f"answers wait unread; the limit is {self._limits.control_bytes} (limits.control_bytes)"
+            )
             return
         if not self.ready:
             self.wake()

@@ -84,7 +84,7 @@ def test_open_lists_are_bounded() -> None:
     for name in "ab":
         assert send(session, TEXT[:9], 0, 2, name) == []
     assert reason(send(session, TEXT, 0, 1, "c")) == (
-        "fragment: 2 messages are in pieces already; complete one first (fragmented_messages)"
+        "fragment: 2 messages are in pieces already; complete one first (limits.fragmented_messages)"
     )
     assert send(session, TEXT[9:], 1, 2, "a") == [OP]
     assert send(session, TEXT, 0, 1, "c") == [OP]
@@ -94,7 +94,8 @@ def test_open_lists_are_bounded() -> None:
 def test_what_is_kept_is_bounded(data: str, total: int) -> None:
     session = Session(limits=WireLimits(fragments=FragmentLimits(max_size=1000)))
     assert reason(send(session, data, 0, total)) == (
-        "fragment: the pieces take more than 1000 characters; the message was dropped (fragment_characters)"
+        "fragment: the pieces take more than 1000 characters; the message was dropped"
+        " (limits.fragment_characters)"
     )
     assert send(session, TEXT, 0, 1) == [OP]
 

@@ -140,7 +140,7 @@ def test_a_cut_at_the_wrong_place_is_mended_by_the_proof(text: str, msg: object)
         ('{"op":"publish","topic":"/a","msg":{"data":"FILL"}}{"op":"unadvertise","topic":"/b","x":[[[1]]]}',
          "a message of more than 32768 bytes must be alone in its frame"),
         ('{"op":"publish","topic":"/a","msg":' + "[" * 200 + '"FILL"' + "]" * 200 + "}",
-         "nested more than 100 levels deep (max_depth)"),
+         "nested more than 100 levels deep (limits.max_depth)"),
     ],
 )  # fmt: skip
 def test_what_the_proof_refuses(text: str, reason: str) -> None:

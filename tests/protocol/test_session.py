@@ -165,7 +165,7 @@ def test_sizes_and_depths_are_limited() -> None:
     assert isinstance(decode(deep % b'{"a":[[[]]]}', session)[0], Publish)
     (refusal,) = decode(deep % b'{"a":[[[[]]]]}', session)
     assert isinstance(refusal, Refusal)
-    assert refusal.reason == "nested more than 5 levels deep (max_depth)"
+    assert refusal.reason == "nested more than 5 levels deep (limits.max_depth)"
     assert (refusal.op, refusal.id) == ("publish", "i")
 
 

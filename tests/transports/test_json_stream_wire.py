@@ -135,7 +135,7 @@ def test_too_large_an_object_ends_the_connection_when_nobody_wants_to_know(
     feed(heard.wire, b'{"a":"' + b"x" * LIMIT + b'"}{"after":1}')
     assert heard.messages == []
     ((code, reason),) = heard.ends
-    assert code == 1009 and "message_bytes" in reason
+    assert code == 1009 and "max_message_size" in reason
 
 
 def test_an_endpoint_that_closes_hears_nothing_more() -> None:

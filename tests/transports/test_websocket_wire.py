@@ -341,7 +341,7 @@ def test_the_head_of_what_is_skipped_is_handed_over_once_however_it_comes(cut: i
 def test_too_large_a_message_ends_the_connection_when_nobody_wants_to_know(data: bytes) -> None:
     heard = Heard()
     heard.wire.feed(data + frame(0x81, b"after"))
-    assert heard.codes == [1009] and "message_bytes" in heard.ends[0][1]
+    assert heard.codes == [1009] and "max_message_size" in heard.ends[0][1]
     assert heard.messages == []
 
 

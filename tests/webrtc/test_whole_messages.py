@@ -100,6 +100,9 @@ def test_a_message_over_the_limit_ends_a_connection_that_takes_no_report() -> No
     events = Events(takes_reports=False)
     wire, got = _wire(events, max_size=10)
     wire.feed(HEADER.pack(False, 11) + b"x" * 11)
-    assert events.end == (1009, "a message of 11 bytes; the limit is 10 (message_bytes)")
+    assert events.end == (
+        1009,
+        "a message of 11 bytes; the limit is 10 (max_message_size)",
+    )
     wire.feed(HEADER.pack(False, 2) + b"{}")
     assert got == []

@@ -108,7 +108,7 @@ def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure
 
 
 def _too_deep(max_depth: int, members: Members | None = None) -> DecodeFailure:
-    return DecodeFailure(f"nested more than {max_depth} levels deep (max_depth)", members or {})
+    return DecodeFailure(f"nested more than {max_depth} levels deep (limits.max_depth)", members or {})
 
 
 def _too_large(data: bytes, error: _MemberTooLarge) -> DecodeFailure:

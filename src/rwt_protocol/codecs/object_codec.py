@@ -37,7 +37,7 @@ def members_within(
     """
     members = members_of(found, size)
     if size > smallest_level * max_depth and _deeper_than(found, max_depth):
-        return DecodeFailure(f"nested more than {max_depth} levels deep", members)
+        return DecodeFailure(f"nested more than {max_depth} levels deep (limits.max_depth)", members)
     return members
 
 

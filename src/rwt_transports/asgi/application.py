@@ -137,7 +137,9 @@ class AsgiListener:
         state.addresses.enter(request.address)
         refused = self._refused(request)
         if refused is None and len(state.connections) >= state.limits.connections:
-            text = f"all {state.limits.connections} connections of this server are taken (connections)\n"
+            text = (
+                f"all {state.limits.connections} connections of this server are taken (limits.connections)\n"
+            )
             refused = HttpResponse(text.encode(), 503)
         if refused is not None:
             state.addresses.leave(request.address)

@@ -146,7 +146,8 @@ class _Inflater:
             left -= len(inflated)
             if left <= 0:
                 raise ProtocolViolation(
-                    TOO_BIG, f"a message inflates to more than {self._most} bytes, the limit (message_bytes)"
+                    TOO_BIG,
+                    f"a message inflates to more than {self._most} bytes, the limit (max_message_size)",
                 )
             # Beyond that much it may hold more, even if it has taken all.
             is_full = len(inflated) == room
@@ -235,7 +236,8 @@ class DeflateWire(WebSocketWire):
         total = len(self._parts) + size
         if (first & _COMPRESSED or self._compressed) and total > self._max_size:
             raise ProtocolViolation(
-                TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
+                TOO_BIG,
+                f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
             )
         return super()._admit(first, size)
 

@@ -455,7 +455,8 @@ class WebSocketWire:
             return True
         if self._closing or not self._events.oversized(total):
             raise ProtocolViolation(
-                TOO_BIG, f"a message of {total} bytes; the limit is {self._max_size} (message_bytes)"
+                TOO_BIG,
+                f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
             )
         self._skipping = True
         self._head = _Head(total, bytes(self._parts[:HEAD_BYTES]))

@@ -81,7 +81,10 @@ class BsonStreamWire(StreamWire):
             self._events.oversized_head(length, bytes(self._buffer[:HEAD_BYTES]))
             self._to_skip = length
             return True
-        self._end(TOO_BIG, f"a message of {length} bytes; the limit is {self._max_size} (message_bytes)")
+        self._end(
+            TOO_BIG,
+            f"a message of {length} bytes; the limit is {self._max_size} (max_message_size)",
+        )
         return False
 
     def _end(self, code: int, reason: str) -> None:

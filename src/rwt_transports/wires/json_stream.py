@@ -149,7 +149,7 @@ class JsonStreamWire(StreamWire):
             self._events.oversized_head(size, message[:HEAD_BYTES])
         else:
             self._over = True
-            reason = f"a message of {size} bytes or more; the limit is {self._max_size} (message_bytes)"
+            reason = f"a message of {size} bytes or more; the limit is {self._max_size} (max_message_size)"
             self._events.ended(TOO_BIG, reason, agreed=False)
 
 

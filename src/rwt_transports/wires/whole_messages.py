@@ -74,7 +74,7 @@ class MessageWire(StreamWire):
             self._wanted = min(self._size, HEAD_BYTES)
             if not self._events.oversized(self._size):
                 self._over = True
-                reason = f"a message of {self._size} bytes; the limit is {self._max_size} (message_bytes)"
+                reason = f"a message of {self._size} bytes; the limit is {self._max_size} (max_message_size)"
                 self._events.ended(TOO_BIG, reason, agreed=False)
         return True
 

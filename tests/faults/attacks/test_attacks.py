@@ -61,25 +61,28 @@ OF_VIEWERS: Final = frozenset(
      "many_in_a_member", "constants", "long_numbers",
      "expensive_videos", "refusals", "long_names_to_hear", "long_questions", "unread_answers",
      "half_messages", "pieces_of_a_frame", "half_bodies", "inflated_at_once",
-     "whole_at_once", "cut_with_a_backlog", "blanks",
+     "whole_at_once", "cut_with_a_backlog", "blanks", "lists_in_texts",
      "everything_subscribed", "come_and_go", "many_connections", "picture_bombs", "snapshots_again"}
 )  # fmt: skip
 """Attacks for which no right is needed beyond looking."""
 
-SETTING: Final = frozenset({"parameters", "large_description"})
+SETTING: Final = frozenset({"parameters", "large_description", "lists_as_parameters", "tables_as_parameters"})
 """Attacks that set parameters, which stay: each has a server of its own."""
 
+OF_ROS_1: Final = frozenset({"parameters", "tables_as_parameters"})
+"""Attacks on the tree of parameters, in which clients set what they like."""
+
 TWICE: Final = frozenset(
-    {"parameters", "rosapi_flood", "many_in_a_frame", "spellings", "defaults", "incomplete_poses",
+    {"rosapi_flood", "many_in_a_frame", "spellings", "defaults", "incomplete_poses",
      "empty_maps", "deep_payload", "lists_of_many", "large_description", "latched_topics",
-     "header_at_the_end", "blanks"}
+     "header_at_the_end", "blanks", "lists_in_texts", "lists_as_parameters"}
 )  # fmt: skip
 """Attacks that ROS 1 answers in another way than ROS 2."""
 
 CASES: Final = (
-    *((attack, "jazzy", "admin") for attack in ATTACKS if attack != "parameters"),
+    *((attack, "jazzy", "admin") for attack in ATTACKS if attack not in OF_ROS_1),
     *((attack, "jazzy", "viewer") for attack in ATTACKS if attack in OF_VIEWERS),
-    *((attack, "noetic", "admin") for attack in ATTACKS if attack in TWICE),
+    *((attack, "noetic", "admin") for attack in ATTACKS if attack in TWICE | OF_ROS_1),
 )
 """Each attack by a client with every right, by one that only looks where that is enough, and on both
 distributions where that makes a difference."""
