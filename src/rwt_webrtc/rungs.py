@@ -18,6 +18,12 @@ PATIENCE_SECONDS: Final = 5.0
 MOST_PATIENCE_SECONDS: Final = 60.0
 LOSS: Final = 0.1
 """Part of the packets lost from which on less is sent (draft-ietf-rmcat-gcc section 6)."""
+KEYS: Final = 5
+"""Key pictures that a viewer may ask for in :data:`KEY_SECONDS` before less is sent to it: they are large,
+and go to everybody who shares its encoder."""
+KEY_SECONDS: Final = 10.0
+KEY_PAUSE_SECONDS: Final = 0.5
+"""Receivers ask again and again until the one key picture has come."""
 SETTLE_SECONDS: Final = 1.5
 """After a change nothing is concluded for so long: reports are of what was sent before."""
 
@@ -42,6 +48,7 @@ class RungChooser:
         self._changed_at = 0.0
         self._good_since: float | None = None
         self._patience = PATIENCE_SECONDS
+        self._keys: deque[float] = deque(maxlen=KEYS)
 
     def sent(self, size: int, now: float) -> None:
         """So many bytes have been sent."""
@@ -78,6 +85,16 @@ class RungChooser:
         """The part of the last packets that has not arrived, 0 to 1."""
         if fraction > LOSS and now - self._changed_at >= SETTLE_SECONDS:
             self._lower(self.rung + 1, now)
+
+    def asked_for_key(self, now: float) -> None:
+        """The receiver has lost so much that it can show nothing before the next key picture."""
+        keys = self._keys
+        if keys and now - keys[-1] < KEY_PAUSE_SECONDS:
+            return
+        if len(keys) == KEYS and now - keys[0] < KEY_SECONDS:
+            keys.clear()
+            self._lower(self.rung + 1, now)
+        keys.append(now)
 
     def _lower(self, rung: int, now: float) -> None:
         self._good_since = None

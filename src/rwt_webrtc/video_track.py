@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any, Final, Never
 
 from aiortc import MediaStreamTrack
 from aiortc.mediastreams import MediaStreamError
-from aiortc.rtp import RTCP_PSFB_APP, RtcpPsfbPacket, RtcpRrPacket, RtcpSrPacket, unpack_remb_fci
+from aiortc.rtp import (
+    RTCP_PSFB_APP,
+    RTCP_RTPFB_NACK,
+    RtcpPsfbPacket,
+    RtcpRrPacket,
+    RtcpRtpfbPacket,
+    RtcpSrPacket,
+    unpack_remb_fci,
+)
 from av import Packet
 
 from rwt_nodes.video.errors import RequestRefused
@@ -32,6 +40,10 @@ if TYPE_CHECKING:
     from rwt_transports.http import Work
 
 _MILLISECONDS: Final = Fraction(1, 1000)
+PACKET_BYTES: Final = 1000
+"""About what one packet carries of a picture."""
+RESENDABLE: Final = 128
+"""Packets that may be asked for again at once, as many as aiortc keeps."""
 COARSEST: Final = 63
 """Largest quantizer of the lower rungs, which have to keep to their rate."""
 
@@ -67,6 +79,7 @@ class TopicTrack(MediaStreamTrack):
         self._chooser = RungChooser(rates)
         self._rung = 0
         self._viewer: Viewer | None = None
+        self._resendable = 0
 
     @property
     def rung(self) -> int:
@@ -85,6 +98,7 @@ class TopicTrack(MediaStreamTrack):
         sender._send_keyframe = self._ask_for_key  # type: ignore[method-assign] # as above
 
     def _ask_for_key(self) -> None:
+        self._chooser.asked_for_key(self._now())
         if self._viewer is not None:
             self._viewer.ask_for_key()
 
@@ -101,6 +115,10 @@ class TopicTrack(MediaStreamTrack):
                 return  # Another message of the application layer.
             if ssrc in ssrcs:
                 self._chooser.estimated(bits, now)
+        elif isinstance(packet, RtcpRtpfbPacket) and packet.fmt == RTCP_RTPFB_NACK:
+            # What is sent again is not more than what was sent, however much is said to be lost.
+            packet.lost = packet.lost[: self._resendable]
+            self._resendable -= len(packet.lost)
 
     async def recv(self) -> Packet[Any]:
         """The next picture, encoded; raises MediaStreamError when there will be none."""
@@ -109,6 +127,8 @@ class TopicTrack(MediaStreamTrack):
             encoded = await viewer.next()
             if encoded is not None and viewer is self._viewer:
                 self._chooser.sent(len(encoded.data), self._now())
+                packets = len(encoded.data) // PACKET_BYTES + 1
+                self._resendable = min(self._resendable + packets, RESENDABLE)
                 viewer.count_sent(encoded)
                 return _packet(encoded)
             if encoded is None:

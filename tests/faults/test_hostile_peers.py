@@ -77,9 +77,11 @@ async def test_a_description_of_a_megabyte() -> None:
     [
         (b"a=candidate:1 1 udp 1 127.0.0.1 9 typ host\r\n", 1000, "webrtc.candidates"),
         (b"m=application 9 UDP/DTLS/SCTP webrtc-datachannel\r\n", 1000, "sections"),
+        (b"a=ssrc:1 cname:x\r\n", 300, "300 lines of 'a=ssrc'; the limit is 256"),
+        (b"a=rtcp-fb:* nack\r\n", 17, "17 lines of 'a=rtcp-fb:*'; the limit is 16"),
         (b"a=" + b"x" * 5000 + b"\r\n", 1, "a line of 5002 characters"),
     ],
-    ids=["candidates", "sections", "a long line"],
+    ids=["candidates", "sections", "sources", "feedback for all codecs", "a long line"],
 )
 async def test_a_description_with_too_much(line: bytes, count: int, why: str) -> None:
     async with attacked() as (_, url), other_side() as other:

@@ -13,6 +13,7 @@ from rwt_transports.errors import Refused
 from rwt_transports.limits import Limits
 from rwt_transports.webrtc.association import WINDOW_BYTES
 from rwt_transports.webrtc.ice import CONSENT_ASKED, CONSENT_EXPIRES_SECONDS, CONSENT_SECONDS, IceServer
+from rwt_transports.webrtc.peer import Peer
 from rwt_transports.webrtc.signalling import PeerBounds
 from tests.webrtc.peers import End, answering, other_side, received, text_of, until
 
@@ -284,6 +285,31 @@ async def test_there_are_no_more_peers_and_handshakes_than_there_may_be() -> Non
         assert answer.status == 503
         assert text_of(answer) == "1 peers are connecting (webrtc.handshakes)\n"
         assert channel.readyState == "connecting"
+
+
+async def test_one_network_does_not_get_every_place() -> None:
+    async with answering(bounds=PeerBounds(peers=8, handshakes=4)) as side:
+
+        async def open_peer(address: str) -> None:
+            await side.peers.open(side.accept, address, _describe_nothing)
+
+        for _ in range(3):
+            await open_peer("10.0.0.1")
+        with pytest.raises(Refused, match=r"10\.0\.0\.1 has 3 of the 4 .*webrtc\.handshakes"):
+            await open_peer("10.0.0.1")
+        await open_peer("10.0.0.2")
+    async with answering(bounds=PeerBounds(peers=4, handshakes=100)) as side:
+        for number in range(3):
+            await side.peers.open(side.accept, f"2001:db8::{number}", _describe_nothing)
+        with pytest.raises(Refused, match=r"2001:db8::/64 has 3 of the 4 .*webrtc\.peers"):
+            await side.peers.open(side.accept, "2001:db8::ffff", _describe_nothing)
+        (first, *_) = tuple(side.peers._peers.values())
+        first.fail("a test")
+        await side.peers.open(side.accept, "2001:db8::ffff", _describe_nothing)
+
+
+async def _describe_nothing(peer: Peer) -> str:
+    return ""
 
 
 async def test_a_peer_that_is_never_reached_is_given_up() -> None:

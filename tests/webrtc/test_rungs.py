@@ -79,3 +79,18 @@ def test_loss_lowers_by_one() -> None:
     chooser.lost(0.2, 14.0)
     chooser.lost(0.2, 17.0)
     assert chooser.rung == 2
+
+
+def test_who_asks_for_key_pictures_without_end_gets_less_and_no_longer_shares_with_others() -> None:
+    chooser = RungChooser(RATES)
+    for moment in range(40):  # As a receiver asks for one picture, until it is there.
+        chooser.asked_for_key(10.0 + moment / 100)
+    for moment in range(5):
+        chooser.asked_for_key(20.0 + 10.0 * moment)
+    assert chooser.rung == 0
+    for moment in range(7):
+        chooser.asked_for_key(100.0 + moment)
+    assert chooser.rung == 1
+    for moment in range(1000):
+        chooser.asked_for_key(107.0 + moment / 100)
+    assert chooser.rung == 2

@@ -11,8 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
+from aiortc import (
+    MediaStreamTrack,
+    RTCConfiguration,
+    RTCPeerConnection,
+    RTCRtpSender,
+    RTCSessionDescription,
+)
 from aiortc.mediastreams import MediaStreamError
+from aiortc.rtp import RTCP_PSFB_APP, RTCP_RTPFB_NACK, RtcpPsfbPacket, RtcpRtpfbPacket, pack_remb_fci
 from av import VideoFrame
 
 from rwt import Server
@@ -178,6 +185,47 @@ async def test_who_lost_a_picture_gets_a_key_picture(monkeypatch: pytest.MonkeyP
         (ssrc,) = {each.ssrc for each in report.values() if each.type == "inbound-rtp"}
         await receiver._send_rtcp_pli(ssrc)
         await until(lambda: sum(keys) > begun)
+
+
+async def test_what_a_receiver_lies_hurts_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines that carry nothing or everything, losses that never were, half an estimate."""
+    resent = 0
+    retransmit = RTCRtpSender._retransmit
+
+    async def noted(self: RTCRtpSender, sequence_number: int) -> None:
+        nonlocal resent
+        resent += 1
+        await retransmit(self, sequence_number)
+
+    monkeypatch.setattr(RTCRtpSender, "_retransmit", noted)
+    async with camera() as (_, url), watchers(2) as (liar, other):
+        for each in (liar, other):
+            await each.watch(f"{url}/whep?topic={TOPIC}")
+        await until(lambda: len(liar.frames) >= 10 and len(other.frames) >= 10)
+        (receiver,) = liar.connection.getReceivers()
+        report = await receiver.getStats()
+        (ssrc,) = {each.ssrc for each in report.values() if each.type == "inbound-rtp"}
+        estimates = [pack_remb_fci(0, [ssrc]), pack_remb_fci(10**12, [ssrc]), b"REMB"]
+        for moment in range(50):
+            for fci in estimates:
+                estimate = RtcpPsfbPacket(fmt=RTCP_PSFB_APP, ssrc=1, media_ssrc=0, fci=fci)
+                await receiver._send_rtcp(estimate)
+            nack = RtcpRtpfbPacket(fmt=RTCP_RTPFB_NACK, ssrc=1, media_ssrc=ssrc)
+            nack.lost = list(range(moment * 1000, moment * 1000 + 200))
+            await receiver._send_rtcp(nack)
+            await receiver._send_rtcp_pli(ssrc)
+        seen, seen_by_liar = len(other.frames), len(liar.frames)
+        # The liar's own connection goes on as well: nothing of this breaks it.
+        await until(lambda: len(other.frames) > seen + 20 and len(liar.frames) > seen_by_liar)
+        assert 0 < resent < 1000, resent
+        # Half an estimate breaks aiortc's reading of it, and with it the connection that it came by.
+        half = RtcpPsfbPacket(fmt=RTCP_PSFB_APP, ssrc=1, media_ssrc=0, fci=b"REMB\xff\x00\x00\x01")
+        await receiver._send_rtcp(half)
+        async with asyncio.timeout(20):
+            while await _metric(url, 'rwt_webrtc_peers{state="connected"}') > 1:  # noqa: ASYNC110 - a number of another side
+                await asyncio.sleep(0.05)
+        seen = len(other.frames)
+        await until(lambda: len(other.frames) > seen + 20)
 
 
 async def test_refusals() -> None:

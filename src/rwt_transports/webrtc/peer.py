@@ -14,7 +14,8 @@ from aiortc import RTCPeerConnection, RTCSessionDescription
 
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.errors import log_exception
-from rwt_transports.limits import KIB, AddressCount, Limits
+from rwt_transports.http import is_local
+from rwt_transports.limits import KIB, AddressCount, Limits, network_of
 from rwt_transports.webrtc.association import Association
 from rwt_transports.webrtc.channels import ChannelLink
 from rwt_transports.webrtc.dtls import accept_rsa
@@ -71,6 +72,7 @@ class Peer:
 
     Attributes:
         connection: aiortc's.
+        network: that the other side counts as; empty on this machine.
         largest: bytes of the largest message that the other side takes; 0 for any.
         connected: whether the peers have found each other.
         closed: whether it has ended.
@@ -90,6 +92,7 @@ class Peer:
         self._terms = terms
         self._accept = accept
         self._address = address
+        self.network = "" if not address or is_local(address) else network_of(address)
         self._loopback = loopback
         self._on_closed = on_closed
         self._candidates = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -18,6 +19,10 @@ OFFER_BYTES: Final = 64 * 1024
 CANDIDATES: Final = 256
 """Addresses that a peer may have, where nothing says how many."""
 LINE_BYTES: Final = 4096
+ALIKE_LINES: Final = 256
+"""Lines of one attribute but candidates: aiortc compares each of some of them with all others."""
+WILDCARDS: Final = 16
+"""Lines of feedback for every codec, each of which is multiplied by the codecs there are."""
 FRAGMENT_BYTES: Final = 16 * 1024
 """Largest body of a PATCH with candidates."""
 LIBWEBRTC_BYTES: Final = 256 * 1024
@@ -69,6 +74,7 @@ def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Descript
     kept: list[str] = []
     media: list[str] = []
     candidates, ufrag, largest = 0, "", UNSAID_BYTES
+    _check_counts(lines)
     for line in lines:
         if line.startswith("m="):
             media.append(_media_kind(line))
@@ -88,6 +94,18 @@ def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Descript
     if not ufrag:
         raise BadDescription("the session description has no `a=ice-ufrag`")
     return Description("\r\n".join(kept) + "\r\n", tuple(media), candidates, ufrag, _largest_message(largest))
+
+
+def _check_counts(lines: list[str]) -> None:
+    """Refuse more of a kind than any browser writes: what is made of them grows faster than they do."""
+    counts = Counter(line.partition(":")[0] for line in lines if line.startswith("a="))
+    del counts["a=candidate"]
+    for name, count in counts.most_common(1):
+        if count > ALIKE_LINES:
+            raise BadDescription(f"{count} lines of {name[:80]!a}; the limit is {ALIKE_LINES}")
+    wildcards = sum(line.startswith("a=rtcp-fb:*") for line in lines)
+    if wildcards > WILDCARDS:
+        raise BadDescription(f"{wildcards} lines of 'a=rtcp-fb:*'; the limit is {WILDCARDS}")
 
 
 def _lines(body: bytes) -> Iterator[str]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from rwt_transports.background import background_tasks
 from rwt_transports.connection import TICK_SECONDS
 from rwt_transports.errors import Refused, TransportError
 from rwt_transports.http import Audience, HttpResponse, MetricFamily, Reader, Route, is_local
+from rwt_transports.limits import network_of
 from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
 
@@ -74,6 +76,7 @@ class Peers:
         self.find_servers = find_servers
         self._peers: dict[str, Peer] = {}
         self._reserved = 0
+        self._of_network: Counter[str] = Counter()
         self._ended: dict[str, int] = {"connected": 0, "unconnected": 0}
         self._refused = 0
         self._closing = False
@@ -105,8 +108,11 @@ class Peers:
             Refused: there are as many as there may be, or the servers cannot be had.
             BadDescription: what the client has sent cannot be used.
         """
-        self._check()
+        network = "" if is_local(address) else network_of(address)
+        self._check(network)
         self._reserved += 1
+        if network:
+            self._of_network[network] += 1
         try:
             try:
                 servers = await self.find_servers()
@@ -122,16 +128,31 @@ class Peers:
                 on_closed=lambda peer: self._closed(identifier, peer),
             )
             self._peers[identifier] = peer
+        except BaseException:
+            self._leave(network)
+            raise
         finally:
             self._reserved -= 1
+        peer.when_ended(partial(self._leave, network))
         try:
             return identifier, await answer(peer), servers
         except BaseException:
             peer.fail("its description could not be used")
             raise
 
-    def _check(self) -> None:
+    def _leave(self, network: str) -> None:
+        if network:
+            self._of_network[network] -= 1
+            if not self._of_network[network]:
+                del self._of_network[network]
+
+    def _check(self, network: str) -> None:
         bounds = self._bounds
+        if network:
+            of_network = [peer for peer in self._peers.values() if peer.network == network]
+            self._check_share(network, self._of_network[network], bounds.peers, "peers")
+            connecting = sum(not peer.connected for peer in of_network)
+            self._check_share(network, connecting, bounds.handshakes, "handshakes")
         connecting = self._reserved + sum(not peer.connected for peer in self._peers.values())
         if len(self._peers) + self._reserved >= bounds.peers or self._closing:
             self._refused += 1
@@ -141,6 +162,14 @@ class Peers:
             raise Refused(
                 503, f"{bounds.handshakes} peers are connecting (webrtc.handshakes)", {"Retry-After": "2"}
             )
+
+    def _check_share(self, network: str, count: int, most: int, setting: str) -> None:
+        """Leave something for others than one network."""
+        share = max(1, 3 * most // 4)
+        if count >= share:
+            self._refused += 1
+            text = f"{network} has {count} of the {most} that there may be, and nobody gets all"
+            raise Refused(503, f"{text} (webrtc.{setting})", {"Retry-After": "5"})
 
     def _closed(self, identifier: str, peer: Peer) -> None:
         self._peers.pop(identifier, None)
