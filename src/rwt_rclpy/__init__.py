@@ -18,10 +18,13 @@ from os import PathLike
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from rwt_graph.api import Graph
     from rwt_interfaces.registry import Registry
+    from rwt_rclpy.messages.classes import Message
 
-__all__ = ["install", "installed", "join", "uninstall", "use_graph"]
+__all__ = ["install", "installed", "join", "octets_of", "uninstall", "use_graph"]
 
 Which = Literal["ros", "rwt_rclpy"]
 
@@ -94,6 +97,22 @@ def join(where: str | None = None) -> AbstractContextManager[None]:
     from rwt_rclpy.middleware.joining import joined
 
     return joined(where)
+
+
+def octets_of(message: Message, name: str) -> np.ndarray:
+    """The octets of a message's field of type ``uint8[]``, as a read-only numpy array and without a copy.
+
+    They are the bytes that were published, in the same process, as long as nobody has asked the message for
+    the field itself, which makes an `array.array` of them.
+
+    >>> pixels = rwt_rclpy.octets_of(image, "data").reshape(image.height, image.width, 3)
+
+    Raises:
+        TypeError: it has no such field, or one of another type.
+    """
+    from rwt_rclpy.messages import classes
+
+    return classes.octets_of(message, name)
 
 
 def uninstall() -> None:

@@ -496,3 +496,75 @@ def test_the_wait_for_one_message(rclpy: Any, executor: Any) -> None:
     assert wait_for_message(Int32, it, "a", time_to_wait=2) == (False, None)
     it.create_publisher(Int32, "a", latched).publish(Int32(data=3))
     assert wait_for_message(Int32, it, "a", qos_profile=latched) == (True, Int32(data=3))
+
+
+def test_a_goal_is_charged_to_who_sent_it_until_it_has_ended(
+    rclpy: Any, rclpy_graph: VirtualDomain, executor: Any
+) -> None:
+    from rclpy.action import ActionServer
+
+    from rwt_graph.accounts import WORK_ACCOUNT
+    from rwt_interfaces.payload import Payload
+
+    held: list[str] = []
+
+    class Account:
+        def hold(self, size: int) -> Any:
+            held.append("held")
+            return lambda: held.append("released")
+
+    Fibonacci = classes("example_interfaces/action/Fibonacci")
+    it = node(rclpy, executor)
+    goals: list[Any] = []
+    ActionServer(it, Fibonacci, "/f", lambda goal: None, handle_accepted_callback=goals.append)
+    graph = rclpy_graph.graph
+    browser = graph.participant("/browser")
+
+    def call(short: str, name: str, request: dict[str, Any]) -> list[str]:
+        before = WORK_ACCOUNT.set(Account())
+        try:
+            kind = graph.registry.service(name)
+            payload = Payload.from_value(kind.request, request)
+            browser.call_service(f"/f/_action/{short}", payload, lambda outcome: held.append("answered"))
+        finally:
+            WORK_ACCOUNT.reset(before)
+        spin_some(executor)
+        said, held[:] = list(held), []
+        return said
+
+    goal_id = {"uuid": list(range(16))}
+    sent = {"goal_id": goal_id, "goal": {"order": 3}}
+    assert call("send_goal", "example_interfaces/Fibonacci_SendGoal", sent) == ["held", "answered"]
+    assert call("cancel_goal", "action_msgs/CancelGoal", {}) == ["held", "answered", "released"]
+    asked = call("get_result", "example_interfaces/Fibonacci_GetResult", {"goal_id": goal_id})
+    assert asked == ["held"]
+    goals[0].execute(lambda goal: (goal.succeed(), Fibonacci.Result())[1])
+    spin_some(executor)
+    assert sorted(held) == ["answered", "released", "released"]
+
+
+def test_pixels_are_shared_from_publisher_to_subscription(rclpy: Any, executor: Any) -> None:
+    import numpy as np
+
+    import rwt_rclpy
+
+    Image = classes("sensor_msgs/msg/Image")
+    it = node(rclpy, executor)
+    heard: list[Any] = []
+    publisher = it.create_publisher(Image, "/image", 1)
+    it.create_subscription(Image, "/image", heard.append, 1)
+    pixels = np.arange(640 * 480 * 3, dtype=np.uint8).tobytes()
+    sent = Image(height=480, width=640, step=1920, encoding="rgb8", data=pixels)
+    publisher.publish(sent)
+    spin_some(executor)
+    (received,) = heard
+    seen = rwt_rclpy.octets_of(received, "data")
+    assert np.shares_memory(seen, np.frombuffer(pixels, np.uint8)) and not seen.flags.writeable
+    # Who asks for the field gets rosidl's array, which is its own.
+    received.data[0] = 77
+    assert pixels[0] == 0 and sent.data[0] == 0
+    assert rwt_rclpy.octets_of(received, "data")[0] == 77 and received != sent
+    received.data[0] = 0
+    assert received == sent
+    with pytest.raises(TypeError, match="no field 'encoding' of type uint8"):
+        rwt_rclpy.octets_of(received, "encoding")

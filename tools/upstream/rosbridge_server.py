@@ -3,7 +3,9 @@
     python -m tools.upstream.rosbridge_server ../rosbridge_suite
 
 Both run in one process, as nodes of one graph. It prints `listening on ws://127.0.0.1:PORT` and serves until
-it is interrupted.
+it is interrupted. SIGTERM ends it too, which the reference alone ignores, here as on ROS
+(RobotWebTools/rosbridge_suite#1024 and #945): each spin raises ExternalShutdownException, before it looks
+whether to stop.
 """
 
 from __future__ import annotations
@@ -64,8 +66,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     own = ["--ros-args", "-p", f"port:={options.port}", "-p", "address:=127.0.0.1"]
     # It takes its arguments of ROS from here, and looks in them for its own.
     sys.argv = ["rosbridge_websocket", *own, *options.ros]
-    beside = threading.Thread(target=_beside, args=(rosapi["Rosapi"],), daemon=True, name="rosapi")
-    beside.start()
+    from tornado.ioloop import IOLoop
+
+    loop = IOLoop.current()  # The one that the reference will run.
+
+    def run_beside() -> None:
+        _beside(rosapi["Rosapi"])
+        loop.add_callback(loop.stop)
+
+    threading.Thread(target=run_beside, daemon=True, name="rosapi").start()
     websocket["main"](sys.argv)
     return 0
 

@@ -37,7 +37,9 @@ from rwt_rclpy.execution.waitable import NumberOfEntities
 from rwt_rclpy.messages.loaded import message_class
 
 if TYPE_CHECKING:
+    from rwt_graph.accounts import Release
     from rwt_graph.api import ServerGoal
+    from rwt_interfaces.structs import ActionType
     from rwt_rclpy.nodes.node import Node
 
 
@@ -79,10 +81,18 @@ TRANSITIONS: Final = {
 
 
 class RequestQueue(Service):
-    """A service whose callback is given the request's header, and answers when it likes."""
+    """A service whose callback is given the request's header, and answers when it likes.
+
+    The caller is charged for the request until it is answered; for a goal that is accepted, until that ends.
+    """
 
     def _answer(self, request: Any, header: RequestHeader) -> Any:
         return self.callback(request, header)
+
+    def answer(self, response: Any, header: RequestHeader) -> None:
+        """Answer a request, and charge nobody for it any more."""
+        self.send_response(response, header)
+        self._link.post(header.release)
 
 
 class ServerGoalHandle:
@@ -103,6 +113,8 @@ class ServerGoalHandle:
         self._destroyed = False
         self._lock = threading.Lock()
         self.expires_ns: int | None = None
+        #: Ends what who sent the goal is charged for it.
+        self.release: Release | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ServerGoalHandle) and self.goal_id == other.goal_id
@@ -245,11 +257,6 @@ class ActionServer(Entity):
         self._link = node.context.link
         self._logger = node.get_logger().get_child("action_server")
         name = self._name = node._rwt_resolved(action_name, "name")
-        participant = node._rwt_participant
-        # The action of the graph comes first: its own service for cancelling gives way to the one below.
-        self._registration = self._link.run(
-            lambda: participant.advertise_action(name, interface, self._on_graph_goal)
-        )
         impl = action_type.Impl
         self._feedback = node.create_publisher(
             impl.FeedbackMessage, f"{name}/_action/feedback", feedback_pub_qos_profile
@@ -265,19 +272,25 @@ class ActionServer(Entity):
                 (impl.SendGoalService, "send_goal", self._on_send_goal, goal_service_qos_profile),
             )
         )
+        self._registration = self._link.run(functools.partial(self._advertise, interface))
         self.callback_group.add_entity(self)
         node.add_waitable(self)
+
+    def _advertise(self, interface: ActionType) -> Any:
+        """Offer the action and its services in one turn of the graph, so that no goal comes between them."""
+        participant = self._node._rwt_participant
+        # The action of the graph comes first: its own services give way to those here.
+        registration = participant.advertise_action(self._name, interface, self._on_graph_goal)
+        for service in self._services:
+            kind = service_type(service.srv_type)
+            service.opened(participant.advertise_service(service.srv_name, kind, service.on_call))
+        return registration
 
     def _service(
         self, kind: Any, name: str, callback: Callable[..., Any], profile: QoSProfile
     ) -> RequestQueue:
         service = RequestQueue(self._link, self._node, kind, name, callback, self.callback_group, profile)
         service.wake = self._wake
-        interface = service_type(kind)
-        participant = self._node._rwt_participant
-        service.opened(
-            self._link.run(lambda: participant.advertise_service(name, interface, service.on_call))
-        )
         return service
 
     def _wake(self) -> None:
@@ -336,11 +349,13 @@ class ActionServer(Entity):
         handle = await self._take_goal(goal_id, request.goal, None)
         response: Any = self._action_type.Impl.SendGoalService.Response()
         response.accepted = handle is not None
-        if handle is not None:
-            response.stamp = handle._goal_info.stamp
+        if handle is None:
+            self._services[2].answer(response, header)
+            return
+        handle.release = header.release
+        response.stamp = handle._goal_info.stamp
         self._services[2].send_response(response, header)
-        if handle is not None:
-            await await_or_execute(self._handle_accepted_callback, handle)
+        await await_or_execute(self._handle_accepted_callback, handle)
 
     def _on_graph_goal(self, goal: ServerGoal) -> None:
         payload = goal.goal.detach()
@@ -382,7 +397,7 @@ class ActionServer(Entity):
         response.goals_canceling = [handle._goal_info for handle in accepted]
         if chosen and not accepted:
             response.return_code = response.ERROR_REJECTED
-        self._services[0].send_response(response, header)
+        self._services[0].answer(response, header)
 
     def _to_cancel(self, info: Any) -> tuple[list[ServerGoalHandle], int]:
         """The goals that a request is about, by id, up to a time, or all; and the error if there is none."""
@@ -412,12 +427,12 @@ class ActionServer(Entity):
         if future is None:
             response: Any = self._action_type.Impl.GetResultService.Response()
             response.status = int(GoalStatus.UNKNOWN)
-            self._services[1].send_response(response, header)
+            self._services[1].answer(response, header)
             return
         future.add_done_callback(functools.partial(self._send_result, header))
 
     def _send_result(self, header: RequestHeader, future: Future) -> None:
-        self._services[1].send_response(future.result(), header)
+        self._services[1].answer(future.result(), header)
 
     async def _execute_goal(self, execute_callback: Callable[..., Any], handle: ServerGoalHandle) -> None:
         try:
@@ -466,11 +481,17 @@ class ActionServer(Entity):
             executor.create_task(self._execute_goal, call, goal_handle)
 
     def notify_goal_done(self, goal_handle: ServerGoalHandle) -> None:
-        """A goal has ended: its result is kept for a while."""
+        """A goal has ended: its result is kept for a while, and nobody is charged for it any more."""
+        self._charge_no_more(goal_handle)
         if self._result_timeout >= 0:
             now = self._clock.handle.now_ns()
             goal_handle.expires_ns = now + int(self._result_timeout * 1e9)
         self.wake()
+
+    def _charge_no_more(self, handle: ServerGoalHandle) -> None:
+        release, handle.release = handle.release, None
+        if release is not None:
+            self._link.post(release)
 
     def send_feedback(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:
         """Send a goal's feedback to all that want it."""
@@ -541,6 +562,7 @@ class ActionServer(Entity):
         if not self._handle:
             return
         for handle in self._goal_handles.values():
+            self._charge_no_more(handle)
             handle.destroy()
         self._node.remove_waitable(self)
         self._node.destroy_publisher(self._feedback)

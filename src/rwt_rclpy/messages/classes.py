@@ -274,15 +274,31 @@ def _made(default: Callable[[], Any]) -> Callable[[type], Any]:
 
 
 def _property(field: MessageField) -> property:
-    slot, check, store = f"_{field.name}", field.check, field.store
+    slot, check, store, thaw = f"_{field.name}", field.check, field.store, field.thaw
 
     def get(self: Message) -> Any:
         return getattr(self, slot)
 
+    def get_thawed(self: Message) -> Any:
+        value = getattr(self, slot)
+        if isinstance(value, bytes):
+            value = thaw(value)  # type: ignore[misc]  # it is there, or this is not the getter
+            setattr(self, slot, value)
+        return value
+
     def put(self: Message, value: Any) -> None:
         setattr(self, slot, check(value) if self._check_fields else store(value))
 
-    return property(get, put, doc=f"Field '{field.name}', {field.type_text}.")
+    return property(get if thaw is None else get_thawed, put, doc=f"Field '{field.name}', {field.type_text}.")
+
+
+def octets_of(message: Message, name: str) -> np.ndarray:
+    """See :func:`rwt_rclpy.octets_of`."""
+    if message._fields_and_field_types.get(name) != "sequence<uint8>":
+        raise TypeError(f"{type(message).__name__} has no field {name!r} of type uint8[]")
+    seen = np.frombuffer(getattr(message, f"_{name}"), np.uint8)
+    seen.flags.writeable = False
+    return seen
 
 
 def _writer(message: MessageType, fields: tuple[MessageField, ...]) -> Convert:

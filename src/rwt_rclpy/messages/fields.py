@@ -72,6 +72,7 @@ class MessageField:
         to_graph: from the message's form to the graph's; None where both are the same.
         from_graph: from the graph's form to the message's; None where both are the same.
         has_default: whether the definition gives the default.
+        thaw: from what is kept to what a program gets, when it first asks; None where both are the same.
     """
 
     name: str
@@ -83,6 +84,7 @@ class MessageField:
     to_graph: Convert | None
     from_graph: Convert | None
     has_default: bool
+    thaw: Convert | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,6 +319,19 @@ def _numbers(field: Field, element: BasicType) -> MessageField:
             partial(_fixed_from_graph, dtype),
             field.default is not None,
         )
+    if octets:
+        return MessageField(
+            field.name,
+            slot_type,
+            text,
+            partial(array, code, given),
+            partial(_check_octets, field.name, check_one),
+            _store_octets,
+            _octets_to_graph,
+            _octets_from_graph,
+            field.default is not None,
+            _thawed,
+        )
     return MessageField(
         field.name,
         slot_type,
@@ -324,7 +339,7 @@ def _numbers(field: Field, element: BasicType) -> MessageField:
         partial(array, code, given),
         partial(_check_numbers, field.name, code, written.bound, check_one),
         partial(_store_numbers, code),
-        _bytes_of if octets else _list_or_numpy,
+        _list_or_numpy,
         partial(_numbers_from_graph, code),
         field.default is not None,
     )
@@ -381,6 +396,39 @@ def _check_fixed(name: str, dtype: np.dtype[Any], length: int, check_one: Check,
     if len(value) != length:
         raise _wrong(name, f"{length} elements", value)
     return np.array([check_one(item) for item in value], dtype)
+
+
+# Octets, the pixels of an image among them, are kept as the bytes that they come as, which nobody can write
+# into, and so are shared by the program that publishes them, the graph and every subscription. A program that
+# asks for them gets rosidl's `array.array`, which is made then.
+
+
+def _store_octets(value: Any) -> bytes | array[Any]:
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        return bytes(value)
+    if isinstance(value, np.ndarray) and value.dtype == np.uint8:
+        return value.tobytes()
+    return _store_numbers("B", value)
+
+
+def _check_octets(name: str, check_one: Check, value: Any) -> bytes | array[Any]:
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        return bytes(value)
+    if isinstance(value, np.ndarray) and value.dtype == np.uint8:
+        return value.tobytes()
+    return _check_numbers(name, "B", None, check_one, value)
+
+
+def _octets_to_graph(value: bytes | array[Any]) -> bytes:
+    return value if isinstance(value, bytes) else value.tobytes()
+
+
+def _octets_from_graph(value: Any) -> bytes | array[Any]:
+    return value if isinstance(value, bytes) else _numbers_from_graph("B", value)
+
+
+def _thawed(value: bytes | array[Any]) -> array[Any]:
+    return array("B", value) if isinstance(value, bytes) else value
 
 
 def _bytes_of(value: Any) -> bytes:
