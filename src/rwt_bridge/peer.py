@@ -16,7 +16,7 @@ from rwt_bridge.ops.services import Services
 from rwt_bridge.ops.topics import Topics
 from rwt_bridge.reply import Replies
 from rwt_delivery.counters import UNKNOWN
-from rwt_delivery.turns import ALONE, SHARE, TakesTurns
+from rwt_delivery.turns import ALONE, SHARE, Arriving, TakesTurns
 from rwt_program.errors import RobotError
 from rwt_protocol.codecs.quick_calls import UsualCall
 from rwt_protocol.errors import ProtocolError
@@ -172,11 +172,14 @@ class Peer(TakesTurns[_Waiting]):
             if (usual is None or not self._publish_exact(*usual, data)) and (
                 binary or usual is not None or not self._call_usual(data)
             ):
-                items = self._session.decode(data, binary, now)
-                if len(items) == 1:
-                    self._do(items[0])
+                if binary and len(data) > LARGE:
+                    self._read_on(Arriving(self._read_in_steps(data)))
                 else:
-                    self._do_all(items, now)
+                    items = self._session.decode(data, binary, now)
+                    if len(items) == 1:
+                        self._do(items[0])
+                    else:
+                        self._do_all(items, now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > SHARE:
             self._count_work()
@@ -210,7 +213,15 @@ class Peer(TakesTurns[_Waiting]):
     def _read(self, data: bytes, binary: bool, now: float) -> None:
         self.messages += 1
         if self._rate is None or self._may_send(now):
-            self._do_all(self._session.decode(data, binary, now), now)
+            if binary and len(data) > LARGE:
+                self._read_on(Arriving(self._read_in_steps(data)))
+            else:
+                self._do_all(self._session.decode(data, binary, now), now)
+
+    def _read_in_steps(self, data: bytes) -> Steps:
+        """Take a large binary frame apart in steps, and run what it holds."""
+        items = yield from self._session.decode_in_steps(data, True, self._began)
+        self._do_all(items, self._began)
 
     def _do_all(self, items: Sequence[Op | Refusal], now: float) -> None:
         """Run the messages of one frame, the first of which is counted already."""

@@ -108,8 +108,8 @@ class Work(Protocol):
         """Count that something of the client waits, since it is beyond its rate."""
 
 
-class _Arriving(NamedTuple):
-    """A message that is still being read from its wire."""
+class Arriving(NamedTuple):
+    """A message that is still being read."""
 
     steps: Iterator[None]
 
@@ -140,7 +140,7 @@ class TakesTurns(ABC, Generic[T]):
         self._turn_began = 0.0  # when it had worked so long
         self._is_beyond = self._needs_turn = work.excess > 0.0  # its rate of work
         self._began = 0.0  # with the frame or message at hand
-        self._waiting: deque[T | _Arriving] = deque()
+        self._waiting: deque[T | Arriving] = deque()
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Hold this client back by `flow_control` while its messages wait their turn."""
@@ -191,9 +191,9 @@ class TakesTurns(ABC, Generic[T]):
 
     def take_steps(self, steps: Iterator[None]) -> None:
         """Take the steps in which a message is read from its wire, in turns, as what it asks for."""
-        self._wait(_Arriving(steps))
+        self._wait(Arriving(steps))
 
-    def _wait(self, what: T | _Arriving) -> None:
+    def _wait(self, what: T | Arriving) -> None:
         """Let a frame or a message wait for a later turn, or the rest of one; until then nothing is read from
         this client."""
         self._waiting.append(what)
@@ -215,7 +215,7 @@ class TakesTurns(ABC, Generic[T]):
     def _go_on(self) -> None:
         """Take this turn's share of what waits."""
         first = self._waiting[0] if self._waiting else None
-        if first is not None and not isinstance(first, _Arriving) and self._is_held_up(first):
+        if first is not None and not isinstance(first, Arriving) and self._is_held_up(first):
             self._turns.later(self._ask_for_turn)
             return
         waiting, self._waiting = self._waiting, deque()
@@ -224,7 +224,7 @@ class TakesTurns(ABC, Generic[T]):
             while waiting and not (self._waiting or self._over or self._worked - self._turn_began > SHARE):
                 what = waiting.popleft()
                 now = self._began = self._monotonic()
-                if isinstance(what, _Arriving):
+                if isinstance(what, Arriving):
                     self._read_on(what)
                 else:
                     self._take_up(what, now)
@@ -242,7 +242,7 @@ class TakesTurns(ABC, Generic[T]):
                 if self._over:
                     self._flow_control = None
 
-    def _read_on(self, arriving: _Arriving) -> None:
+    def _read_on(self, arriving: Arriving) -> None:
         """Take steps of reading a message; the rest of them wait for a later turn."""
         for _ in arriving.steps:
             if not self._has_time():

@@ -284,6 +284,24 @@ class Payload:
         return payload
 
     @classmethod
+    def from_value_in_steps(
+        cls, message_type: MessageType, value: dict[str, object], now: Now | None = None
+    ) -> Steps[Payload]:
+        """As :meth:`from_value` for a mapping, its long lists in steps.
+
+        Raises:
+            InvalidMessage: as :meth:`from_value`, from any step.
+        """
+        codec = message_type.json
+        if codec.has_arrays:
+            message = yield from codec.long_arrays.of_value(value, now or time.time_ns)
+            if message is not None:
+                payload = cls(message_type, None, message)
+                payload.is_long = True
+                return payload
+        return cls.from_value(message_type, value, now)
+
+    @classmethod
     def deserialised(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Take a message in the serialisation of its type's distribution.
 

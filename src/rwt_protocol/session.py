@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -10,7 +10,7 @@ import msgspec
 from pydantic import ValidationError
 
 from rwt_protocol.codecs import BINARY_CODECS, JSON, png
-from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitLimits
+from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitLimits, SplitsInSteps
 from rwt_protocol.codecs.head_tail_split import head_members
 from rwt_protocol.codecs.quick_calls import UsualCall, UsualResponse, split_call
 from rwt_protocol.codecs.quick_publish import QUICK, never, split_publish
@@ -158,6 +158,16 @@ class Session:
         """
         codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
         return self._decode(data, codec, now)
+
+    def decode_in_steps(
+        self, data: bytes, binary: bool, now: float
+    ) -> Generator[None, None, Sequence[Op | Refusal]]:
+        """As :meth:`decode`, in steps of about a millisecond where the encoding is taken apart so."""
+        codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
+        if len(data) > self._max_size or not isinstance(codec, SplitsInSteps):
+            return self._decode(data, codec, now)
+        parts = yield from codec.split_in_steps(data, self._split_limits)
+        return [read for part in parts for read in self._read(part, now)]
 
     def refuse_skipped(self, head: bytes, reason: str) -> Refusal | None:
         """Refuse a message of which only the head was read.

@@ -303,3 +303,46 @@ def test_a_large_message_is_numbered_without_being_decoded_wherever_its_header_i
     numbered = payload.numbered(7)
     assert len(numbered.json_parts()) > 1  # The list is still in the very bytes that came.
     assert json.loads(bytes(numbered.json())) == {"header": {**header, "seq": 7}, "poses": [pose] * 5_000}
+
+
+_POSE = {"position": {"x": 1.0, "y": 2, "z": 3.5}, "orientation": {"w": 1.0}}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("geometry_msgs/PoseArray", {"poses": [_POSE] * 500}),
+        ("geometry_msgs/PoseArray", {"header": {"frame_id": "map"}, "poses": [{}] * 500}),
+        ("sensor_msgs/LaserScan", {"ranges": [0.1] * 9000, "intensities": [1] * 300}),
+        ("std_msgs/Float64MultiArray", {"data": [None] * 9000, "layout": {"dim": []}}),
+        ("nav_msgs/OccupancyGrid", {"data": [-1] * 9000}),
+        ("sensor_msgs/JointState", {"name": ["a"] * 200, "position": [1.0] * 200}),
+        ("geometry_msgs/Twist", {"linear": {"x": 1}}),
+    ],
+)
+def test_a_mapping_in_steps_is_what_it_is_at_once(name: str, value: dict[str, object]) -> None:
+    type, now = REGISTRY.message(name), lambda: 3_000_000_004
+    steps = Payload.from_value_in_steps(type, value, now)
+    with pytest.raises(StopIteration) as end:
+        while True:
+            next(steps)
+    assert end.value.value.json() == Payload.from_value(type, value, now).json()
+    assert end.value.value.cdr() == Payload.from_value(type, value, now).cdr()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "where"),
+    [
+        (
+            "geometry_msgs/PoseArray",
+            {"poses": [{}] * 200 + [{"position": {"x": "1"}}]},
+            "poses[200].position.x",
+        ),
+        ("sensor_msgs/LaserScan", {"ranges": [0.1] * 9000 + ["far"]}, "ranges[9000]"),
+        ("sensor_msgs/LaserScan", {"ranges": [0.1] * 9000, "angle": 1.0}, "angle"),
+    ],
+)
+def test_a_fault_in_a_mapping_in_steps_is_named(name: str, value: dict[str, object], where: str) -> None:
+    with pytest.raises(InvalidMessage) as raised:
+        list(Payload.from_value_in_steps(REGISTRY.message(name), value))
+    assert where in str(raised.value)

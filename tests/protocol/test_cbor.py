@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import random
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import cbor2
@@ -13,10 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import CBOR
-from rwt_protocol.codecs.base import SplitLimits
+from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
 from rwt_protocol.codecs.cbor import publish_frame, publish_prefix
 from rwt_protocol.ops import Direction, Publish, ServiceResponse, Subscribe
-from rwt_protocol.payloads import Decoded, RawJson
+from rwt_protocol.payloads import FEW_BYTES, Decoded, RawJson
 from rwt_protocol.session import Refusal, Session, WireLimits
 from tests.protocol.wire_examples import EXAMPLES, CborFrame
 
@@ -208,3 +210,69 @@ def test_what_is_written_is_read_back(topic: str, members: dict[str, object]) ->
     (found,) = Session(direction=Direction.TO_CLIENT).decode(frame.data, True, 0.0)
     assert isinstance(found, Publish)
     assert (found.topic, found.msg) == (topic, Decoded(members))
+
+
+_SCALARS = (1, -500, 2.5, "short", "x" * 300, b"y" * 3000, True, None, 2**40)
+
+
+def _random_value(source: random.Random, level: int, most: int) -> object:
+    if level > 3 or source.random() < 0.3:
+        return source.choice(_SCALARS)
+    inside = [_random_value(source, level + 1, 12) for _ in range(source.randrange(most))]
+    return inside if source.random() < 0.5 else {str(n): each for n, each in enumerate(inside)}
+
+
+def _endless(value: object) -> bytes:
+    """CBOR whose arrays and maps have no length."""
+    if isinstance(value, list):
+        return b"\x9f" + b"".join(map(_endless, value)) + b"\xff"
+    if isinstance(value, dict):
+        pairs = (cbor2.dumps(name) + _endless(each) for name, each in value.items())
+        return b"\xbf" + b"".join(pairs) + b"\xff"
+    return cbor2.dumps(value)
+
+
+def _nested(levels: int, inside: object) -> object:
+    return inside if levels == 0 else _nested(levels - 1, [inside, 1])
+
+
+_SOURCE = random.Random(5)
+_LARGE_VALUES: dict[str, object] = {
+    **{f"random {n}": [_random_value(_SOURCE, 1, 30) for _ in range(40)] for n in range(2)},
+    "numbers": [1.5] * 20_000,
+    "large in large": [[n] * 9_000 for n in range(13)],
+    "names": {str(n): n for n in range(12_000)},
+    "deep": _nested(40, [7] * 70_000),
+}
+
+
+@pytest.mark.parametrize("write", [cbor2.dumps, _endless], ids=["lengths", "no lengths"])
+@pytest.mark.parametrize("kind", _LARGE_VALUES)
+def test_a_large_frame_in_steps_is_what_it_is_at_once(kind: str, write: Callable[[object], bytes]) -> None:
+    message = {"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES[kind], "b": 1}}
+    data = write(message)
+    assert len(data) > FEW_BYTES
+    steps = CBOR.split_in_steps(data, SplitLimits(max_structure=1 << 24))
+    count = 0
+    with pytest.raises(StopIteration) as end:
+        while True:
+            next(steps)
+            count += 1
+    (members,) = end.value.value
+    assert count > 1
+    assert members["msg"].value == message["msg"]
+    (damaged,) = CBOR.split(data[:-3], SplitLimits(max_structure=1 << 24))
+    assert isinstance(damaged, DecodeFailure)
+    (doubled,) = CBOR.split(data + b"\x01", SplitLimits(max_structure=1 << 24))
+    assert isinstance(doubled, DecodeFailure) and "more than one value" in doubled.reason
+
+
+def test_no_step_reads_much() -> None:
+    data = cbor2.dumps({"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES["large in large"]}})
+    assert len(list(CBOR.split_in_steps(data, SplitLimits()))) > len(data) // 8192
+
+
+def test_what_is_too_deep_is_refused_in_steps_too() -> None:
+    data = cbor2.dumps({"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES["deep"]}})
+    (found,) = CBOR.split(data, SplitLimits(max_depth=40))
+    assert isinstance(found, DecodeFailure)

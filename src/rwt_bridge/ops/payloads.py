@@ -54,10 +54,15 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
 
 
 def payload_in_steps(
-    type: MessageType, raw: RawJson, where: str, now: Callable[[], int]
+    type: MessageType, raw: RawJson | Decoded, where: str, now: Callable[[], int]
 ) -> Generator[None, None, Payload]:
     """As :func:`payload_of`, in steps of about a millisecond at most."""
     try:
+        if isinstance(raw, Decoded):
+            yield
+            if isinstance(raw.value, dict):
+                return (yield from Payload.from_value_in_steps(type, raw.value, now))
+            return _of_object(type, raw, where, now)
         if not raw.dense:
             return (yield from Payload.from_json_in_steps(type, raw.data, now))
         dense = yield from Payload.from_dense_json_in_steps(type, raw.data, now)
@@ -65,7 +70,11 @@ def payload_in_steps(
     except TooManyValues as error:
         raise _refused(where, error) from None
     except InvalidMessage as error:
-        if not raw.is_validated and (validated := raw.validated()).data != bytes(raw.data):
+        if (
+            isinstance(raw, RawJson)
+            and not raw.is_validated
+            and (validated := raw.validated()).data != bytes(raw.data)
+        ):
             return (yield from payload_in_steps(type, validated, where, now))
         raise _refused(where, error) from None
 

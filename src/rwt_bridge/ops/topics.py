@@ -16,7 +16,7 @@ from rwt_interfaces.payload import Payload
 from rwt_interfaces.validation.missing_fields import missing_fields
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
-from rwt_protocol.payloads import Encodable, RawJson
+from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_access.client_graph import ClientGraph, ClientPublisher
@@ -112,7 +112,7 @@ class Topics:
         return True
 
     def _publish_in_steps(self, op: Publish, raw: Encodable, type: MessageType) -> Steps:
-        if isinstance(raw, RawJson):
+        if isinstance(raw, RawJson | Decoded):
             payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
         else:
             yield  # To read it was a step.

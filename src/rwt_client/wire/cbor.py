@@ -13,7 +13,7 @@ import re
 import struct
 from typing import Final, NamedTuple
 
-from rwt_protocol.codecs.cbor import TYPED_ARRAYS, array_elements
+from rwt_protocol.codecs.cbor_decoder import TYPED_ARRAYS, array_elements
 
 _DEEPEST: Final = 64
 _SIMPLE: Final = {20: False, 21: True, 22: None, 23: None}

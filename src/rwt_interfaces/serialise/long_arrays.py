@@ -142,6 +142,26 @@ class _Items:
         items = self._completed(parse(text), offset, completion)
         return items, self.encode(items), self.are_numbers
 
+    def of_values(self, values: list[object], offset: int, completion: Completion) -> list[Any]:
+        """The items that plain values stand for; the first has the number `offset`.
+
+        Raises:
+            InvalidMessage: an item does not fit.
+        """
+        from rwt_interfaces.serialise.json import REJECTIONS
+
+        if self.message is not None:
+            try:
+                exact = [self.message.json.convert(value) for value in values]
+                own: list[Any] = msgspec.convert(
+                    exact, _LIST[annotation(self._element)], from_attributes=True
+                )
+            except REJECTIONS:
+                pass
+            else:
+                return own
+        return self._completed(values, offset, completion)
+
     def _completed(self, values: Any, offset: int, completion: Completion) -> list[Any]:
         if isinstance(self._element, field_types.Int | field_types.Float):
             try:
@@ -312,6 +332,31 @@ class LongArrays:
         yield
         return self._places(data, found) if found else None
 
+    def of_value(self, value: dict[str, object], now: Callable[[], int]) -> Steps[msgspec.Struct | None]:
+        """The message that plain objects hold, in steps; None if they have no long lists.
+
+        Raises:
+            InvalidMessage: it does not fit; found before or after other faults as the fields have it.
+        """
+        short = value
+        lists: list[tuple[_Path, _Items, list[object]]] = []
+        for path, items in self._long_fields((), ()):
+            found = _value_at(value, path)
+            if isinstance(found, list) and len(found) > FEW and items.bound is None:
+                short = _without(short, path)
+                lists.append((path, items, found))
+        if not lists:
+            return None
+        completion = Completion(now)
+        message: msgspec.Struct = self._message.decode_leniently(short, completion)
+        for path, items, found in lists:
+            taken: list[Any] = []
+            for chunk in chunks_of(found, items.are_numbers):
+                yield
+                taken += items.of_values(chunk, len(taken), completion)
+            message = put(message, path, taken)
+        return message
+
     def json(self, message: msgspec.Struct) -> Steps[Parts | None]:
         """A message in JSON, in steps; None if it has no long lists."""
         short = message
@@ -398,6 +443,19 @@ def _at(message: Any, path: _Path) -> Any:
     for attribute in path:
         message = getattr(message, attribute)
     return message
+
+
+def _value_at(value: object, path: _Path) -> object:
+    """What a path leads to in plain objects; None where there is nothing, or another name for it."""
+    for name in path:
+        value = value.get(name) if isinstance(value, dict) else None
+    return value
+
+
+def _without(value: Any, path: _Path) -> Any:
+    """A copy of plain objects with an empty list at the end of a path; what is beside the path is shared."""
+    first, *rest = path
+    return {**value, first: _without(value[first], tuple(rest)) if rest else []}
 
 
 def _is_long(type: field_types.Array | field_types.Octets) -> bool:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from rwt_protocol.ops import Op
 from rwt_protocol.payloads import Encodable, Sample
@@ -70,3 +70,13 @@ class Codec(Protocol):
 
     def publish_encoder(self, topic: str) -> PublishEncoder:
         """An encoder for the samples of `topic`; what is the same in all of them is computed here, once."""
+
+
+@runtime_checkable
+class SplitsInSteps(Protocol):
+    """A codec that takes large frames apart in steps, between which others may be served."""
+
+    def split_in_steps(
+        self, data: bytes, limits: SplitLimits
+    ) -> Generator[None, None, Sequence[Members | DecodeFailure]]:
+        """As :meth:`Codec.split`, in steps of about a millisecond at most."""

@@ -1,0 +1,345 @@
+"""Reading CBOR (RFC 8949): what the library may make of a frame, and large frames in steps."""
+
+from __future__ import annotations
+
+import gc
+import re
+import struct
+from collections.abc import Generator
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, Final, NoReturn, TypeVar
+
+from rwt_protocol.codecs.base import SplitLimits
+from rwt_protocol.payloads import FEW_BYTES
+from rwt_protocol.transport import Buffer
+
+if TYPE_CHECKING:
+    import cbor2
+
+T = TypeVar("T")
+Steps = Generator[None, None, T]
+
+TYPED_ARRAYS: Final = {
+    64: "<B", 65: ">H", 66: ">I", 67: ">Q", 68: "<B", 69: "<H", 70: "<I", 71: "<Q",
+    72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
+    80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
+}  # fmt: skip
+"""Byte order of the elements of each kind of typed array and their letter in :mod:`struct`, by tag (RFC 8746
+section 2.1)."""
+
+_READ_SIZE: Final = 1024
+"""Bytes that the library reads at a time; of a longer string it reads the rest at once."""
+
+_SPENT: Final = -_READ_SIZE
+"""What is left when too much was read, since the library reads ahead."""
+
+_BYTES, _TEXT, _ARRAY, _MAP, _TAG = range(2, 7)
+_HEADS: Final = bytes(range(0x80, 0xE0)) + b"\xf8"
+"""The first bytes of arrays, maps and tags, which take the library ten times as long as others, and of simple
+values, which take a hundred times as long."""
+BYTES_OF_A_HEAD: Final = 6
+"""How many bytes of structure a frame has at least for each array, map or tag in it."""
+_SIMPLE_WEIGHT: Final = 16
+_ARGUMENT_SIZES: Final = {24: 1, 25: 2, 26: 4, 27: 8}
+_LAST_ARGUMENT: Final = 23
+_MOST_WALKED: Final = 21_000
+"""Arrays and maps, one with its neighbours, that are counted exactly."""
+_WALKED_AT_ONCE: Final = 512
+_RUN: Final = re.compile(
+    rb"([\x80-\x97\xa0-\xb7\xc0-\xd7]*+)(?:[\x00-\x17\x20-\x37\xf4-\xf7\xff]"
+    rb"|[\x18\x38].|[\x19\x39\xf9].{2}|[\x1a\x3a\xfa].{4}|[\x1b\x3b\xfb].{8}|"
+    + b"|".join(b"[\\x%02x\\x%02x].{%d}" % (0x40 + size, 0x60 + size, size) for size in range(24))
+    + rb")*+",
+    re.DOTALL,
+)
+"""A run of arrays, maps and tags with short heads, then one of numbers and of short texts and octets."""
+
+_FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
+"""Tags that the library would turn into dates, patterns, shared references and so on, which ROS has not."""
+
+_STEP: Final = 8 * 1024
+"""Bytes of structure that are decoded in one step."""
+_FIRST: Final = 64
+"""Items of an array, or pairs of a map, that are decoded together at first."""
+_MOST_TOGETHER: Final = 4096
+_BREAK: Final = b"\xff"
+_ENDLESS: Final = 31
+"""The argument of an array or map that goes up to a mark."""
+
+
+def head_of(major: int, argument: int) -> bytes:
+    """The head of a data item, as short as it can be (RFC 8949 section 3)."""
+    if argument < 24:
+        return bytes((major << 5 | argument,))
+    size = (argument.bit_length() + 7) // 8
+    exponent = (size - 1).bit_length()
+    return bytes((major << 5 | 24 + exponent,)) + argument.to_bytes(1 << exponent, "big")
+
+
+class TooMuchStructure(Exception):
+    """The frame holds more items, and strings that are short, than it may."""
+
+
+class _StepOver(Exception):
+    """More is to be read than may be in one step."""
+
+
+_NOTHING: Final = object()
+"""What a step finds that was not enough, or was none."""
+
+
+class _Stream(BytesIO):
+    """A frame to decode, which counts what is read of it beside long strings.
+
+    Attributes:
+        left: bytes that may still be read; less than :data:`_SPENT` once it was too much.
+        is_over: whether the step at hand has been given up.
+        is_to_be_walked: whether there may be too many arrays and maps, which have to be counted exactly.
+    """
+
+    def __init__(self, data: bytes, max_structure: int) -> None:
+        super().__init__(data)
+        self.left = max_structure
+        self.is_over = False
+        self.is_to_be_walked = False
+        self._few_heads = max_structure // BYTES_OF_A_HEAD // 8
+        self._is_walked = False
+        self._heads = 0
+        self._head = self._last = b""
+        self._least = 0
+        self._before = (0, 0, 0)
+
+    def begin(self, head: bytes) -> None:
+        """Begin a step.
+
+        Args:
+            head: read before what comes next.
+        """
+        self._before = (self.tell(), self.left, self._heads)
+        self._head = head
+        self._least = self.left - _STEP
+        self.is_over = False
+
+    def back(self) -> None:
+        """Go back to where the step began."""
+        place, self.left, self._heads = self._before
+        self._head = b""
+        self.seek(place)
+
+    def note_walked(self) -> None:
+        """Arrays and maps are counted: there are not too many."""
+        self._is_walked, self.is_to_be_walked = True, False
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As of any stream.
+
+        Raises:
+            _StepOver: the library has read more small pieces than it may, or they are to be counted.
+        """
+        if size is None or not 0 <= size <= _READ_SIZE:
+            return super().read(size)
+        head, self._head = self._head, b""
+        data = self._last = head + super().read(size - len(head))
+        self.left -= len(data) if size > 1 else 2  # Each takes its time, however small it is.
+        if self.left < max(self._least, _SPENT):
+            self.is_over = True
+            raise _StepOver
+        self._heads += _heads_in(data)
+        if self._heads > self._few_heads and not self._is_walked:
+            self.is_over = self.is_to_be_walked = True
+            raise _StepOver
+        return data
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        """As of any stream; the library gives back what it has read too much."""
+        if whence == 1 and offset < 0:
+            self.left -= offset
+            self._heads -= _heads_in(self._last[offset:])
+        return super().seek(offset, whence)
+
+
+def _heads_in(data: bytes) -> int:
+    """How many bytes there are that may be the head of an array, map or tag."""
+    return len(data) - len(data.translate(None, _HEADS))
+
+
+def new_decoder(stream: BytesIO, max_depth: int) -> cbor2.CBORDecoder:
+    """A decoder of the library that takes what ROS has, and no more."""
+    import cbor2  # only for those who use it
+
+    return cbor2.CBORDecoder(
+        stream,
+        tag_hook=_typed_array,
+        semantic_decoders=dict.fromkeys(_FOREIGN, _refuse),
+        read_size=_READ_SIZE,
+        max_depth=max_depth,
+        strict_hashable_types=True,
+    )
+
+
+class LargeFrame:
+    """A frame that is decoded in steps.
+
+    The library decodes a value at once. Where that is more than a step, the array or map is cut: some of its
+    items are decoded together, behind a head of as many. An item that is too much by itself is cut in turn.
+    """
+
+    def __init__(self, data: bytes, limits: SplitLimits) -> None:
+        self.stream = _Stream(data, limits.max_structure)
+        self._data = data
+        self._most_heads = limits.max_structure // BYTES_OF_A_HEAD
+
+    def value(self, depth: int) -> Steps[Any]:
+        """The value that comes next, of as many levels at most.
+
+        Raises:
+            TooMuchStructure: what is read in all is more than it may be.
+            cbor2.CBORError: it is not CBOR, nested too deeply, or has something that ROS has not.
+        """
+        found = yield from self._step(depth, b"")
+        return (yield from self._container(depth)) if found is _NOTHING else found
+
+    def _step(self, depth: int, head: bytes, *, may_end: bool = False) -> Steps[Any]:
+        """What comes next, behind a head; nothing if that is more than a step, or no CBOR where the end of
+        its array or map may be in it."""
+        import cbor2
+
+        stream = self.stream
+        while True:
+            stream.begin(head)
+            # Among thousands of new objects the collector finds nothing, and takes most of the time.
+            collecting = gc.isenabled()
+            gc.disable()
+            try:
+                return new_decoder(stream, depth).decode()
+            except (_StepOver, cbor2.CBORError):
+                if stream.left < _SPENT:
+                    raise TooMuchStructure from None
+                if not (stream.is_over or may_end):
+                    raise
+                stream.back()
+            finally:
+                if collecting:
+                    gc.enable()
+            yield
+            if not stream.is_to_be_walked:
+                return _NOTHING
+            if (yield from _has_more_heads(self._data, self._most_heads)):
+                raise TooMuchStructure
+            stream.note_walked()
+
+    def _container(self, depth: int) -> Steps[Any]:
+        """The array or map that comes next."""
+        import cbor2
+
+        place = self.stream.tell()
+        major, argument = self._data[place] >> 5, self._data[place] & 31
+        size = _ARGUMENT_SIZES.get(argument, 0)
+        if major not in (_ARRAY, _MAP) or depth < 1 or _LAST_ARGUMENT < argument - bool(size) * 4 < 31:
+            raise cbor2.CBORDecodeError("neither an array nor a map, or nested too deeply")
+        count = int.from_bytes(self._data[place + 1 : place + 1 + size], "big") if size else argument
+        self.stream.seek(place + 1 + size)
+        return (yield from self._items(major, None if argument == _ENDLESS else count, depth))
+
+    def _items(self, major: int, left: int | None, depth: int) -> Steps[Any]:
+        """What is in an array or map: so many items, or up to a mark."""
+        items: list[Any] = []
+        pairs: dict[Any, Any] = {}
+        together = _FIRST
+        while left is None or left > 0:
+            place = self.stream.tell()
+            if left is None and self._data[place : place + 1] == _BREAK:
+                self.stream.seek(place + 1)
+                break
+            size = together if left is None else min(together, left)
+            before = self.stream.left
+            some = yield from self._step(depth, head_of(major, size), may_end=left is None and size > 1)
+            if some is _NOTHING and size > 1:
+                together = max(1, size // 8)
+                continue
+            if some is _NOTHING:
+                some = yield from self._long_item(major, depth - 1)
+            elif before - self.stream.left < _STEP // 4:
+                together = min(2 * together, _MOST_TOGETHER)
+            if major == _ARRAY:
+                items += some
+            else:
+                pairs |= some
+            if left is not None:
+                left -= size
+            yield
+        return items if major == _ARRAY else pairs
+
+    def _long_item(self, major: int, depth: int) -> Steps[Any]:
+        """One item or pair that is more than a step."""
+        import cbor2
+
+        if major == _ARRAY:
+            return [(yield from self._container(depth))]
+        key = yield from self._step(depth, b"")
+        if not isinstance(key, str):
+            raise cbor2.CBORDecodeError("a key that is no string")
+        return {key: (yield from self.value(depth))}
+
+
+def _has_more_heads(data: bytes, most: int) -> Steps[bool]:
+    """Whether more than `most` arrays, maps and tags begin in a frame; a simple value that no message has
+    counts as many of them."""
+    at, found = 0, 0
+    for walked in range(1, _MOST_WALKED + 1):
+        if walked % _WALKED_AT_ONCE == 0:
+            yield
+        if found > most:
+            return True
+        run = _RUN.match(data, at)
+        if run is not None:  # It may be empty, and matches always.
+            found += run.end(1) - at
+            at = run.end()
+        if at >= len(data):
+            return found > most
+        major, argument = data[at] >> 5, data[at] & 31
+        size = _ARGUMENT_SIZES.get(argument, 0)
+        if major in (_BYTES, _TEXT):
+            size += int.from_bytes(data[at + 1 : at + 1 + size], "big") if size else argument
+        elif major not in (_ARRAY, _MAP, _TAG):
+            found += _SIMPLE_WEIGHT
+        elif size or argument > _LAST_ARGUMENT:
+            found += 1
+        else:
+            continue
+        at += 1 + size
+    # What is left is reckoned, so that finding out takes no longer than it is worth.
+    left = data[at : at + BYTES_OF_A_HEAD * most]
+    return found + len(left) - len(left.translate(None, _HEADS)) > most
+
+
+def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:
+    import cbor2  # loaded already, by `split`
+
+    code = TYPED_ARRAYS.get(tag.tag)
+    data = tag.value
+    if code is None or not isinstance(data, bytes) or len(data) % struct.calcsize(code):
+        raise cbor2.CBORDecodeError("not a typed array")
+    if len(data) > FEW_BYTES and code != "<B":
+        import numpy as np  # heavy, and few messages need it
+
+        return np.frombuffer(data, code)
+    return array_elements(code, data)
+
+
+def array_elements(code: str, data: Buffer) -> bytes | list[int] | list[float]:
+    """The elements of a typed array: octets as bytes, anything else as a list.
+
+    Args:
+        code: one of :data:`TYPED_ARRAYS`.
+        data: as many whole elements as there are.
+    """
+    if code == "<B":
+        return bytes(data)
+    return list(struct.unpack(f"{code[0]}{len(data) // struct.calcsize(code)}{code[1]}", data))
+
+
+def _refuse(*ignored: object) -> NoReturn:
+    import cbor2  # loaded already, by `split`
+
+    raise cbor2.CBORDecodeError("a tag that ROS has not")
