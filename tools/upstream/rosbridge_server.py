@@ -11,6 +11,7 @@ whether to stop.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import runpy
 import sys
@@ -71,11 +72,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     loop = IOLoop.current()  # The one that the reference will run.
 
     def run_beside() -> None:
-        _beside(rosapi["Rosapi"])
+        from rclpy.executors import ExternalShutdownException
+
+        with contextlib.suppress(ExternalShutdownException):
+            _beside(rosapi["Rosapi"])
         loop.add_callback(loop.stop)
 
     threading.Thread(target=run_beside, daemon=True, name="rosapi").start()
-    websocket["main"](sys.argv)
+    import rclpy
+    from rclpy.exceptions import RCLError
+
+    try:
+        websocket["main"](sys.argv)
+    except RCLError:
+        if rclpy.ok():
+            raise
+        # It shuts a context down that SIGTERM has ended already.
     return 0
 
 
