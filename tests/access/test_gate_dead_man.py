@@ -83,8 +83,8 @@ class Witness:
         self.moved.append((stamp.sec + stamp.nanosec / 1e9, value.twist.twist.linear.x))
 
     async def until(self, condition: Callable[[], bool]) -> None:
-        """Wait for something."""
-        with anyio.fail_after(LONGEST):
+        """Wait for something; a driver may take long to start where much else does."""
+        with anyio.fail_after(3 * LONGEST):
             while not condition():  # noqa: ASYNC110 - what is waited for has no event
                 await anyio.sleep(0.01)
 
