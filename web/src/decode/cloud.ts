@@ -5,7 +5,7 @@ import type { Points } from "./protocol";
 
 /** Points of one cloud that are drawn; of larger ones it is a sample. */
 export const MOST_POINTS = 500_000;
-/** Clouds of so many points keep their order: nobody draws a part of them. */
+/** Clouds of so many points keep their order: the coarsest view draws them whole. */
 const FEW_POINTS = 2_000;
 /** The golden ratio's share: steps of it through a circle spread evenly, wherever they end. */
 const GOLDEN = (Math.sqrt(5) - 1) / 2;

@@ -20,10 +20,7 @@ const LEVELS: readonly Detail[] = [
   { ratio: 0.75, points: 12_000 },
   { ratio: 0.5, points: 6_000 },
   { ratio: 0.5, points: 3_000 },
-  { ratio: 0.35, points: 2_000 },
 ];
-/** Points of the coarsest level: clouds of no more are drawn whole. */
-export const FEWEST_POINTS = 2_000;
 /** Of a machine without a graphics card, which would need a second for the finest, and of one that wants little. */
 const BEGIN_IN_SOFTWARE = 5;
 const LOW = 6;
