@@ -527,6 +527,92 @@ def tables_as_parameters(attacker: Attacker) -> None:
         attacker.send(_ops("call_service", service=f"/rosapi/{service}", id="#", args=args))
 
 
+def _send_in_drops(attacker: Attacker, head: bytes) -> None:
+    """Send the same over many connections, a byte of each at a time."""
+    over = time.monotonic() + 3 * SECONDS
+    many = [socket.create_connection(("127.0.0.1", attacker.port), 5) for _ in range(400)]
+    _held.extend(many)
+    for byte in head:
+        for each in many:
+            with suppress(OSError):
+                each.send(bytes((byte,)))
+        if time.monotonic() > over:
+            return
+
+
+def drops_of_handshakes(attacker: Attacker) -> None:
+    """Handshakes of which each byte comes by itself, over hundreds of connections."""
+    head = b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    _send_in_drops(attacker, head + b"X: " + b"a" * 60)
+
+
+def drops_of_requests(attacker: Attacker) -> None:
+    """Requests over HTTP of which each byte comes by itself, headers without number."""
+    _send_in_drops(attacker, b"POST /api/services/rosapi/topics HTTP/1.1\r\nHost: x\r\n" + b"A:\r\n" * 40)
+
+
+def _post(attacker: Attacker, path: bytes, body: bytes, kind: bytes = b"application/json") -> None:
+    """Send a request again and again over a few connections, without a look at what is answered."""
+    request = b"POST %b HTTP/1.1\r\nHost: localhost\r\nContent-Type: %b\r\nContent-Length: %d\r\n\r\n%b"
+    over = time.monotonic() + SECONDS
+    while time.monotonic() < over:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", attacker.port), 5) as each:
+            each.settimeout(2 * SECONDS)
+            each.sendall(request % (path, kind, len(body), body))
+            each.recv(4096)
+
+
+def bodies(attacker: Attacker) -> None:
+    """Bodies of a megabyte that unfold to far more, in JSON and CBOR, for services that take none of them."""
+    size = 990_000
+    for body in (b"[" + b"[]," * (size // 3) + b"0]", b'{"name":"' + b"\\u0001" * (size // 7) + b'"}',
+                 b"{" + b",".join(b'"%d":{}' % number for number in range(size // 12)) + b"}"):  # fmt: skip
+        for path in (b"/api/services/rosapi/get_param", b"/api/parameters/rosapi:x", b"/api/topics/a"):
+            _post(attacker, path, body)
+    _post(attacker, b"/api/services/rosapi/get_param", _head(4, size) + b"\xa0" * size, b"application/cbor")
+
+
+def stalled_events(attacker: Attacker) -> None:
+    """Readers of events over HTTP that read nothing of a topic of large samples."""
+    publish = {"op": "advertise", "topic": "/events", "type": "std_msgs/String"}
+    talker = Attacker(attacker.port, publish)
+    for _ in range(60):
+        each = socket.create_connection(("127.0.0.1", attacker.port), 5)
+        _held.append(each)
+        each.sendall(
+            b"GET /api/topics/events HTTP/1.1\r\nHost: localhost\r\nAccept: text/event-stream\r\n\r\n"
+        )
+    talker.send(_ops("publish", topic="/events", msg={"data": f"#{_LETTERS}"}), 2 * SECONDS)
+
+
+_FOXGLOVE: Final = b"Sec-WebSocket-Protocol: foxglove.sdk.v1"
+
+
+def foxglove_parameters(attacker: Attacker) -> None:
+    """Questions of Foxglove's clients about a thousand parameters each, of which some are large."""
+    args = {"name": "/large" if "noetic" in sys.argv else "/rosapi:large", "value": _in_text("0", 30_000)}
+    Attacker(attacker.port, {"op": "call_service", "service": "/rosapi/set_param", "id": "1", "args": args})
+    viewer = Attacker(attacker.port, headers=(_FOXGLOVE,))
+    names = [args["name"].replace(":", ".")] + [f"/rosapi.{'x' * 900}{number}" for number in range(990)]
+    viewer.send(_ops("getParameters", parameterNames=names, id="#"))
+    viewer.send(_ops("getParameters", parameterNames=[], id="#"))
+    viewer.send(_ops("subscribeParameterUpdates", parameterNames=names))
+
+
+def foxglove_numbers(attacker: Attacker) -> None:
+    """Subscriptions, channels and calls of Foxglove's clients with the largest numbers, by the thousand."""
+    viewer = Attacker(attacker.port, headers=(_FOXGLOVE,))
+    many = [{"id": 2**32 - 1 - number, "channelId": 2**32 - 1 - number} for number in range(5000)]
+    viewer.send(_ops("subscribe", subscriptions=many))
+    channels = [{"id": each["id"], "topic": f"/f{each['id']}", "encoding": "json",
+                 "schemaName": "std_msgs/String"} for each in many]  # fmt: skip
+    viewer.send(_ops("advertise", channels=channels))
+    viewer.send(repeat(b"\x02" + b"\xff" * 12 + struct.pack("<I", 2**32 - 1)))
+    viewer.send(repeat(b"\x01" + b"\xff" * 4 + b"{}"))
+    viewer.send(repeat(b"\x03\x00" + struct.pack("<fBQI", math.inf, 1, 2**64 - 1, 2**32 - 1)))
+    viewer.send(_ops("fetchAsset", uri=f"package://{'../' * 1000}#", requestId=2**32 - 1))
+
+
 def many_connections(attacker: Attacker) -> None:
     """Forty connections from one address that is not this machine's, each with as much work as it may."""
     elsewhere = (b"X-Forwarded-For: 192.0.2.1",)
@@ -873,7 +959,8 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         defaults, incomplete_poses, empty_names, parameters, refusals, services_again, small_video,
         expensive_videos, lists_of_many, offers_again, everything_subscribed, come_and_go, pages_again,
         pictures_of_text, large_description, lists_in_texts, lists_as_parameters,
-        tables_as_parameters, many_connections, names_in_cbor, values_in_cdr,
+        tables_as_parameters, drops_of_handshakes, drops_of_requests, bodies, stalled_events,
+        foxglove_parameters, foxglove_numbers, many_connections, names_in_cbor, values_in_cdr,
         numbers_in_an_item, broken_lists, large_arguments, everything_kept, deep_arrays, simple_values,
         every_type,
         deflate_bombs, picture_bombs, mjpeg_flood, snapshots_again,

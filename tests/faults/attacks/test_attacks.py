@@ -62,6 +62,7 @@ OF_VIEWERS: Final = frozenset(
      "expensive_videos", "refusals", "long_names_to_hear", "long_questions", "unread_answers",
      "half_messages", "pieces_of_a_frame", "half_bodies", "inflated_at_once",
      "whole_at_once", "cut_with_a_backlog", "blanks", "lists_in_texts",
+     "drops_of_handshakes", "drops_of_requests", "bodies", "foxglove_numbers",
      "everything_subscribed", "come_and_go", "many_connections", "picture_bombs", "snapshots_again"}
 )  # fmt: skip
 """Attacks for which no right is needed beyond looking."""
