@@ -14,7 +14,10 @@ import msgspec
 from rwt_graph.names import resolve
 from rwt_http.problems import HttpProblem
 from rwt_http.representations import CBOR, JSON
+from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.serialise.json import require_quick_numbers
+from rwt_interfaces.serialise.long_strings import finished
 from rwt_protocol.codecs import CBOR as CBOR_CODEC
 from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
 from rwt_protocol.payloads import Decoded
@@ -186,7 +189,10 @@ def value_of(request: HttpRequest) -> object:
         # The decoder reads maps: so that any value may come, it becomes a member of one.
         return _cbor_map(b"\xa1\x61v" + body)["v"]
     try:
+        finished(require_quick_numbers(body))
         return msgspec.json.decode(body)
+    except InvalidMessage as error:
+        raise HttpProblem("too-large", str(error)) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise HttpProblem("invalid-request", f"the body is not JSON: {error}") from None
 

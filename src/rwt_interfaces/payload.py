@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from rwt_interfaces.errors import InvalidMessage, TooManyValues
-from rwt_interfaces.serialise.json import REJECTIONS, begins_too_deep, parse
+from rwt_interfaces.serialise.json import REJECTIONS, begins_too_deep, parse, require_quick_numbers
 from rwt_interfaces.serialise.long_arrays import (
     MOST_LENIENT,
     MOST_VALUES,
@@ -82,19 +82,22 @@ class Payload:
         return f"<Payload {self.type.name}>"
 
     @classmethod
-    def from_json(cls, message_type: MessageType, raw: RawText, now: Now | None = None) -> Payload:
+    def from_json(
+        cls, message_type: MessageType, raw: RawText, now: Now | None = None, *, is_trusted: bool = False
+    ) -> Payload:
         """Take a message as it came in JSON.
 
         Args:
             message_type: what the message should be.
             raw: the JSON text; kept as it is if it may be passed on untouched, and then not copied.
             now: ROS time in nanoseconds for headers without a stamp and for "now"; the wall clock by default.
+            is_trusted: whether it may have any number of numbers that take long to be read.
 
         Raises:
             InvalidMessage: it does not fit, and where and why; no other exception, whatever the bytes.
         """
         if len(raw) >= LARGE:
-            return finished(cls.from_json_in_steps(message_type, raw, now))
+            return finished(cls._in_steps(message_type, raw, now, is_trusted))
         # As _wholly does it, written out: most are exact, and this runs for each of them.
         try:
             message_type.json.check(raw)
@@ -140,7 +143,8 @@ class Payload:
         codec = message_type.json
         string = yield from codec.cut(raw)
         if string is not None and len(string.text) < LARGE:
-            return (yield from cls.from_json_in_steps(message_type, raw, now))
+            return (yield from cls._in_steps(message_type, raw, now, False))
+        yield from require_quick_numbers(raw)
         taken = yield from codec.long_arrays.take(raw, now or time.time_ns, completes=False)
         if taken is not None:
             return (
@@ -164,10 +168,18 @@ class Payload:
         mostly one long string or long arrays, which are looked at piece by piece.
 
         Raises:
-            InvalidMessage: as :meth:`from_json`, from any step.
+            InvalidMessage: as :meth:`from_json`, from any step; or too many of its numbers take long.
         """
+        return (yield from cls._in_steps(message_type, raw, now, False))
+
+    @classmethod
+    def _in_steps(
+        cls, message_type: MessageType, raw: RawText, now: Now | None, is_trusted: bool
+    ) -> Steps[Payload]:
         codec, now = message_type.json, now or time.time_ns
         string = yield from codec.cut(raw)
+        if not is_trusted:
+            yield from require_quick_numbers(raw if string is None else string.text)
         if string is not None:
             try:
                 codec.check(string.text)

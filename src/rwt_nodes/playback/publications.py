@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from rwt_graph.names import resolve
@@ -27,7 +28,7 @@ logger = logging.getLogger(__name__)
 _READERS: Mapping[str, Callable[[MessageType, bytes], Payload]] = {
     "cdr": Payload.from_cdr,
     "ros1": Payload.from_ros1,
-    "json": Payload.from_json,
+    "json": partial(Payload.from_json, is_trusted=True),
 }
 
 
