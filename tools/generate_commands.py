@@ -8,6 +8,7 @@ Run it after a change of a verb: ``python tools/generate_commands.py``. A test c
 from __future__ import annotations
 
 import argparse
+import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,15 +19,15 @@ from rwt_transports.schemes import url_forms
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"
 
-_ELSEWHERE = ("serve", "hub", "bag", "conformance", "config")
-_ROBOT_OPTIONS = ("--url", "--token", "--cafile", "--insecure", "--timeout", "--json", "--help")
+_ELSEWHERE = ("conformance",)
+_ROBOT_OPTIONS = frozenset({"--url", "--token", "--cafile", "--insecure", "--timeout", "--json"})
 
 _HEAD = """\
 # Verbs of the command line
 
 This page is made from the program by `tools/generate_commands.py`. [The tour](../how-to/command-line.md) shows the verbs
-at work; `rwt serve`, `rwt hub`, `rwt bag`, `rwt conformance` and `rwt config` have
-[a page of their own](command-line.md).
+at work; [what the servers print and serve](command-line.md), and the options of
+[`rwt conformance`](../how-to/conformance.md#options), have pages of their own.
 
 Names, options and output are those of the `ros2` tool where it has them. A name may lack its first slash, a type may be
 `std_msgs/String` or `std_msgs/msg/String`, and messages and values are YAML or JSON.
@@ -47,6 +48,8 @@ Colours, aligned columns and rates that are drawn in place are for terminals; in
 `NO_COLOR` turns colours off everywhere. Notes and errors go to standard error, an error as one line.
 
 ## Exit codes
+
+Those of [servers](command-line.md#exit-codes) stand with them.
 
 | code | when |
 |---|---|
@@ -92,30 +95,33 @@ def _subcommands(parser: argparse.ArgumentParser) -> dict[str, Parser]:
 
 
 def _verb(parser: argparse.ArgumentParser) -> Iterator[str]:
-    rows = [_row(action) for action in parser._actions if not _is_common(action)]
+    options = {name for action in parser._actions for name in action.option_strings}
+    # What talks to a robot has these options; a recording has some of them with other meanings.
+    told = _ROBOT_OPTIONS | {"--help"} if options > _ROBOT_OPTIONS - {"--json"} else {"--help"}
+    rows = [_row(action) for action in parser._actions if not told & set(action.option_strings)]
     if rows:
         yield "| argument | meaning |\n|---|---|"
         yield from rows
         yield ""
     example, _, shape = (parser.epilog or "").partition("\n\n--json prints:\n")
-    if example:
-        code = "\n".join(line.removeprefix("  ") for line in example.splitlines()[1:])
-        yield f"<!-- not run: the tour runs its like -->\n```sh\n{code}\n```\n"
+    for indented, lines in itertools.groupby(example.splitlines()[1:], lambda line: line.startswith("  ")):
+        if indented:
+            code = "\n".join(line.removeprefix("  ") for line in lines)
+            yield f"<!-- not run: the tour runs its like -->\n```sh\n{code}\n```\n"
+        else:
+            text = " ".join(lines)
+            yield f"{text[:1].upper()}{text[1:]}{'' if text.endswith(':') else '.'}\n"
     if shape:
         code = "\n".join(line.removeprefix("  ") for line in shape.splitlines())
         yield f"`--json` prints\n\n<!-- not run: output -->\n```text\n{code}\n```\n"
-
-
-def _is_common(action: argparse.Action) -> bool:
-    return isinstance(action, argparse._SubParsersAction) or bool(
-        set(action.option_strings) & set(_ROBOT_OPTIONS)
-    )
 
 
 def _row(action: argparse.Action) -> str:
     value = action.metavar if isinstance(action.metavar, str) else None
     if value is None and action.choices is not None:
         value = "{" + ",".join(map(str, action.choices)) + "}"
+    value = {"?": "[{}]", "+": "{} ...", "*": "[{} ...]"}.get(str(action.nargs), "{}").format(value or "")
+    value = value.replace("|", "\\|") if action.option_strings else value.strip("[]").replace("|", "\\|")
     names = [f"`{name}`" for name in action.option_strings[:-1]]
     names += (
         [f"`{' '.join(filter(None, [action.option_strings[-1], value if action.nargs != 0 else None]))}`"]
@@ -123,7 +129,8 @@ def _row(action: argparse.Action) -> str:
         else [f"`{value}`"]
     )
     help = re.sub(r"[<>|]", lambda found: f"\\{found[0]}", action.help or "")
-    return f"| {', '.join(names)} | {help[:1].upper()}{help[1:]}. |".replace("||", "|")
+    end = "" if help.endswith("…") else "."
+    return f"| {', '.join(names)} | {help[:1].upper()}{help[1:]}{end} |".replace("||", "|")
 
 
 def _prose(text: str | None) -> str:

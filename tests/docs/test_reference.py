@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import inspect
 import re
-import tomllib
-from collections.abc import Callable
 
 import pytest
 
 import rwt
 import rwt_graph
-from rwt import Settings
-from rwt_cli.commands.bag.play import add_play_verb
-from rwt_cli.commands.bag.record import add_record_verb
-from rwt_cli.commands.serve import add_serve_command
+from rwt_cli import parser_for
+from rwt_cli.parser import commands_of
 from rwt_graph import MemoryGraph, Node
 from rwt_nodes import Rosapi
 from rwt_program import errors, goals, qos
 from rwt_protocol.codecs import SELECTABLE
 from rwt_transports.schemes import url_forms
-from tests.docs.blocks import ROOT, blocks_of
+from tests.docs.blocks import ROOT
 from tools import generate_tools
 
 _REFERENCE = ROOT / "docs" / "reference"
@@ -33,40 +28,23 @@ def _page(name: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("add", "name", "known"),
-    [
-        (add_serve_command, "serve", "--demo"),
-        (add_record_verb, "record", "--split"),
-        (add_play_verb, "play", "--loop"),
-    ],
+    ("command", "known"),
+    [("serve", "--demo"), ("hub", "--token-file"), ("bag record", "--split"), ("bag play", "--loop")],
 )
-def test_every_option_of_a_command_is_listed(
-    add: Callable[[argparse._SubParsersAction[argparse.ArgumentParser]], None], name: str, known: str
-) -> None:
-    commands = argparse.ArgumentParser().add_subparsers()
-    add(commands)
-    actions = commands.choices[name]._actions
-    options = [option for action in actions for option in action.option_strings]
+def test_every_option_of_a_command_is_listed(command: str, known: str) -> None:
+    parser = parser_for("*")
+    for name in command.split():
+        parser = commands_of(parser)[name]
+    options = [option for action in parser._actions for option in action.option_strings]
     assert known in options
-    page = _page("command-line.md")
-    assert [option for option in options if f"`{option}" not in page] == []
+    (section,) = re.findall(rf"^#+ rwt {command}\n(.*?)(?=^##|\Z)", _page("commands.md"), re.S | re.M)
+    assert [option for option in options if f"`{option}" not in section] == ["-h", "--help"]
 
 
 @pytest.mark.parametrize("page", ["reference/command-line.md", "how-to/transports.md"])
 def test_every_scheme_is_listed(page: str) -> None:
     text = (_REFERENCE.parent / page).read_text()
     assert [form for form in url_forms().split(", ") if f"`{form}" not in text] == []
-
-
-def test_every_setting_is_listed_with_its_default() -> None:
-    block = next(block for block in blocks_of(_REFERENCE / "command-line.md") if block.language == "toml")
-    listed = tomllib.loads(block.code)
-    assert listed.pop("demo") is True, "the example wants a robot; the comment beside it says the default"
-    everything = Settings().model_dump(mode="json")
-    # The tables are on a page of their own, which is made from the models.
-    defaults = {name: value for name, value in everything.items() if not isinstance(value, dict)}
-    assert defaults.pop("demo") is False
-    assert listed == defaults
 
 
 def test_every_public_name_of_the_graph_is_listed() -> None:

@@ -82,7 +82,7 @@ def _add_time(parser: argparse.ArgumentParser) -> None:
         type=number_within("a rate", 0.001, 1000),
         default=1.0,
         metavar="RATE",
-        help="2 is twice as fast",
+        help="2 is twice as fast; from 0.001 to 1000 (default 1)",
     )
     parser.add_argument(
         "--start-offset", type=seconds_or_none, default=0.0, metavar="S", help="seconds from its beginning"

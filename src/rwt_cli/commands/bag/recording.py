@@ -22,10 +22,21 @@ if TYPE_CHECKING:
 def add_recover_verb(verbs: Commands) -> None:
     """Add `recover` to `bag`."""
     recover = verbs.add_parser(
-        "recover", help="copy what can be read of an MCAP file that was not ended into a complete one"
+        "recover",
+        help="copy what can be read of an MCAP file that was not ended into a complete one",
+        description="Copy what can be read of an MCAP file that is damaged, or was not ended properly, into a"
+        " complete one, and say what was lost.",
+        epilog="examples:\n  rwt bag recover run.mcap -o whole.mcap",
     )
-    recover.add_argument("file", type=Path, metavar="FILE")
-    recover.add_argument("--output", "-o", type=Path, required=True, metavar="FILE", help="the complete file")
+    recover.add_argument("file", type=Path, metavar="FILE", help="the damaged file")
+    recover.add_argument(
+        "--output",
+        "-o",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="the complete file, which appears once it is complete; with --overwrite it may be the same",
+    )
     recover.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
     add_chunk_bytes(recover)
     recover.set_defaults(run=_run_recover)
@@ -51,7 +62,12 @@ def chunk_bytes(arguments: argparse.Namespace) -> int:
 
 def add_info_verb(verbs: Commands) -> None:
     """Add `info` to `bag`."""
-    info = verbs.add_parser("info", help="list topics, types, counts and times")
+    info = verbs.add_parser(
+        "info",
+        help="list topics, types, counts and times",
+        description="Print the topics of recordings, their types, how many messages there are, and when.",
+        epilog="examples:\n  rwt bag info run.mcap\n  rwt bag info old.bag --json",
+    )
     info.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP, .bag or folder of rosbag2")
     info.add_argument("--json", action="store_true", help="as JSON")
     add_chunk_bytes(info)

@@ -86,7 +86,8 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         "--workers",
         type=int,
         metavar="N",
-        help="serve the same ports with N processes, for more clients than one core can serve (default 1)",
+        help="serve the same ports with N processes, for more clients than one core can serve (default 1);"
+        " needs Linux and the extra zenoh",
     )
     parser.add_argument(
         "--gate",
@@ -153,7 +154,7 @@ def _add_graph_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--zenoh-config", metavar="FILE", help="a Zenoh configuration file, for TLS, access control, …"
     )
-    parser.add_argument("--domain", type=int, metavar="N", help="ROS_DOMAIN_ID (default 0)")
+    parser.add_argument("--domain", type=int, metavar="N", help="ROS_DOMAIN_ID of --graph zenoh (default 0)")
 
 
 def _run(arguments: argparse.Namespace) -> int:
