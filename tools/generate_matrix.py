@@ -28,6 +28,9 @@ PAGE: Final = ROOT / "docs" / "reference" / "matrix.md"
 INSTALLED: Final = ROOT / "build" / "matrix"
 ADAPTERS: Final = ROOT / "conformance" / "rosbridge_conformance" / "adapters"
 
+_GRACE: Final = 10.0
+"""Seconds in which a server has to end when it is asked to."""
+
 Subject = Mapping[str, Any]
 """A table of matrix.toml."""
 
@@ -233,6 +236,10 @@ def _server(subject: Subject, checkout: Path | None) -> Iterator[str]:
             yield said.split()[-1]
         finally:
             server.terminate()
+            try:
+                server.wait(_GRACE)
+            except subprocess.TimeoutExpired:
+                server.kill()  # rosbridge_suite ignores SIGTERM while its timers are late.
 
 
 def _run(command: Sequence[str], accepted: Sequence[int] = (0,)) -> None:

@@ -79,6 +79,7 @@ class Played:
 
     Attributes:
         unsupported: what the client library under test cannot do at all, or "".
+        answers: how long each sign of life took that the server was asked for, in seconds.
     """
 
     fault: Fault | None
@@ -86,6 +87,7 @@ class Played:
     transcript: tuple[Line, ...]
     seconds: float
     unsupported: str = ""
+    answers: tuple[float, ...] = ()
 
 
 class Stop(Exception):
@@ -129,7 +131,13 @@ async def play(case: Case, target: Target, dial: Dial, pace: Pace, tag: str) -> 
         fault = await player.run()
     finally:
         await player.leave()
-    return Played(fault, tuple(player.remarks), tuple(player.transcript), pace.now() - player.began)
+    return Played(
+        fault,
+        tuple(player.remarks),
+        tuple(player.transcript),
+        pace.now() - player.began,
+        answers=tuple(player.answers),
+    )
 
 
 class _Player:
@@ -145,6 +153,7 @@ class _Player:
         self.began = pace.now()
         self.remarks: list[str] = []
         self.transcript: list[Line] = []
+        self.answers: list[float] = []
 
     async def run(self) -> Fault | None:
         number, doing = 0, "connect"
@@ -351,6 +360,7 @@ class _Player:
             ]
         else:
             frames = self._loopback(client, mark)
+        asked_at = self._pace.now()
         for frame in frames:
             await self._put(client, self._named(json.dumps(frame)))
         deadline = self._pace.now() + max(self._target.timeout, 2 * _PROBE_AGAIN)
@@ -368,6 +378,7 @@ class _Player:
                 )
             if not await self._pace.wait(client.arrived, min(left, _PROBE_AGAIN)):
                 await self._put(client, self._named(json.dumps(frames[-1])))
+        self.answers.append(self._pace.now() - asked_at)
 
     def _loopback(self, client: _Client, mark: str) -> list[Json]:
         topic = f"/@/probe_{client.name}"

@@ -10,12 +10,11 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
-from rosbridge_conformance.player import Fault, Line, Played, play
-from rosbridge_conformance.suite.case import Case, Close, Send, Settle, Step
+from rosbridge_conformance.player import Fault, Line, Played
+from rosbridge_conformance.suite.case import Case, Close, ExpectNothing, Wait
 from rosbridge_conformance.suite.matching import Difference
-from rosbridge_conformance.suite.stretch import MOST, factor, stretched
 from rosbridge_conformance.suite.target import Target
-from rosbridge_conformance.suite.values import Json
+from rosbridge_conformance.tempo import Tempo
 from rosbridge_conformance.wire.pace import Pace, RealPace
 from rosbridge_conformance.wire.wires import Dial, Framing
 
@@ -27,9 +26,6 @@ PlayOne: TypeAlias = Callable[[Case, str], Awaitable[Played]]
 """Plays one case, with a part of names that no other case uses at this time."""
 
 _LONGEST_CASE = 60.0
-
-_ANSWERS = 20
-"""How many answers a measurement of a server's pace takes."""
 
 _ASKED_AGAIN = 20
 """Of so many failed cases each is asked once more; where more fail, it is not for want of time."""
@@ -145,8 +141,9 @@ async def run_cases(
 ) -> Run:
     """Play cases, several at once, those that want to be alone afterwards.
 
-    A case that failed is asked once more at the end, alone and with twice the time, before it counts: the
-    machine may have been busy with something else.
+    Answers are waited for as long as this server's own take, as :class:`Tempo` has it. A case that failed is
+    asked once more at the end, alone and with twice the time, before it counts: the machine may have been
+    busy with something else.
 
     Args:
         cases: what to ask, already selected.
@@ -158,12 +155,9 @@ async def run_cases(
         told: called with each result as it comes.
     """
     pace = pace or RealPace()
-    timed = _Timed(target, dial, pace)
-
-    async def play_one(case: Case, tag: str) -> Played:
-        return await (timed.play(case, tag) if case.alone else play(case, target, dial, pace, tag))
-
-    return await judge_cases(cases, target, play_one, url, conditions, pace, told, timed.again)
+    tempo = Tempo(target, dial, pace, one_server=conditions.several_clients)
+    await tempo.measure()
+    return await judge_cases(cases, target, tempo.play, url, conditions, pace, told, tempo.again)
 
 
 async def judge_cases(
@@ -199,9 +193,11 @@ async def judge_cases(
         told(result)
         return result
 
-    together = [case for case in cases if not case.alone]
+    alone = [case for case in cases if target.alone_with(case)]
+    # Those that wait longest begin first, and are through when the others are.
+    together = sorted((case for case in cases if not target.alone_with(case)), key=_waiting, reverse=True)
     results = list(await asyncio.gather(*(one(case) for case in together)))
-    results += [await one(case) for case in cases if case.alone]
+    results += [await one(case) for case in alone]
     if again is not None and len(failed) <= _ASKED_AGAIN:
         patient = _Judge(target, again, conditions)
         for result in failed:
@@ -213,56 +209,9 @@ async def judge_cases(
     return Run(target, url, tuple(results), _stale(target, results), pace.now() - began)
 
 
-class _Timed:
-    """Plays cases that measure time, in the time of the server: one that is busy is no faulty one."""
-
-    _numbers = itertools.count(1)
-
-    def __init__(self, target: Target, dial: Dial, pace: Pace) -> None:
-        self._target = target
-        self._dial = dial
-        self._pace = pace
-        self._times: float | None = None
-
-    async def play(self, case: Case, tag: str) -> Played:
-        """Play a case, with the time that the server needs."""
-        if self._times is None:
-            self._times = await self._measured()
-        return await self._play(case, self._times, tag)
-
-    async def again(self, case: Case, tag: str) -> Played:
-        """Play a case that has failed, with at least twice the time."""
-        self._times = await self._measured()
-        return await self._play(case, min(MOST, 2 * self._times), tag)
-
-    async def _play(self, case: Case, times: float, tag: str) -> Played:
-        target = replace(
-            self._target, timeout=self._target.timeout * times, settle=self._target.settle * times
-        )
-        return await play(stretched(case, times), target, self._dial, self._pace, tag)
-
-    async def _measured(self) -> float:
-        """How much longer than in their files the times of cases are for this server, as it is now."""
-        topic: dict[str, Json] = {"topic": "/@/beat", "type": "std_msgs/Int32"}
-        steps: tuple[Step, ...] = (
-            Send("a", "json", {"op": "advertise", **topic}),
-            Send("a", "json", {"op": "publish", "topic": "/@/beat", "msg": {"data": 0}}, times=100),
-            *(Settle(("a",)),) * _ANSWERS,
-        )
-        case = Case(
-            "pace", "It answers", (), {}, "INFO", "CORE", steps, ("",) * len(steps), ("a",), probe=False
-        )
-        target = replace(self._target, settle=0.0)
-        tag = f"p{os.getpid():x}_{next(self._numbers)}"
-        played = await play(case, target, self._dial, self._pace, tag)
-        moments = [(line.at, line.way) for line in played.transcript if line.way != "!"]
-        waits = [
-            at - before
-            for (before, asked), (at, way) in itertools.pairwise(moments)
-            if asked == ">" and way == "<"
-        ]
-        burst = next((at for at, way in moments if way == "<"), 0.0) - played.transcript[0].at
-        return factor(max([burst, *waits]))
+def _waiting(case: Case) -> float:
+    """Seconds that the case waits for whatever the server does."""
+    return sum(step.seconds for step in case.steps if isinstance(step, Wait | ExpectNothing))
 
 
 def _stale(target: Target, results: Sequence[Result]) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from rosbridge_conformance.suite.case import (
 from rosbridge_conformance.suite.values import Json
 
 AT_ONCE = 0.02
-"""Seconds for an answer, or for a hundred messages, up to which a case's times are as its file says."""
+"""Seconds for an answer, or for all messages of a case, up to which its times are as its file says."""
 
 MOST = 8.0
 """A server that is slower still is asked with times that are so many times longer."""

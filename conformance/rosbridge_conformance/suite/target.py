@@ -43,12 +43,13 @@ class Target:
         type_names: whether introspection reports `pkg/Name` or `pkg/msg/Name`.
         profiles: the parts of the protocol it claims.
         features: optional things it claims.
-        settle: seconds until what one client did can be seen by another (discovery); after a case for
-            clients, seconds in which nothing may come.
-        timeout: seconds to wait for a frame.
+        settle: seconds until what one client did can be seen by another (discovery), at the most; after a
+            case for clients, seconds in which nothing may come.
+        timeout: seconds to wait for a frame, at the most.
         probe: how to ask whether a connection is alive; not used for clients.
         auth_secret: what the AUTH cases compute the mac with, and other cases log in with.
         expected: case id or glob → why it fails; a stale entry is an error.
+        alone: ids or globs of cases beside which no other may run, as connections are not kept apart there.
     """
 
     name: str = "unnamed server"
@@ -61,6 +62,7 @@ class Target:
     probe: Probe = "loopback"
     auth_secret: str | None = None
     expected: Mapping[str, str] = field(default_factory=dict)
+    alone: tuple[str, ...] = ()
 
     def asked(self, case: Case) -> bool:
         """Whether the case makes sense for this ROS generation."""
@@ -71,6 +73,10 @@ class Target:
         has = {*self.features, *self.profiles, *wire_features}
         needed = [] if case.profile in self.profiles else [f"profile {case.profile}"]
         return (*needed, *(name for name in case.needs if name not in has))
+
+    def alone_with(self, case: Case) -> bool:
+        """Whether no other case may run meanwhile."""
+        return case.alone or any(fnmatch.fnmatchcase(case.id, glob) for glob in self.alone)
 
     def reason(self, case_id: str) -> str | None:
         """Why the case is expected to fail, or None."""
@@ -150,7 +156,7 @@ class _Fields:
 
     _KNOWN = (
         "name", "ros", "type_names", "profiles", "features", "settle", "timeout", "probe", "auth_secret",
-        "expected_failures",
+        "expected_failures", "alone",
     )  # fmt: skip
 
     def __init__(self, path: str, fields: dict[str, object], features: tuple[str, ...]) -> None:
@@ -177,6 +183,7 @@ class _Fields:
             else "loopback",
             auth_secret=None if secret is None else self._text("auth_secret", ""),
             expected=self._expected(),
+            alone=self._globs("alone"),
         )
 
     def _error(self, key: str, text: str) -> TargetError:
@@ -207,6 +214,12 @@ class _Fields:
         for name in value:
             if name not in among:
                 raise self._error(key, f"expected names out of {', '.join(among)}, got {name!r}")
+        return tuple(value)
+
+    def _globs(self, key: str) -> tuple[str, ...]:
+        value = self._fields.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(glob, str) and glob for glob in value):
+            raise self._error(key, f"expected ids or globs of cases, got {value!r}")
         return tuple(value)
 
     def _seconds(self, key: str, default: float) -> float:

@@ -18,6 +18,9 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidSta
 _READ_SIZE = 65536
 _OPEN_SECONDS = 10.0
 
+_CLOSE_SECONDS = 1.0
+"""Seconds for a goodbye of the server; the connection is closed in any case."""
+
 
 class WireError(Exception):
     """A connection that cannot be made; the text says where to and why."""
@@ -102,6 +105,7 @@ class WebSocketWire:
                 compression=None,
                 proxy=None,
                 open_timeout=_OPEN_SECONDS,
+                close_timeout=_CLOSE_SECONDS,
             )
         except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
             raise WireError(f"{url}: cannot connect: {_why(error)}") from error
