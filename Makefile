@@ -15,7 +15,7 @@ PAGE := src/rwt_web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest pythons matrix docs dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
+.PHONY: demo test quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
 client-grades clean
 
@@ -119,6 +119,11 @@ pythons: $(STAMP)-dev
 docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict $(ARGS)
+
+# make site VERSION=0.1.0: the pages of a version beside those of others, on the branch gh-pages; `.venv/bin/mike serve` shows them.
+site: $(STAMP)
+	$(BIN)/python -m pip install --quiet --group docs
+	$(BIN)/python -m tools.add_version $(VERSION) $(ARGS)
 
 # Everything that a release publishes, in dist/; nothing is published.
 dist: $(STAMP)-dev

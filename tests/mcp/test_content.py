@@ -5,11 +5,12 @@ from __future__ import annotations
 import io
 import json
 import math
+import sys
 from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -44,6 +45,9 @@ def test_a_text_is_never_longer_than_it_may_be(text: str, most: int) -> None:
 
 
 @given(st.lists(st.floats(), max_size=200))
+@example([8.988465674311579e307] * 25)
+@example([sys.float_info.max] * 25)
+@example([sys.float_info.max] * 47 + [-sys.float_info.max])
 def test_any_numbers_are_shown_as_json(values: list[float]) -> None:
     text = as_text(plain(message("std_msgs/Float64MultiArray", data=values)))
     data = json.loads(text)["data"]

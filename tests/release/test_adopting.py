@@ -31,6 +31,14 @@ def test_patches_only_add_files() -> None:
         assert sum(line.startswith("diff ") for line in lines) == lines.count("--- /dev/null")
 
 
+def test_each_patch_says_to_which_commit_it_was_applied() -> None:
+    page = (ROOT / "docs" / "adopting" / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\|.*\]\((\w+)\.patch\) \|.*\| `\w+`, [0-9a-f]{40} of \d{4}-\d\d-\d\d \|$", page, re.M
+    )
+    assert sorted(rows) == [patch.stem for patch in PATCHES]
+
+
 def test_the_workflow_is_one(applied: Path) -> None:
     workflow = applied / ".github" / "workflows" / "conformance.yml"
     command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.github-workflows"]

@@ -67,7 +67,11 @@ def _numbers(items: Sequence[object]) -> dict[str, object]:
     if len(finite) < len(values):
         about["finite"] = len(finite)
     if len(finite):
-        about |= {"min": float(finite.min()), "max": float(finite.max()), "mean": float(finite.mean())}
+        least, most = float(finite.min()), float(finite.max())
+        # Each as its part: a sum of the largest floats would overflow, and so may rounding.
+        with np.errstate(over="ignore"):
+            mean = float(np.clip((finite / len(finite)).sum(), least, most))
+        about |= {"min": least, "max": most, "mean": mean}
     return {**about, "first": [plain(each) for each in items[:_FIRST_NUMBERS]]}
 
 
