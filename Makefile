@@ -100,15 +100,16 @@ quick: $(STAMP)-dev
 	$(BIN)/lint-imports
 	$(BIN)/pytest -q -m 'not slow' tests/access tests/bridge tests/graph tests/program tests/tf2
 
-# The same with the oldest releases of what the project needs that it says it works with, in an environment of its own.
+# The tests where another package matters, with the oldest releases that the project says it works with, in an environment
+# of its own.
 LOWEST := build/lowest
 lowest: $(STAMP)
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
 	$(BIN)/python -m uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
-		--editable '.[bson,fast,mcap,trio,video,webrtc,zenoh]' --editable ./conformance --group lowest
-	$(LOWEST)/bin/python -m pytest -q tests/access tests/bridge tests/graph tests/tf2 tests/protocol tests/interfaces \
-		tests/transports
+		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --group lowest
+	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/access tests/bridge tests/client tests/interfaces \
+		tests/mcp tests/nodes tests/protocol tests/transports tests/webrtc tests/zenoh
 
 # The wheels on every Python from 3.11 that this machine has, and the quick tests there; `make pythons ARGS='--only 3.13'`.
 pythons: $(STAMP)-dev

@@ -141,6 +141,7 @@ def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_
     assert not run.stale
 
 
+@pytest.mark.timeout(300)
 def test_the_suite_finds_every_fault() -> None:
     names = [fault.name for fault in FAULTS]
     assert len(set(names)) == len(names) >= 60

@@ -43,9 +43,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def bare(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The programs of a new environment in which both wheels are installed, and what they need."""
     folder = tmp_path_factory.mktemp("bare") / "env"
-    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
     wheels = [str(wheel) for wheel in built.glob("*.whl")]
-    subprocess.run([str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet", *wheels], check=True)
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / "bin" / "python"), "install", "--quiet"]
+    # What nobody imports here needs no bytecode.
+    subprocess.run([*pip, "--no-compile", *wheels], check=True)
     return folder / "bin"
 
 
