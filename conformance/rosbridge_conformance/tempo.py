@@ -23,7 +23,7 @@ LEAST_TIMEOUT = 0.5
 ANSWERS = 25.0
 """An answer is waited for so many times as long as the slowest sign of life took of late."""
 
-LEAST_SETTLE = 0.05
+LEAST_SETTLE = 0.1
 """Seconds until what one client did counts as seen by others, at the least."""
 
 SPREADS = 8.0
