@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import inspect
 import re
@@ -32,7 +33,7 @@ def _page(name: str) -> str:
     [("serve", "--demo"), ("hub", "--token-file"), ("bag record", "--split"), ("bag play", "--loop")],
 )
 def test_every_option_of_a_command_is_listed(command: str, known: str) -> None:
-    parser = parser_for("*")
+    parser: argparse.ArgumentParser = parser_for("*")
     for name in command.split():
         parser = commands_of(parser)[name]
     options = [option for action in parser._actions for option in action.option_strings]
