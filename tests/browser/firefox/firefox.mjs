@@ -63,9 +63,10 @@ function placeOf(steps) {
     return found;
   };
   const isShown = (element) => element.checkVisibility({ visibilityProperty: true });
+  const plain = (text) => text.trim().replace(/\s+/g, ' '); // As people read it: blanks count once.
   const says = (element, { text, exact }) => {
-    const said = (element.innerText ?? '').trim();
-    return exact ? said === text : said.toLowerCase().includes(text.toLowerCase());
+    const said = plain(element.innerText ?? '');
+    return exact ? said === plain(text) : said.toLowerCase().includes(plain(text).toLowerCase());
   };
   let roots = [document];
   for (const step of steps) {
