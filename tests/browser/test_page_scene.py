@@ -225,13 +225,15 @@ async def test_it_is_drawn_as_finely_as_is_chosen_and_whole_when_nothing_moves(
         "(({ view: { canvas } }) => canvas.width / canvas.clientWidth)"
         "(document.querySelector('.scene-view').robotScene)"
     )
-    chosen = "document.querySelector('.scene-layers .choice select')"
+    chosen = "document.querySelector('.scene-tools .menu .choice select')"
     async with scene_from_above(browser, "jazzy", tmp_path) as (node, page):
         publisher = node.advertise("/marks", "visualization_msgs/MarkerArray", latch=True)
         publisher.publish({"markers": [marker(1)]})
         # Without a graphics card what moves is drawn coarsely; what stands still is not.
         await page.wait(f"Math.abs({fineness} - devicePixelRatio) < 0.01")
         for quality, drawn in (("low", "0.5"), ("high", "devicePixelRatio")):
+            await page.click("summary >> text=Layers")
+            await page.wait(chosen)
             await page.evaluate(
                 f"{chosen}.value = '{quality}';"
                 f" {chosen}.dispatchEvent(new Event('change', {{ bubbles: true }}))"

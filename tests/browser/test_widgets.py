@@ -316,6 +316,16 @@ async def test_axe_finds_nothing(browser: Browser, name: str) -> None:
         assert await faults(page) == []
 
 
+async def test_elements_speak_the_language_of_the_page_or_their_own(browser: Browser) -> None:
+    async with robot() as server, shown(browser, server, "teleop") as page:
+        forward = f"{part('rwt-teleop', '.drive-forward')}?.getAttribute('aria-label')"
+        await page.wait(f"{forward} === 'Forward'")
+        await page.evaluate("document.documentElement.lang = 'de'")
+        await page.wait(f"{forward} === 'Vorwärts'")
+        await page.evaluate("document.querySelector('rwt-teleop').lang = 'en'")
+        await page.wait(f"{forward} === 'Forward'")
+
+
 async def test_a_thumb_can_drive_and_stop(browser: Browser) -> None:
     async with robot() as server, shown(browser, server, "own_page", 390, 844) as page:
         await page.wait(part("rwt-teleop", "button:not([disabled])"))

@@ -5,6 +5,8 @@ import "dockview-core/style.css";
 import {
   createDockview,
   type DockviewApi,
+  type DockviewGroupPanel,
+  type IDockviewPanel,
   type IHeaderActionsRenderer,
   themeDark,
   themeLight,
@@ -31,7 +33,7 @@ export function dockPanels(app: App, element: HTMLElement): () => void {
         },
       };
     },
-    createRightHeaderActionComponent: () => closeButton(),
+    createRightHeaderActionComponent: () => headerActions(api),
     createComponent: ({ id }) => {
       const panel = app.panels.peek().find((each) => each.id === id) ?? { id, kind: id, config: {} };
       const frame = framePanel(app, panel);
@@ -81,6 +83,15 @@ export function dockPanels(app: App, element: HTMLElement): () => void {
       const front = app.front.value;
       untracked(() => api.getPanel(front)?.api.setActive());
     }),
+    effect(() => {
+      const asked = app.asked.value;
+      untracked(() => {
+        const panel = asked && api.getPanel(asked.id);
+        if (!panel) return;
+        panel.api.setActive();
+        focusTab(panel);
+      });
+    }),
     effect(() => api.updateOptions({ theme: app.dark.value ? themeDark : themeLight })),
   ];
   return () => {
@@ -91,26 +102,107 @@ export function dockPanels(app: App, element: HTMLElement): () => void {
   };
 }
 
-/** A button in the head of a group that closes the panel that is shown in it. */
-function closeButton(): IHeaderActionsRenderer {
-  const element = document.createElement("button");
-  element.type = "button";
-  element.className = "plain close";
-  element.textContent = "×";
+/** Buttons in the head of a group: one that arranges it without a mouse, and one that closes the panel in it. */
+function headerActions(api: DockviewApi): IHeaderActionsRenderer {
+  const element = document.createElement("div");
+  element.className = "group-actions";
+  const arrange = plainButton("⋯");
+  const close = plainButton("×");
+  const menu = document.createElement("div");
+  menu.className = "menu arrange";
+  menu.popover = "auto";
+  arrange.popoverTargetElement = menu;
+  element.append(arrange, close, menu);
   let ends: { dispose(): void }[] = [];
   return {
     element,
     init: ({ group }) => {
-      const name = () =>
-        element.setAttribute("aria-label", t("panel.close", { name: group.activePanel?.title ?? "" }));
-      element.onclick = () => group.activePanel?.api.close();
-      ends = [group.api.onDidActivePanelChange(name)];
-      name();
+      const tell = () => {
+        const name = group.activePanel?.title ?? "";
+        arrange.setAttribute("aria-label", t("panel.arrange", { name }));
+        close.setAttribute("aria-label", t("panel.close", { name }));
+      };
+      close.onclick = () => group.activePanel?.api.close();
+      menu.onbeforetoggle = ({ newState }) => {
+        if (newState !== "open" || !group.activePanel) return;
+        menu.replaceChildren(...arrangements(api, group.activePanel, menu));
+        const { right, bottom } = arrange.getBoundingClientRect();
+        menu.style.setProperty("right", `${innerWidth - right}px`);
+        menu.style.setProperty("top", `${bottom}px`);
+      };
+      menu.ontoggle = ({ newState }) => {
+        if (newState === "open") menu.querySelector("button")?.focus();
+      };
+      // The browser folds it; the key that stops the robot is not meant.
+      menu.onkeydown = (event) => {
+        if (event.key === "Escape") event.stopPropagation();
+      };
+      ends = [group.api.onDidActivePanelChange(tell)];
+      tell();
     },
     dispose: () => {
       for (const end of ends) end.dispose();
     },
   };
+}
+
+function plainButton(sign: string): HTMLButtonElement {
+  const button = document.createElement("button");
+  button.type = "button";
+  button.className = "plain close";
+  button.textContent = sign;
+  return button;
+}
+
+const DIRECTIONS = ["left", "right", "above", "below"] as const;
+/** Share of a group's size by which it grows or shrinks at a time. */
+const GROWTH = 0.15;
+
+/** What can be done with the place of a panel, each as a button. */
+function arrangements(api: DockviewApi, panel: IDockviewPanel, menu: HTMLElement): HTMLElement[] {
+  const { group } = panel;
+  const act = (text: string, change: () => void, stays = false) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = text;
+    button.onclick = () => {
+      if (!stays) menu.hidePopover();
+      change();
+      if (!stays) focusTab(panel);
+    };
+    return button;
+  };
+  const isMaximized = panel.api.isMaximized();
+  const all = [
+    act(t(isMaximized ? "panel.restore" : "panel.maximize"), () =>
+      isMaximized ? panel.api.exitMaximized() : panel.api.maximize(),
+    ),
+  ];
+  if (isMaximized) return all;
+  for (const direction of DIRECTIONS) {
+    const where = ({ left: "left", right: "right", above: "up", below: "down" } as const)[direction];
+    const neighbour = api.adjacentGroupInDirection(group, where) as DockviewGroupPanel | undefined;
+    if (neighbour) all.push(act(t(`panel.move.${direction}`), () => panel.api.moveTo({ group: neighbour })));
+    if (group.panels.length > 1) {
+      const position = ({ left: "left", right: "right", above: "top", below: "bottom" } as const)[direction];
+      all.push(act(t(`panel.split.${direction}`), () => panel.api.moveTo({ group, position })));
+    }
+  }
+  if (api.groups.length < 2) return all;
+  const grow = (side: "width" | "height", by: number) => () =>
+    panel.api.setSize({ [side]: Math.round(panel.group.api[side] * by) });
+  return [
+    ...all,
+    act(t("panel.wider"), grow("width", 1 + GROWTH), true),
+    act(t("panel.narrower"), grow("width", 1 - GROWTH), true),
+    act(t("panel.taller"), grow("height", 1 + GROWTH), true),
+    act(t("panel.shorter"), grow("height", 1 - GROWTH), true),
+  ];
+}
+
+/** Give the keyboard to the tab of a panel. */
+function focusTab(panel: IDockviewPanel): void {
+  panel.group.element.querySelector<HTMLElement>('[role="tab"][aria-selected="true"]')?.focus();
 }
 
 function restore(api: DockviewApi, app: App): void {

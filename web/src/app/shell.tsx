@@ -3,6 +3,7 @@
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { stopText } from "../forms/gate";
+import { Menu } from "../forms/menu";
 import { t } from "../i18n/text";
 import { panelKinds } from "../panels/registry";
 import { ConnectForm, TokenForm } from "./connect";
@@ -23,7 +24,7 @@ export function Shell({ app }: { app: App }) {
     };
     query.addEventListener("change", change);
     const key = (event: KeyboardEvent) => {
-      if (event.key === "Escape" && !document.querySelector("details[open]")) app.stop.stop();
+      if (event.key === "Escape") app.stop.stop();
     };
     addEventListener("keydown", key);
     return () => {
@@ -42,16 +43,24 @@ export function Shell({ app }: { app: App }) {
         <h1>{robotName(app)}</h1>
         <State app={app} />
         <nav class="menus">
-          <Menu label={t("app.add")}>{(close) => <PanelMenu app={app} close={close} />}</Menu>
-          <Menu label={t("app.layouts")}>{(close) => <LayoutMenu app={app} close={close} />}</Menu>
+          <Menu label={t("app.add")} sign="+">
+            {(close) => <PanelMenu app={app} close={close} />}
+          </Menu>
+          <Menu label={t("app.layouts")} sign="▤">
+            {(close) => <LayoutMenu app={app} close={close} />}
+          </Menu>
           <button
             type="button"
+            data-scan="press"
             aria-pressed={app.scanning.value}
             onClick={() => {
               app.scanning.value = !app.scanning.value;
             }}
           >
-            {t("scan.switch")}
+            <span class="sign" aria-hidden="true">
+              ◉
+            </span>
+            <span class="words">{t("scan.switch")}</span>
           </button>
           <button type="button" onClick={() => app.setTheme(app.dark.value ? "light" : "dark")}>
             <span aria-hidden="true">{app.dark.value ? "☀" : "☾"}</span>
@@ -62,7 +71,7 @@ export function Shell({ app }: { app: App }) {
       {app.scanning.value && <ScanBar app={app} />}
       {app.stop.stopped.value && (
         <p class="stopped" role="status">
-          {stopText(app.stop)}
+          {stopText(app.stop, t)}
         </p>
       )}
       <Senders app={app} />
@@ -163,39 +172,6 @@ function State({ app }: { app: App }) {
   );
 }
 
-function Menu(props: { label: string; children: (close: () => void) => preact.ComponentChild }) {
-  const { label, children } = props;
-  const details = useRef<HTMLDetailsElement>(null);
-  const open = useSignal(false);
-  const close = () => {
-    if (details.current) details.current.open = false;
-  };
-  useEffect(() => {
-    const outside = (event: Event) => {
-      if (!details.current?.contains(event.target as Node)) close();
-    };
-    addEventListener("pointerdown", outside);
-    return () => removeEventListener("pointerdown", outside);
-  });
-  return (
-    <details
-      ref={details}
-      onToggle={() => {
-        open.value = details.current?.open ?? false;
-      }}
-      onKeyDown={(event) => {
-        if (event.key !== "Escape" || !open.value) return;
-        event.stopPropagation();
-        close();
-        details.current?.querySelector("summary")?.focus();
-      }}
-    >
-      <summary>{label}</summary>
-      <div class="menu">{open.value && children(close)}</div>
-    </details>
-  );
-}
-
 function PanelMenu({ app, close }: { app: App; close: () => void }) {
   return (
     <ul>
@@ -204,8 +180,8 @@ function PanelMenu({ app, close }: { app: App; close: () => void }) {
           <button
             type="button"
             onClick={() => {
-              app.open(name);
               close();
+              app.open(name);
             }}
           >
             {t(title)}

@@ -75,6 +75,8 @@ export class App {
   readonly panels: Signal<OpenPanel[]> = signal([]);
   /** The panel that is shown where only one can be. */
   readonly front: Signal<string> = signal("");
+  /** The panel that somebody asked for last: it is shown, and gets the keyboard. */
+  readonly asked: Signal<{ id: string } | null> = signal(null);
   readonly dock: Signal<unknown> = signal(null);
   /** Counts up when another layout takes the place of the one that is shown. */
   readonly replaced = signal(0);
@@ -172,14 +174,19 @@ export class App {
       .peek()
       .find((panel) => panel.kind === kind && JSON.stringify(panel.config) === JSON.stringify(config));
     if (same) {
-      this.front.value = same.id;
+      this.bring(same.id);
       return;
     }
     const taken = new Set(this.panels.peek().map(({ id }) => id));
     let id = kind;
     for (let number = 2; taken.has(id); number++) id = `${kind} ${number}`;
     this.panels.value = [...this.panels.peek(), { id, kind, config }];
+    this.bring(id);
+  }
+
+  private bring(id: string): void {
     this.front.value = id;
+    this.asked.value = { id };
   }
 
   close(id: string): void {

@@ -9,10 +9,23 @@ import type { App, OpenPanel } from "./state";
 export function Tabs({ app }: { app: App }) {
   const panels = app.panels.value;
   const front = panels.find(({ id }) => id === app.front.value) ?? panels[0];
+  const asked = app.asked.value;
+  useEffect(() => {
+    const tab = asked && document.getElementById(`tab ${asked.id}`);
+    tab?.focus();
+    tab?.scrollIntoView({ block: "nearest", inline: "center" });
+  }, [asked]);
   const step = (event: KeyboardEvent) => {
-    const direction = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-    if (!direction || !front) return;
-    const next = panels[(panels.indexOf(front) + direction + panels.length) % panels.length] as OpenPanel;
+    if (!front) return;
+    if (event.key === "Delete") {
+      app.close(front.id);
+      return;
+    }
+    const at = panels.indexOf(front);
+    const wanted = { ArrowRight: at + 1, ArrowLeft: at - 1, Home: 0, End: -1 }[event.key];
+    if (wanted === undefined) return;
+    event.preventDefault();
+    const next = panels.at(wanted % panels.length) as OpenPanel;
     app.front.value = next.id;
     document.getElementById(`tab ${next.id}`)?.focus();
   };
@@ -21,22 +34,34 @@ export function Tabs({ app }: { app: App }) {
       <div class="tabs-content" role="tabpanel" aria-labelledby={`tab ${front?.id}`}>
         {front && <Framed key={`${app.replaced.value} ${front.id}`} app={app} panel={front} />}
       </div>
-      <div class="tabs-bar" role="tablist" aria-label={t("app.panels")} onKeyDown={step}>
-        {panels.map(({ id, kind }) => (
+      <div class="tabs-foot">
+        <div class="tabs-bar" role="tablist" aria-label={t("app.panels")} onKeyDown={step}>
+          {panels.map(({ id, kind }) => (
+            <button
+              type="button"
+              key={id}
+              id={`tab ${id}`}
+              role="tab"
+              aria-selected={id === front?.id}
+              tabIndex={id === front?.id ? 0 : -1}
+              onClick={() => {
+                app.front.value = id;
+              }}
+            >
+              {t(panelKind(kind)?.title ?? "panel.nothing")}
+            </button>
+          ))}
+        </div>
+        {front && (
           <button
             type="button"
-            key={id}
-            id={`tab ${id}`}
-            role="tab"
-            aria-selected={id === front?.id}
-            tabIndex={id === front?.id ? 0 : -1}
-            onClick={() => {
-              app.front.value = id;
-            }}
+            class="plain close"
+            aria-label={t("panel.close", { name: t(panelKind(front.kind)?.title ?? "panel.nothing") })}
+            onClick={() => app.close(front.id)}
           >
-            {t(panelKind(kind)?.title ?? "panel.nothing")}
+            ×
           </button>
-        ))}
+        )}
       </div>
     </div>
   );

@@ -7,17 +7,23 @@ import { t } from "../i18n/text";
 /** A choice among values; each option is a value, or a value and what is shown of it. */
 export function Choice(props: {
   label: string;
+  /** Whether one switch can go through the values. */
+  scan?: boolean;
   /** Whether the label is said, and not shown. */
   quiet?: boolean;
   chosen: string;
   options: readonly (string | readonly [value: string, shown: string])[];
   onChoose: (value: string) => void;
 }) {
-  const { label, quiet = false, chosen, options, onChoose } = props;
+  const { label, scan, quiet = false, chosen, options, onChoose } = props;
   return (
     <label class="choice">
       <span class={quiet ? "hidden" : ""}>{label}</span>
-      <select value={chosen} onChange={(event) => onChoose(event.currentTarget.value)}>
+      <select
+        data-scan={scan ? "next" : undefined}
+        value={chosen}
+        onChange={(event) => onChoose(event.currentTarget.value)}
+      >
         {options.map((option) => {
           const [value, shown] = typeof option === "string" ? [option, option] : option;
           return (
@@ -53,14 +59,17 @@ export function Check(props: {
   checked: boolean;
   name?: string;
   disabled?: boolean;
+  /** Whether one switch can tick it. */
+  scan?: boolean;
   onChange: (checked: boolean) => void;
   children: ComponentChildren;
 }) {
-  const { checked, name, disabled, onChange, children } = props;
+  const { checked, name, disabled, scan, onChange, children } = props;
   return (
     <label class="check">
       <input
         type="checkbox"
+        data-scan={scan ? "press" : undefined}
         name={name}
         checked={checked}
         disabled={disabled}
@@ -74,15 +83,18 @@ export function Check(props: {
 /** A name that can be chosen from a list. */
 export function NameButton({
   name,
+  title = name,
   chosen,
   onChoose,
 }: {
   name: string;
+  /** What is shown in full when it is pointed at. */
+  title?: string;
   chosen?: boolean;
   onChoose: () => void;
 }) {
   return (
-    <button type="button" class="plain" aria-pressed={chosen} onClick={onChoose}>
+    <button type="button" class="plain name" title={title} aria-pressed={chosen} onClick={onChoose}>
       {name}
     </button>
   );

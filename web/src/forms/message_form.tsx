@@ -157,7 +157,9 @@ function ItemInput(props: Input) {
   if (names.length) {
     return (
       <label>
-        {field.name} <span class="faint">{field.type}</span>
+        <span>
+          {field.name} <span class="faint">{field.type}</span>
+        </span>
         <select value={String(value)} onChange={(event) => onChange(Number(event.currentTarget.value))}>
           {!names.some((each) => each.value === value) && (
             <option value={String(value)}>{String(value)}</option>
@@ -183,7 +185,9 @@ function TextInput({ field, value, onChange, onWrong, path }: Input) {
   const id = `problem ${path}`;
   return (
     <label>
-      {field.name} <span class="faint">{field.type}</span>
+      <span>
+        {field.name} <span class="faint">{field.type}</span>
+      </span>
       <input
         type="text"
         inputMode={isNumber(field.type) ? "decimal" : "text"}

@@ -1,7 +1,7 @@
 /** What is wrong, said where it is. */
 
 import { Component, type ComponentChildren } from "preact";
-import { t } from "../i18n/text";
+import { Language } from "../i18n/context";
 
 /** Something that is wrong. */
 export function Problem({ text }: { text: string }) {
@@ -20,8 +20,10 @@ export class Guard extends Component<{ children: ComponentChildren }, { error: E
     this.setState({ error });
   }
 
+  static override contextType = Language;
+
   render() {
     if (!this.state.error) return this.props.children;
-    return <Problem text={t("panel.failed", { reason: this.state.error.message })} />;
+    return <Problem text={this.context("panel.failed", { reason: this.state.error.message })} />;
   }
 }

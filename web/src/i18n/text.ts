@@ -5,6 +5,9 @@ import { en, type TextKey } from "./en";
 export type { TextKey };
 export type Translation = Partial<Record<TextKey, string>>;
 
+/** Gives the text of a key with its `{places}` filled in. */
+export type Texts = (key: TextKey, values?: Record<string, string | number>) => string;
+
 let table: Translation = en;
 
 /** Take another language's table. */
@@ -28,7 +31,18 @@ export async function speak(language: string): Promise<void> {
   translate((await LANGUAGES[language]?.()) ?? {});
 }
 
-/** The text of a key with its `{places}` filled in. */
-export function t(key: TextKey, values: Record<string, string | number> = {}): string {
-  return (table[key] ?? en[key]).replace(/\{(\w+)\}/g, (_, name: string) => String(values[name] ?? ""));
+/** The texts of a language; those that its table lacks, or all where there is none, are English. */
+export async function textsOf(language: string): Promise<Texts> {
+  const translation = await LANGUAGES[language]?.();
+  return translation ? (key, values) => fill(translation[key] ?? en[key], values) : english;
+}
+
+/** The text of a key in the language that the page speaks. */
+export const t: Texts = (key, values) => fill(table[key] ?? en[key], values);
+
+/** The text of a key in English. */
+export const english: Texts = (key, values) => fill(en[key], values);
+
+function fill(text: string, values: Record<string, string | number> = {}): string {
+  return text.replace(/\{(\w+)\}/g, (_, name: string) => String(values[name] ?? ""));
 }

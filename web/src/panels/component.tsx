@@ -32,11 +32,12 @@ export function TopicChoice(props: {
   label: string;
   topics: readonly string[];
   chosen: string;
+  scan?: boolean;
   onChoose: (topic: string) => void;
 }) {
-  const { label, topics, chosen, onChoose } = props;
+  const { label, topics, chosen, scan = false, onChoose } = props;
   const all = chosen && !topics.includes(chosen) ? [chosen, ...topics] : topics;
-  return <Choice label={label} chosen={chosen} options={all} onChoose={onChoose} />;
+  return <Choice label={label} scan={scan} chosen={chosen} options={all} onChoose={onChoose} />;
 }
 
 /** The time, told once a second to whoever shows ages. */

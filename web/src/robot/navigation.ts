@@ -38,6 +38,8 @@ const POSE_TOPIC = "/initialpose";
 export class Navigation {
   /** The last goal of this page; null before the first. */
   readonly progress: Signal<Progress | null> = signal(null);
+  /** A place that somebody is about to choose, for whoever can show it. */
+  readonly draft: Signal<{ place: Place; frame: string } | null> = signal(null);
   private goal: GoalHandle | null = null;
 
   constructor(private readonly session: RobotSession) {}

@@ -1,4 +1,4 @@
-/** What a click in the scene does: set a goal or a pose by dragging an arrow, or measure. */
+/** What a click or a key in the scene does: set a goal or a pose by an arrow, measure, or bring the camera nearer. */
 
 import { type Signal, signal } from "@preact/signals-core";
 import { BufferGeometry, Line, LineBasicMaterial, type Object3D, Vector3 } from "three";
@@ -14,6 +14,20 @@ export interface Place {
   yaw: number;
 }
 
+/** Metres and radians by which a key moves and turns a place; with Shift the metres are more. */
+const STEP = 0.1;
+const FAR_STEP = 0.5;
+const TURN = Math.PI / 12;
+/** To which share of its distance a key brings the camera. */
+const NEARER = 0.8;
+/** Where an arrow key goes, as an angle from away from the camera. */
+const ARROWS: Record<string, number> = {
+  ArrowUp: 0,
+  ArrowLeft: Math.PI / 2,
+  ArrowDown: Math.PI,
+  ArrowRight: -Math.PI / 2,
+};
+
 /** Metres that the mouse must go before it gives a direction. */
 const LEAST_DRAG = 0.15;
 
@@ -21,6 +35,8 @@ export class Tools {
   readonly chosen: Signal<ToolName> = signal("look");
   /** Metres between the two points that were clicked; NaN before. */
   readonly measured: Signal<number> = signal(Number.NaN);
+  /** The place that keys move, before it is set; null before the first key. */
+  readonly cursor: Signal<Place | null> = signal(null);
   /** Called with a place that was set. */
   onPlace: (tool: "goal" | "pose", place: Place) => void = () => undefined;
 
@@ -35,32 +51,104 @@ export class Tools {
     const move = (event: PointerEvent) => this.move(event);
     const up = (event: PointerEvent) => this.up(event);
     const key = (event: KeyboardEvent) => {
-      if (event.key !== "Escape" || this.chosen.peek() === "look") return;
-      event.stopPropagation();
-      this.choose("look");
+      if (event.ctrlKey || event.altKey || event.metaKey || !this.key(event)) return;
+      // In front of the camera's controls, which move by the same keys.
+      event.preventDefault();
+      event.stopImmediatePropagation();
     };
     canvas.addEventListener("pointerdown", down, { capture: true });
     canvas.addEventListener("pointermove", move, { capture: true });
     canvas.addEventListener("pointerup", up, { capture: true });
-    canvas.addEventListener("keydown", key);
+    canvas.addEventListener("keydown", key, { capture: true });
     this.end = () => {
       canvas.removeEventListener("pointerdown", down, { capture: true });
       canvas.removeEventListener("pointermove", move, { capture: true });
       canvas.removeEventListener("pointerup", up, { capture: true });
-      canvas.removeEventListener("keydown", key);
+      canvas.removeEventListener("keydown", key, { capture: true });
     };
   }
 
   choose(tool: ToolName): void {
     this.chosen.value = tool;
-    this.start = this.measureFrom = null;
+    this.start = this.measureFrom = this.cursor.value = null;
     this.erase();
+    this.view.redraw();
+    // So that the keys of the tool are heard.
+    if (tool !== "look") this.view.canvas.focus({ preventScroll: true });
+  }
+
+  /** Show where a place would be that is chosen elsewhere in the page; null for no more. */
+  preview(place: Place | null): void {
+    if (this.chosen.peek() !== "look") return;
+    if (place) this.drawArrow(place);
+    else this.erase();
     this.view.redraw();
   }
 
   dispose(): void {
     this.end();
     this.erase();
+  }
+
+  /** Do what a key asks for; returns whether it asks for anything. */
+  private key({ key, shiftKey }: KeyboardEvent): boolean {
+    if (key === "+" || key === "=" || key === "-") {
+      this.approach(key === "-" ? 1 / NEARER : NEARER);
+      return true;
+    }
+    const tool = this.chosen.peek();
+    if (tool === "look") return false;
+    if (key === "Escape") {
+      this.choose("look");
+      return true;
+    }
+    const { x, y } = this.view.controls.target;
+    const cursor = { ...(this.cursor.peek() ?? { x: round(x), y: round(y), yaw: 0 }) };
+    if (key === "Enter" || key === " ") {
+      this.set(tool, cursor);
+      return true;
+    }
+    const arrow = ARROWS[key];
+    const turn = { q: TURN, e: -TURN }[key.toLowerCase()];
+    if (arrow === undefined && turn === undefined) return false;
+    if (arrow !== undefined) {
+      const direction = this.ahead() + arrow;
+      const step = shiftKey ? FAR_STEP : STEP;
+      cursor.x = round(cursor.x + step * Math.cos(direction));
+      cursor.y = round(cursor.y + step * Math.sin(direction));
+    }
+    this.cursor.value = { ...cursor, yaw: cursor.yaw + (turn ?? 0) };
+    const from = this.measureFrom;
+    if (from) this.drawLine(from, new Vector3(cursor.x, cursor.y, 0));
+    else this.drawArrow(this.cursor.value);
+    return true;
+  }
+
+  /** What Enter does at a place. */
+  private set(tool: "goal" | "pose" | "measure", place: Place): void {
+    if (tool === "measure") {
+      this.cursor.value = place;
+      this.measure(new Vector3(place.x, place.y, 0));
+      return;
+    }
+    this.choose("look");
+    this.onPlace(tool, place);
+  }
+
+  /** The axis of the ground that is nearest to away from the camera, as an angle. */
+  private ahead(): number {
+    const { x, y } = this.view.camera.getWorldDirection(new Vector3());
+    return (Math.round(Math.atan2(y, x) / (Math.PI / 2)) * Math.PI) / 2;
+  }
+
+  private approach(share: number): void {
+    const { camera, controls } = this.view;
+    const from = camera.position.clone().sub(controls.target);
+    const distance = from.length() * share;
+    from.setLength(Math.min(Math.max(distance, controls.minDistance), controls.maxDistance));
+    camera.position.copy(controls.target).add(from);
+    controls.update();
+    this.view.redraw();
   }
 
   private down(event: PointerEvent): void {
@@ -137,6 +225,11 @@ export class Tools {
     this.drawn.removeFromParent();
     this.drawn = null;
   }
+}
+
+/** To a millimetre. */
+function round(metres: number): number {
+  return Math.round(metres * 1000) / 1000;
 }
 
 /** Where a drag began, looking to where it ended. */

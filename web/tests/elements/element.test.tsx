@@ -136,3 +136,39 @@ test("an element that leaves the page is empty, and full again when it comes bac
   document.body.append(element);
   expect(said(element)).toBe("2 m/s");
 });
+
+describe("an element speaks the language of where it is", () => {
+  const lost = () => make(robotThat("lost"));
+  afterEach(() => {
+    document.documentElement.lang = "en";
+  });
+
+  test("of its own attribute before the document's, and changes with it", async () => {
+    document.documentElement.lang = "en";
+    const [english, german] = [lost(), lost()];
+    german.lang = "de-CH";
+    await vi.waitFor(() => expect(said(german)).toContain("ist nicht zu erreichen"));
+    expect(said(english)).toContain("cannot be reached");
+    expect(german.shadowRoot?.querySelector(".frame")?.getAttribute("lang")).toBe("de");
+    german.removeAttribute("lang");
+    await vi.waitFor(() => expect(said(german)).toContain("cannot be reached"));
+  });
+
+  test("of the document, and of what is between", async () => {
+    document.documentElement.lang = "de";
+    const element = lost();
+    await vi.waitFor(() => expect(said(element)).toContain("ist nicht zu erreichen"));
+    const section = document.createElement("section");
+    section.lang = "en";
+    document.body.append(section);
+    section.append(element);
+    await vi.waitFor(() => expect(said(element)).toContain("cannot be reached"));
+  });
+
+  test("English, and says so, where there is no table", async () => {
+    document.documentElement.lang = "fr";
+    const element = lost();
+    await vi.waitFor(() => expect(said(element)).toContain("cannot be reached"));
+    expect(element.shadowRoot?.querySelector(".frame")?.getAttribute("lang")).toBe("en");
+  });
+});

@@ -3,11 +3,12 @@
 import { effect, type Signal, signal } from "@preact/signals";
 import { type ComponentType, render } from "preact";
 import { Guard, Problem } from "../../forms/problem";
-import { t } from "../../i18n/text";
+import { Language, useTexts } from "../../i18n/context";
 import type { RobotSession } from "../../robot/session";
 import type { Stop } from "../../robot/stop";
 import { type Attributes, AttributeValues, attributeName, type PropertiesOf, text } from "./attributes";
 import { borrowRobot, homeRobot, type Robot, showToken } from "./connections";
+import { languageChanged, useLanguage } from "./language";
 import { style as baseStyle } from "./style";
 
 /** What the view of an element is given. */
@@ -38,7 +39,7 @@ export abstract class RobotElement extends HTMLElement {
 
   static get observedAttributes(): string[] {
     // biome-ignore lint/complexity/noThisInStatic: each element has attributes of its own.
-    return Object.keys(this.attributes).map(attributeName);
+    return [...Object.keys(this.attributes).map(attributeName), "lang"];
   }
 
   private readonly values: AttributeValues;
@@ -84,7 +85,8 @@ export abstract class RobotElement extends HTMLElement {
   }
 
   attributeChangedCallback(name: string, _: string | null, written: string | null): void {
-    this.values.changed(name, written);
+    if (name === "lang") languageChanged();
+    else this.values.changed(name, written);
   }
 
   connectedCallback(): void {
@@ -150,13 +152,25 @@ export function defineElement<Kinds extends Attributes>(
 
 export type { PropertiesOf };
 
-function Frame({ element, view: View }: { element: RobotElement; view: ComponentType<ViewProps> }) {
+function Frame(props: { element: RobotElement; view: ComponentType<ViewProps> }) {
+  const spoken = useLanguage(props.element);
+  if (!spoken) return null;
+  return (
+    <Language.Provider value={spoken.texts}>
+      <Shown {...props} language={spoken.language} />
+    </Language.Provider>
+  );
+}
+
+function Shown(props: { element: RobotElement; view: ComponentType<ViewProps>; language: string }) {
+  const { element, view: View, language } = props;
+  const t = useTexts();
   const robot = element.robotShown;
   if (!robot) return <Problem text={t("widget.robot", { written: String(element.read("robot")) })} />;
   const { session, stop } = robot;
   const state = session.state.value;
   return (
-    <div part="frame" class={`frame state-${state}`}>
+    <div part="frame" class={`frame state-${state}`} lang={language}>
       {state === "refused" ? <TokenForm session={session} /> : <ConnectionProblem session={session} />}
       <Guard key={session.url}>
         <View element={element} session={session} stop={stop} />
@@ -166,6 +180,7 @@ function Frame({ element, view: View }: { element: RobotElement; view: Component
 }
 
 function ConnectionProblem({ session }: { session: RobotSession }) {
+  const t = useTexts();
   const state = session.state.value;
   if (state === "open") return null;
   const first = session.connections.value === 0;
@@ -178,6 +193,7 @@ function ConnectionProblem({ session }: { session: RobotSession }) {
 }
 
 function TokenForm({ session }: { session: RobotSession }) {
+  const t = useTexts();
   return (
     <form
       part="token"

@@ -2,7 +2,7 @@
 
 import { useEffect } from "preact/hooks";
 import { Problem } from "../../forms/problem";
-import { t } from "../../i18n/text";
+import type { Texts } from "../../i18n/text";
 import type { RobotSession } from "../../robot/session";
 import type { Message, SubscribeOptions } from "../../robot/subscriptions";
 
@@ -19,6 +19,7 @@ export function chooseTopic(
   session: RobotSession,
   named: string,
   types: readonly string[],
+  t: Texts,
 ): ChosenTopic | { problem: string } {
   const fitting = session.topicsOf(...types);
   const all = session.graph.value.topics;

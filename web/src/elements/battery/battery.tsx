@@ -1,7 +1,7 @@
 /** `<rwt-battery>`: how full the robot's battery is. */
 
 import { useSignal } from "@preact/signals";
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import { number, text } from "../base/attributes";
 import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
 import { type ChosenTopic, chooseTopic, NoTopic, useTopic } from "../base/topic";
@@ -28,13 +28,14 @@ export class BatteryElement extends RobotElement {
 }
 
 function BatteryView({ element, session }: ViewProps<BatteryElement>) {
-  const topic = chooseTopic(session, element.topic, TYPES);
+  const topic = chooseTopic(session, element.topic, TYPES, useTexts());
   if ("problem" in topic) return <NoTopic problem={topic.problem} />;
   return <Level key={topic.name} {...{ element, session, topic }} />;
 }
 
 function Level(props: Omit<ViewProps<BatteryElement>, "stop"> & { topic: ChosenTopic }) {
   const { element, session, topic } = props;
+  const t = useTexts();
   const state = useSignal<{ percentage: number; charging: boolean } | null>(null);
   const wasLow = useSignal(false);
   useTopic(

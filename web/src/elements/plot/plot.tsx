@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { Problem } from "../../forms/problem";
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import { Series } from "../../panels/view/series";
 import { numberAt, valueAt } from "../../robot/fields";
 import { flag, number, text } from "../base/attributes";
@@ -58,8 +58,9 @@ export class PlotElement extends RobotElement {
 }
 
 function PlotView({ element, session }: ViewProps<PlotElement>) {
+  const t = useTexts();
   if (!element.topic) return <Problem text={t("widget.topic.unnamed")} />;
-  const topic = chooseTopic(session, element.topic, []);
+  const topic = chooseTopic(session, element.topic, [], t);
   if ("problem" in topic) return <NoTopic problem={topic.problem} />;
   return (
     <Plot
@@ -74,6 +75,7 @@ const LEGEND_PERIOD = 250;
 
 function Plot(props: Omit<ViewProps<PlotElement>, "stop"> & { topic: ChosenTopic }) {
   const { element, session, topic } = props;
+  const t = useTexts();
   const { fields } = element;
   const place = useRef<HTMLDivElement>(null);
   const last = useSignal<number[] | null>(null);

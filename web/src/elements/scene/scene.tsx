@@ -3,7 +3,7 @@
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { Problem } from "../../forms/problem";
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import { NavigationState } from "../../panels/drive/navigation_state";
 import { shortType } from "../../robot/names";
 import { Navigation } from "../../robot/navigation";
@@ -58,6 +58,7 @@ export class MapElement extends SceneElement {
 }
 
 function SceneView({ element, session, stop }: ViewProps<SceneElement>) {
+  const t = useTexts();
   const place = useRef<HTMLDivElement>(null);
   const drawn = useSignal<RobotScene | null>(null);
   const problem = useSignal("");
@@ -132,6 +133,7 @@ function SceneView({ element, session, stop }: ViewProps<SceneElement>) {
 
 function Goals(props: { navigation: Navigation; scene: RobotScene; stopped: boolean }) {
   const { navigation, scene, stopped } = props;
+  const t = useTexts();
   const isChosen = scene.tools.chosen.value === "goal";
   if (!navigation.way) return <Problem text={t("goal.none")} />;
   return (

@@ -2,7 +2,7 @@
 
 import { useLayoutEffect } from "preact/hooks";
 import { stopText } from "../../forms/gate";
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import { flag, text } from "../base/attributes";
 import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
 import { style } from "./style";
@@ -41,6 +41,7 @@ export class StopElement extends RobotElement {
 }
 
 function StopView({ element, session, stop }: ViewProps<StopElement>) {
+  const t = useTexts();
   const { shortcut } = element;
   useLayoutEffect(() => {
     if (!shortcut) return undefined;
@@ -66,7 +67,7 @@ function StopView({ element, session, stop }: ViewProps<StopElement>) {
       </button>
       {!element.quiet && (
         <p part="status" role="status">
-          {stopped ? stopText(stop) : nothing ? t("stop.nothing") : ""}
+          {stopped ? stopText(stop, t) : nothing ? t("stop.nothing") : ""}
         </p>
       )}
     </>

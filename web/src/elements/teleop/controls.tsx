@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import { type Drive, NO_WISH, type Wish } from "../../robot/drive";
 
 /** What each key asks for while it is held. */
@@ -32,11 +32,24 @@ export function wishOfKeys(held: Iterable<string>): Wish {
   return sum;
 }
 
+/** How much of its turning a robot makes in a curve. */
+const CURVE = 0.5;
+
 const BUTTONS = [
+  { name: "forward_left", sign: "↖", wish: { forward: 1, left: 0, turn: CURVE } },
   { name: "forward", sign: "▲", wish: { forward: 1, left: 0, turn: 0 } },
+  { name: "forward_right", sign: "↗", wish: { forward: 1, left: 0, turn: -CURVE } },
   { name: "left", sign: "↺", wish: { forward: 0, left: 0, turn: 1 } },
   { name: "right", sign: "↻", wish: { forward: 0, left: 0, turn: -1 } },
+  { name: "back_left", sign: "↙", wish: { forward: -1, left: 0, turn: CURVE } },
   { name: "back", sign: "▼", wish: { forward: -1, left: 0, turn: 0 } },
+  { name: "back_right", sign: "↘", wish: { forward: -1, left: 0, turn: -CURVE } },
+] as const;
+
+/** For robots that can drive sideways. */
+const SIDEWAYS = [
+  { name: "sideways_left", sign: "⇐", wish: { forward: 0, left: 1, turn: 0 } },
+  { name: "sideways_right", sign: "⇒", wish: { forward: 0, left: -1, turn: 0 } },
 ] as const;
 
 /** Let go of every control when the page is hidden or left, or loses the keyboard; returns what ends that. */
@@ -58,18 +71,21 @@ export function releaseWithPage(drive: Drive, onHidden?: () => void): () => void
 }
 
 /** A button for each direction. */
-export function HoldButtons({ drive, disabled }: { drive: Drive; disabled: boolean }) {
+export function HoldButtons(props: { drive: Drive; disabled: boolean; sideways?: boolean }) {
+  const t = useTexts();
+  const { drive, disabled, sideways = false } = props;
   return (
-    <div part="buttons" class="drive-buttons">
-      {BUTTONS.map(({ name, sign, wish }) => (
+    <fieldset part="buttons" class="drive-buttons" data-scan-group aria-label={t("teleop.directions")}>
+      {[...BUTTONS, ...(sideways ? SIDEWAYS : [])].map(({ name, sign, wish }) => (
         <HoldButton key={name} drive={drive} name={name} sign={sign} wish={wish} disabled={disabled} />
       ))}
-    </div>
+    </fieldset>
   );
 }
 
 /** A button that acts while it is held, by pointer, by Enter or the space bar. */
 function HoldButton(props: { drive: Drive; name: string; sign: string; wish: Wish; disabled: boolean }) {
+  const t = useTexts();
   const { drive, name, sign, wish, disabled } = props;
   const control = `button ${name}`;
   const letGo = () => drive.release(control);

@@ -36,8 +36,12 @@ export const style = `
   pointer-events: none;
 }
 .drive-buttons {
+  border: 0;
+  margin: 0;
+  padding: 0;
+  min-width: 0;
   display: grid;
-  grid-template-areas: ". f ." "l . r" ". b .";
+  grid-template-areas: "fl f fr" "l . r" "bl b br" "sl . sr";
   gap: 0.3em;
 }
 .drive-buttons button {
@@ -45,6 +49,24 @@ export const style = `
   height: 3.2em;
   touch-action: none;
   user-select: none;
+}
+.drive-forward_left {
+  grid-area: fl;
+}
+.drive-forward_right {
+  grid-area: fr;
+}
+.drive-back_left {
+  grid-area: bl;
+}
+.drive-back_right {
+  grid-area: br;
+}
+.drive-sideways_left {
+  grid-area: sl;
+}
+.drive-sideways_right {
+  grid-area: sr;
 }
 .drive-forward {
   grid-area: f;

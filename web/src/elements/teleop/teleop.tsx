@@ -3,7 +3,7 @@
 import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { Driver, stopText } from "../../forms/gate";
 import { Problem } from "../../forms/problem";
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import { Drive, driveTopics } from "../../robot/drive";
 import { choice, number, text } from "../base/attributes";
 import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
@@ -36,6 +36,7 @@ export class TeleopElement extends RobotElement {
 }
 
 function TeleopView({ element, session, stop }: ViewProps<TeleopElement>) {
+  const t = useTexts();
   const topic = element.topic || driveTopics(session)[0] || "";
   if (!topic) {
     if (session.state.value !== "open" || session.graph.value.topics.size === 0) return null;
@@ -51,6 +52,7 @@ function TeleopView({ element, session, stop }: ViewProps<TeleopElement>) {
 
 function Controls(props: ViewProps<TeleopElement> & { topic: string; type: string }) {
   const { element, session, stop, topic, type } = props;
+  const t = useTexts();
   const drive = useMemo(() => new Drive(session, topic, type, stop.stopped), [session, topic, type, stop]);
   drive.limits = { linear: element.maxLinear, angular: element.maxAngular };
   const pad = useRef<HTMLFieldSetElement>(null);
@@ -88,7 +90,7 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
       </output>
       <Driver gate={stop.gate} topic={topic} />
       {refusal && <Problem text={refusal.text} />}
-      {stopped && <Problem text={stopText(stop)} />}
+      {stopped && <Problem text={stopText(stop, t)} />}
     </fieldset>
   );
 }

@@ -2,7 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { Problem } from "../../forms/problem";
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import { valueAt } from "../../robot/fields";
 import type { Message } from "../../robot/subscriptions";
 import { number, text } from "../base/attributes";
@@ -34,14 +34,16 @@ export class TopicElement extends RobotElement {
 }
 
 function TopicView({ element, session }: ViewProps<TopicElement>) {
+  const t = useTexts();
   if (!element.topic) return <Problem text={t("widget.topic.unnamed")} />;
-  const topic = chooseTopic(session, element.topic, []);
+  const topic = chooseTopic(session, element.topic, [], t);
   if ("problem" in topic) return <NoTopic problem={topic.problem} />;
   return <Value key={`${topic.name} ${topic.type}`} {...{ element, session, topic }} />;
 }
 
 function Value(props: Omit<ViewProps<TopicElement>, "stop"> & { topic: ChosenTopic }) {
   const { element, session, topic } = props;
+  const t = useTexts();
   const last = useSignal<Message | null>(null);
   useTopic(
     session,

@@ -2,7 +2,7 @@
 
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { Problem } from "../../forms/problem";
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import { CAMERA_TYPES, Camera, cameraTopics } from "../../robot/camera";
 import { flag, text } from "../base/attributes";
 import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
@@ -38,7 +38,12 @@ export class VideoElement extends RobotElement {
 }
 
 function VideoView({ element, session }: ViewProps<VideoElement>) {
-  const topic = chooseTopic(session, element.topic || cameraTopics(session)[0] || "", CAMERA_TYPES);
+  const topic = chooseTopic(
+    session,
+    element.topic || cameraTopics(session)[0] || "",
+    CAMERA_TYPES,
+    useTexts(),
+  );
   if ("problem" in topic) return <NoTopic problem={topic.problem} />;
   if (session.connections.value === 0) return null;
   return <Picture key={`${topic.name} ${topic.type}`} {...{ element, session }} topic={topic.name} />;
@@ -46,6 +51,7 @@ function VideoView({ element, session }: ViewProps<VideoElement>) {
 
 function Picture(props: Omit<ViewProps<VideoElement>, "stop"> & { topic: string }) {
   const { element, session, topic } = props;
+  const t = useTexts();
   const canvas = useRef<HTMLCanvasElement>(null);
   const camera = useMemo(
     () =>

@@ -1,9 +1,10 @@
 /** How the page's last goal goes, with a way to cancel it. */
 
-import { t } from "../../i18n/text";
+import { useTexts } from "../../i18n/context";
 import type { Navigation } from "../../robot/navigation";
 
 export function NavigationState({ navigation }: { navigation: Navigation }) {
+  const t = useTexts();
   const progress = navigation.progress.value;
   if (!progress) return null;
   const { place, outcome, distance, remaining, text } = progress;

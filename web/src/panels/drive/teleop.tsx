@@ -1,13 +1,17 @@
 /** Teleoperation: hold to run, by stick, buttons, keyboard or gamepad. */
 
-import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
 import { Driver } from "../../forms/gate";
+import { Check } from "../../forms/inputs";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics, type Wish } from "../../robot/drive";
 import { componentPanel, Refusal, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
+/** The least limit that can be set, and by how much a button changes one, in m/s and rad/s. */
+const LEAST_LIMIT = 0.05;
+const LIMIT_STEP = 0.1;
 const TYPES = ["geometry_msgs/Twist", "geometry_msgs/TwistStamped"];
 
 export const teleop: PanelKind = {
@@ -30,6 +34,7 @@ function TeleopPanel({ context }: { context: PanelContext }) {
         <TopicChoice
           label={t("panel.topic")}
           topics={topics}
+          scan
           chosen={topic}
           onChoose={(chosen) => {
             config.value = { ...config.value, topic: chosen };
@@ -76,10 +81,21 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
       <legend class="hidden">{topic}</legend>
       <div class="drive-controls">
         <Stick drive={drive} disabled={idle} />
-        <HoldButtons drive={drive} disabled={idle} />
+        <HoldButtons drive={drive} disabled={idle} sideways={config.value.sideways === true} />
       </div>
-      <Limit context={context} name="linear" value={limits.linear} most={2} unit="m/s" />
-      <Limit context={context} name="angular" value={limits.angular} most={3} unit="rad/s" />
+      <fieldset class="limits" data-scan-group aria-label={t("teleop.limits")}>
+        <Limit context={context} name="linear" value={limits.linear} most={2} unit="m/s" />
+        <Limit context={context} name="angular" value={limits.angular} most={3} unit="rad/s" />
+        <Check
+          scan
+          checked={config.value.sideways === true}
+          onChange={(sideways) => {
+            config.value = { ...config.value, sideways };
+          }}
+        >
+          {t("teleop.sideways.buttons")}
+        </Check>
+      </fieldset>
       <output class="drive-sent">
         {linear.toFixed(2)} m/s{lateral ? ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}` : ""} ·{" "}
         {angular.toFixed(2)} rad/s
@@ -100,23 +116,39 @@ function Limit(props: {
   unit: string;
 }) {
   const { context, name, value, most, unit } = props;
+  const id = useId();
+  const set = (wanted: number) => {
+    const limit = Math.min(Math.max(Math.round(wanted * 100) / 100, LEAST_LIMIT), most);
+    context.config.value = { ...context.config.value, [name]: limit };
+  };
+  const step = (sign: string, by: number, key: "teleop.less" | "teleop.more") => (
+    <button
+      type="button"
+      data-scan="press"
+      aria-label={t(key, { name: t(`teleop.${name}`) })}
+      onClick={() => set(value + by)}
+    >
+      {sign}
+    </button>
+  );
   return (
-    <label class="limit">
-      <span>{t(`teleop.${name}`)}</span>
+    <div class="limit">
+      <label for={id}>{t(`teleop.${name}`)}</label>
+      {step("−", -LIMIT_STEP, "teleop.less")}
       <input
+        id={id}
         type="range"
-        min={0.05}
+        min={LEAST_LIMIT}
         max={most}
         step={0.05}
         value={value}
-        onInput={(event) => {
-          context.config.value = { ...context.config.value, [name]: Number(event.currentTarget.value) };
-        }}
+        onInput={(event) => set(Number(event.currentTarget.value))}
       />
+      {step("+", LIMIT_STEP, "teleop.more")}
       <span class="number">
         {value.toFixed(2)} {unit}
       </span>
-    </label>
+    </div>
   );
 }
 

@@ -121,53 +121,56 @@ function Picture({ details, chosen }: { details: ReadonlyMap<string, NodeDetails
   if (!shown.length) return <p class="faint">{t("nodes.none")}</p>;
   return (
     <>
-      <svg
-        viewBox={`0 0 ${WIDTH} ${rows * ROW}`}
-        role="img"
-        aria-label={t("nodes.picture", { count: shown.length })}
-      >
-        {shown.flatMap(({ topic, from, to }, at) => [
-          ...from.map((node) => (
-            <line
-              key={`${node} ${topic}`}
-              x1={230}
-              y1={y(left.indexOf(node), left.length)}
-              x2={330}
-              y2={y(at, shown.length)}
-            />
-          )),
-          ...to.map((node) => (
-            <line
-              key={`${topic} ${node}`}
-              x1={590}
-              y1={y(at, shown.length)}
-              x2={680}
-              y2={y(right.indexOf(node), right.length)}
-            />
-          )),
-        ])}
-        {left.map((node, at) => (
-          <text
-            key={node}
-            x={225}
-            y={y(at, left.length) + 5}
-            text-anchor="end"
-            class={node === chosen ? "chosen" : ""}
-          >
-            {node}
-          </text>
-        ))}
-        {shown.map(({ topic }, at) => (
-          <text key={topic} x={460} y={y(at, shown.length) + 5} text-anchor="middle" class="topic">
-            {topic}
-          </text>
-        ))}
-        {right.map((node, at) => (
-          <text key={node} x={685} y={y(at, right.length) + 5} class={node === chosen ? "chosen" : ""}>
-            {node}
-          </text>
-        ))}
-      </svg>
+      {/* biome-ignore lint/a11y/noNoninteractiveTabindex: what scrolls must be reached by the keyboard. */}
+      <div class="nodes-picture" tabIndex={0}>
+        <svg
+          viewBox={`0 0 ${WIDTH} ${rows * ROW}`}
+          role="img"
+          aria-label={t("nodes.picture", { count: shown.length })}
+        >
+          {shown.flatMap(({ topic, from, to }, at) => [
+            ...from.map((node) => (
+              <line
+                key={`${node} ${topic}`}
+                x1={230}
+                y1={y(left.indexOf(node), left.length)}
+                x2={330}
+                y2={y(at, shown.length)}
+              />
+            )),
+            ...to.map((node) => (
+              <line
+                key={`${topic} ${node}`}
+                x1={590}
+                y1={y(at, shown.length)}
+                x2={680}
+                y2={y(right.indexOf(node), right.length)}
+              />
+            )),
+          ])}
+          {left.map((node, at) => (
+            <text
+              key={node}
+              x={225}
+              y={y(at, left.length) + 5}
+              text-anchor="end"
+              class={node === chosen ? "chosen" : ""}
+            >
+              {node}
+            </text>
+          ))}
+          {shown.map(({ topic }, at) => (
+            <text key={topic} x={460} y={y(at, shown.length) + 5} text-anchor="middle" class="topic">
+              {topic}
+            </text>
+          ))}
+          {right.map((node, at) => (
+            <text key={node} x={685} y={y(at, right.length) + 5} class={node === chosen ? "chosen" : ""}>
+              {node}
+            </text>
+          ))}
+        </svg>
+      </div>
       {all.length > shown.length && (
         <p class="faint">{t("topics.longer", { count: all.length - shown.length })}</p>
       )}

@@ -42,13 +42,19 @@ function TopicsPanel({ context }: { context: PanelContext }) {
     <div class="split">
       <div class="list">
         <Search text={search} />
-        <table>
+        <table class="topic-table">
           <thead>
             <tr>
               <th scope="col">{t("topics.name")}</th>
-              <th scope="col">{t("topics.type")}</th>
-              <th scope="col">{t("topics.rate")}</th>
-              <th scope="col">{t("topics.bandwidth")}</th>
+              <th scope="col" class="type">
+                {t("topics.type")}
+              </th>
+              <th scope="col" class="rate">
+                {t("topics.rate")}
+              </th>
+              <th scope="col" class="bandwidth">
+                {t("topics.bandwidth")}
+              </th>
             </tr>
           </thead>
           <tbody>
@@ -57,14 +63,15 @@ function TopicsPanel({ context }: { context: PanelContext }) {
                 <td>
                   <NameButton
                     name={name}
+                    title={`${name} · ${type}`}
                     chosen={name === chosen}
                     onChoose={() => {
                       config.value = { ...config.value, topic: name };
                     }}
                   />
                 </td>
-                <td class="faint" title={type}>
-                  {shortType(type)}
+                <td class="faint type" title={type}>
+                  <ShortType type={type} />
                 </td>
                 <Traffic context={context} name={name} />
               </tr>
@@ -83,6 +90,18 @@ function TopicsPanel({ context }: { context: PanelContext }) {
         )}
       </div>
     </div>
+  );
+}
+
+/** A type, whose package goes first where there is no room. */
+function ShortType({ type }: { type: string }) {
+  const short = shortType(type);
+  const slash = short.indexOf("/") + 1;
+  return (
+    <>
+      <span class="package">{short.slice(0, slash)}</span>
+      {short.slice(slash)}
+    </>
   );
 }
 

@@ -105,6 +105,7 @@ function LogPanel({ context }: { context: PanelContext }) {
       </div>
       {/* biome-ignore lint/a11y/noNoninteractiveTabindex: what scrolls must be reached by the keyboard. */}
       <div class="log-entries" ref={list} role="log" tabIndex={0} aria-label={t("log.title")}>
+        {entries.current.length === 0 && <p class="faint">{t("log.none")}</p>}
         {found.slice(-MOST_SHOWN).map(({ number, stamp, level, name, text }) => (
           <p key={number} class={`log-${LEVELS[level]}`}>
             <span class="faint">

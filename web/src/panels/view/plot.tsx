@@ -2,7 +2,7 @@
 
 import { Choice } from "../../forms/inputs";
 import "uplot/dist/uPlot.min.css";
-import { useSignal } from "@preact/signals";
+import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import type uPlot from "uplot";
 import { Problem } from "../../forms/problem";
@@ -25,6 +25,8 @@ interface Line {
 const REDRAW = 50;
 const COLOURS = ["#1f5fa8", "#c2410c", "#15803d", "#9333ea", "#b91c1c", "#0e7490", "#a16207", "#be185d"];
 const MOST_LINES = COLOURS.length;
+/** Pixels that the mouse must go to choose a part. */
+const LEAST_DRAG = 4;
 
 export const plot: PanelKind = {
   name: "plot",
@@ -68,6 +70,15 @@ function PlotPanel({ context }: { context: PanelContext }) {
       for (const end of ends) end();
     };
   }, [session, lines, isVisible, paused, series]);
+  const span = useSignal<Span | null>(null);
+  /** Show a part of what there is, which then stands still: around its middle, or beside it. */
+  const show = (share: number, aside: number) => {
+    const times = Series.together(series)[0] ?? [];
+    const whole: Span = [times[0] ?? 0, times.at(-1) ?? 0];
+    if (whole[1] <= whole[0]) return;
+    paused.value = true;
+    span.value = partOf(span.value ?? whole, whole, share, aside);
+  };
   const change = (next: Line[]) => {
     config.value = { ...config.value, lines: next };
   };
@@ -79,6 +90,7 @@ function PlotPanel({ context }: { context: PanelContext }) {
           aria-pressed={paused.value}
           onClick={() => {
             paused.value = !paused.value;
+            if (!paused.value) span.value = null;
           }}
         >
           {t("plot.pause")}
@@ -86,6 +98,25 @@ function PlotPanel({ context }: { context: PanelContext }) {
         <button type="button" onClick={() => exportCsv(lines, series)}>
           {t("plot.export")}
         </button>
+        <fieldset class="plot-zoom" aria-label={t("plot.zoom")}>
+          <Zoom sign="−" name="plot.zoom.out" onPress={() => show(2, 0)} />
+          <Zoom sign="+" name="plot.zoom.in" onPress={() => show(0.5, 0)} />
+          <Zoom sign="◂" name="plot.earlier" onPress={() => show(1, -0.5)} />
+          <Zoom sign="▸" name="plot.later" onPress={() => show(1, 0.5)} />
+          {span.value && (
+            <button
+              type="button"
+              onClick={() => {
+                span.value = null;
+              }}
+            >
+              {t("plot.all")}
+            </button>
+          )}
+        </fieldset>
+        {span.value && (
+          <output>{t("plot.span", { seconds: (span.value[1] - span.value[0]).toFixed(2) })}</output>
+        )}
         {lines.length < MOST_LINES && (
           <AddLine context={context} onAdd={(line) => change([...lines, line])} />
         )}
@@ -109,11 +140,42 @@ function PlotPanel({ context }: { context: PanelContext }) {
         lines={lines}
         series={series}
         visible={isVisible}
-        paused={paused.value}
+        paused={paused}
+        span={span}
         dark={context.dark.value}
       />
     </div>
   );
+}
+
+function Zoom(props: {
+  sign: string;
+  name: "plot.zoom.in" | "plot.zoom.out" | "plot.earlier" | "plot.later";
+  onPress: () => void;
+}) {
+  const { sign, name, onPress } = props;
+  return (
+    <button type="button" aria-label={t(name)} title={t(name)} onClick={onPress}>
+      {sign}
+    </button>
+  );
+}
+
+/** Seconds since 1970 from which and until which is shown. */
+type Span = [from: number, until: number];
+/** Seconds that are shown at least. */
+const LEAST_SPAN = 0.02;
+
+/**
+ * Another part of a whole: a share of the part that was shown around its middle, and moved by a share of its length;
+ * null for all of it.
+ */
+export function partOf(shown: Span, whole: Span, share: number, aside: number): Span | null {
+  const length = Math.max((shown[1] - shown[0]) * share, LEAST_SPAN);
+  if (length >= whole[1] - whole[0]) return null;
+  const middle = (shown[0] + shown[1]) / 2 + aside * (shown[1] - shown[0]);
+  const from = Math.min(Math.max(middle - length / 2, whole[0]), whole[1] - length);
+  return [from, from + length];
 }
 
 function PlotLine(props: { line: Line; colour: string; onRemove: () => void; onSide: () => void }) {
@@ -126,7 +188,7 @@ function PlotLine(props: { line: Line; colour: string; onRemove: () => void; onS
   return (
     <li>
       <span class="plot-mark" ref={mark} aria-hidden="true" />
-      {name}
+      <span title={name}>{name}</span>
       <button
         type="button"
         aria-pressed={line.right ?? false}
@@ -146,10 +208,12 @@ function PlotLine(props: { line: Line; colour: string; onRemove: () => void; onS
 function AddLine({ context, onAdd }: { context: PanelContext; onAdd: (line: Line) => void }) {
   const { session } = context;
   const topic = useSignal("");
+  const path = useSignal("");
   const sample = useSignal<Message | null>(null);
   const chosen = topic.value;
   useEffect(() => {
     sample.value = null;
+    path.value = "";
     if (!chosen) return undefined;
     const type = session.graph.peek().topics.get(chosen) ?? "";
     return session.subscribe(
@@ -160,13 +224,21 @@ function AddLine({ context, onAdd }: { context: PanelContext; onAdd: (line: Line
       },
       { throttle: 500 },
     );
-  }, [session, chosen, sample]);
+  }, [session, chosen, sample, path]);
   const paths = sample.value ? numericPaths(sample.value) : [];
   const topics = [...session.graph.value.topics.keys()]
     .filter((name) => session.may("subscribe", name))
     .sort();
+  // With a button to end it: arrow keys choose one value after the other on their way.
   return (
-    <>
+    <form
+      class="plot-bar"
+      onSubmit={(event) => {
+        event.preventDefault();
+        if (path.value) onAdd({ topic: chosen, path: path.value });
+        topic.value = "";
+      }}
+    >
       <Choice
         label={t("panel.topic")}
         quiet
@@ -177,18 +249,22 @@ function AddLine({ context, onAdd }: { context: PanelContext; onAdd: (line: Line
         }}
       />
       {chosen && (
-        <Choice
-          label={t("plot.field")}
-          quiet
-          chosen=""
-          options={[["", sample.value ? t("plot.field") : t("panel.waiting", { name: chosen })], ...paths]}
-          onChoose={(path) => {
-            onAdd({ topic: chosen, path });
-            topic.value = "";
-          }}
-        />
+        <>
+          <Choice
+            label={t("plot.field")}
+            quiet
+            chosen={path.value}
+            options={[["", sample.value ? t("plot.field") : t("panel.waiting", { name: chosen })], ...paths]}
+            onChoose={(name) => {
+              path.value = name;
+            }}
+          />
+          <button type="submit" disabled={!path.value}>
+            {t("plot.add")}
+          </button>
+        </>
       )}
-    </>
+    </form>
   );
 }
 
@@ -196,11 +272,13 @@ interface ChartProps {
   lines: Line[];
   series: Series[];
   visible: boolean;
-  paused: boolean;
+  paused: Signal<boolean>;
+  /** What is shown of the time; null for all. */
+  span: Signal<Span | null>;
   dark: boolean;
 }
 
-function Chart({ lines, series, visible, paused, dark }: ChartProps) {
+function Chart({ lines, series, visible, paused, span, dark }: ChartProps) {
   const place = useRef<HTMLDivElement>(null);
   const chart = useRef<uPlot | null>(null);
   const problem = useSignal("");
@@ -222,8 +300,31 @@ function Chart({ lines, series, visible, paused, dark }: ChartProps) {
             width: host.clientWidth || 300,
             height: Math.max(80, host.clientHeight),
             legend: { show: false },
-            cursor: { drag: { x: true, y: true, uni: 20 } },
-            scales: { x: { time: true } },
+            cursor: {
+              drag: { x: true, y: false, setScale: false },
+              bind: {
+                dblclick: () => () => {
+                  span.value = null;
+                  return null;
+                },
+              },
+            },
+            hooks: {
+              setSelect: [
+                (plot: uPlot) => {
+                  const { left, width } = plot.select;
+                  if (width < LEAST_DRAG) return;
+                  paused.value = true;
+                  span.value = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
+                  plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+                },
+              ],
+            },
+            scales: {
+              x: { time: true, range: (_, least, most) => span.peek() ?? [least, most] },
+              y: { range: around },
+              right: { range: around },
+            },
             axes: [
               axis,
               { ...axis, scale: "y" },
@@ -255,14 +356,16 @@ function Chart({ lines, series, visible, paused, dark }: ChartProps) {
       chart.current = null;
     };
   }, [lines, series, dark, problem]);
+  const stands = paused.value;
+  const shown = span.value;
   useEffect(() => {
-    if (!visible || paused) return undefined;
-    const timer = setInterval(
-      () => chart.current?.setData(Series.together(series) as uPlot.AlignedData),
-      REDRAW,
-    );
+    if (!visible) return undefined;
+    const draw = () => chart.current?.setData(Series.together(series) as uPlot.AlignedData);
+    draw();
+    if (stands) return undefined;
+    const timer = setInterval(draw, REDRAW);
     return () => clearInterval(timer);
-  }, [visible, paused, series]);
+  }, [visible, stands, shown, series]);
   const name = lines.map(({ topic, path }) => `${topic} ${path}`).join(", ");
   return (
     <>
@@ -270,6 +373,12 @@ function Chart({ lines, series, visible, paused, dark }: ChartProps) {
       <div class="plot-chart" ref={place} role="img" aria-label={t("plot.chart", { name })} />
     </>
   );
+}
+
+/** The range of an axis: around a line that lies flat, too. */
+function around(_: uPlot, least: number, most: number): [number, number] {
+  const room = (most - least) * 0.05 || 1;
+  return [least - room, most + room];
 }
 
 function exportCsv(lines: Line[], series: Series[]): void {

@@ -3,9 +3,12 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Check, Choice } from "../../forms/inputs";
+import { Menu } from "../../forms/menu";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { shortType } from "../../robot/names";
+import type { Place } from "../../robot/navigation";
+import type { Handle } from "../../scene/layers/handles";
 import { QUALITIES, type Quality } from "../../scene/quality";
 import type { RobotScene } from "../../scene/scene";
 import type { ToolName } from "../../scene/tools";
@@ -20,6 +23,8 @@ const TYPES = [
   "sensor_msgs/PointCloud2",
   "nav_msgs/Odometry",
 ];
+
+const MOST_HANDLES = 100;
 
 export const scene: PanelKind = {
   name: "scene",
@@ -80,6 +85,11 @@ function qualityOf({ config }: PanelContext): Quality {
 function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene }) {
   const { navigation, config, stop } = context;
   const { tools, frames, axes } = scene;
+  const draft = navigation.draft.value;
+  useEffect(() => {
+    const from = draft && frames.pose(draft.frame);
+    tools.preview(from ? placeFrom(from, draft.place) : null);
+  }, [tools, frames, draft, frames.fixed.value, tools.chosen.value]);
   const following = scene.followed.value !== "";
   const axesShown = useSignal(axes.isShown);
   useEffect(() => {
@@ -124,39 +134,119 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
       </button>
       <Choice
         label={t("scene.fixed")}
+        quiet
         chosen={frames.fixed.value}
         options={frames.names}
         onChoose={(frame) => frames.fix(frame)}
       />
-      <details class="scene-layers">
-        <summary>{t("scene.layers")}</summary>
-        <ul>
-          {scene.rows.value.map(({ topic, type, layer }) => (
-            <li key={topic}>
-              <Check
-                checked={layer !== null}
-                onChange={(checked) => {
-                  scene.show(topic, checked);
-                  const layers = config.value.layers as Record<string, boolean> | undefined;
-                  config.value = { ...config.value, layers: { ...layers, [topic]: checked } };
-                }}
-              >
-                {topic} <span class="faint">{shortType(type).split("/")[1]}</span>
-              </Check>
-            </li>
-          ))}
-        </ul>
-        <Choice
-          label={t("scene.quality")}
-          chosen={qualityOf(context)}
-          options={QUALITIES.map((each) => [each, t(`scene.quality.${each}`)])}
-          onChoose={(quality) => {
-            config.value = { ...config.value, quality };
-          }}
-        />
-      </details>
+      <Menu label={t("scene.layers")}>
+        {() => (
+          <>
+            <ul>
+              {scene.rows.value.map(({ topic, type, layer }) => (
+                <li key={topic}>
+                  <Check
+                    checked={layer !== null}
+                    onChange={(checked) => {
+                      scene.show(topic, checked);
+                      const layers = config.value.layers as Record<string, boolean> | undefined;
+                      config.value = { ...config.value, layers: { ...layers, [topic]: checked } };
+                    }}
+                  >
+                    {topic} <span class="faint">{shortType(type).split("/")[1]}</span>
+                  </Check>
+                </li>
+              ))}
+            </ul>
+            <Choice
+              label={t("scene.quality")}
+              chosen={qualityOf(context)}
+              options={QUALITIES.map((each) => [each, t(`scene.quality.${each}`)])}
+              onChoose={(quality) => {
+                config.value = { ...config.value, quality };
+              }}
+            />
+          </>
+        )}
+      </Menu>
+      <Handles scene={scene} />
+      {tools.chosen.value !== "look" && (
+        <p class="faint tool-hint" role="status">
+          {t("scene.tool.hint")} {tools.cursor.value && t("scene.tool.at", placeText(tools.cursor.value))}
+        </p>
+      )}
       <NavigationState navigation={navigation} />
     </div>
+  );
+}
+
+/** A place of a frame that lies somewhere in another one, seen from that. */
+function placeFrom(frame: Place, { x, y, yaw }: Place): Place {
+  const [cos, sin] = [Math.cos(frame.yaw), Math.sin(frame.yaw)];
+  return { x: frame.x + cos * x - sin * y, y: frame.y + sin * x + cos * y, yaw: frame.yaw + yaw };
+}
+
+function placeText({ x, y, yaw }: Place): { x: string; y: string; degrees: string } {
+  const degrees = (((yaw * 180) / Math.PI) % 360).toFixed(0);
+  return { x: x.toFixed(2), y: y.toFixed(2), degrees };
+}
+
+/** The controls of interactive markers by name, for the keyboard. */
+function Handles({ scene }: { scene: RobotScene }) {
+  const all = scene.rows.value.flatMap(({ topic, layer }) =>
+    (layer?.handles.value ?? []).map((handle) => ({ ...handle, id: `${topic} ${handle.id}` })),
+  );
+  if (!all.length) return null;
+  return (
+    <Menu label={t("scene.handles")}>
+      {() => (
+        <>
+          <p class="faint">{t("scene.handles.hint")}</p>
+          <ul>
+            {all.slice(0, MOST_HANDLES).map((handle) => (
+              <li key={handle.id}>
+                <HandleButton handle={handle} />
+              </li>
+            ))}
+          </ul>
+        </>
+      )}
+    </Menu>
+  );
+}
+
+/** A control of a marker: arrow keys take and move it, Enter lets it go there, Escape and leaving it put it back. */
+function HandleButton({ handle }: { handle: Handle }) {
+  const taken = useRef(false);
+  const release = (keep: boolean) => {
+    if (taken.current) handle.release(keep);
+    taken.current = false;
+  };
+  useEffect(() => () => release(false), []);
+  return (
+    <button
+      type="button"
+      onKeyDown={(event) => {
+        const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+        if (taken.current && (key === "Enter" || key === "Escape")) {
+          release(key === "Enter");
+        } else if (handle.key(key, event.shiftKey)) {
+          taken.current = true;
+        } else {
+          return;
+        }
+        event.preventDefault();
+        event.stopPropagation();
+      }}
+      onBlur={() => release(false)}
+      onClick={(event) => {
+        const { left, bottom } = event.currentTarget.getBoundingClientRect();
+        handle.press({ x: left, y: bottom });
+      }}
+    >
+      {handle.marker} · {handle.control}{" "}
+      <span class="faint">{t(`scene.handle.${handle.moves ?? "press"}`)}</span>
+    </button>
   );
 }
 
@@ -189,6 +279,11 @@ function MarkerMenu({ scene }: { scene: RobotScene }) {
     return () => removeEventListener("pointerdown", away, { capture: true });
   }, [request, scene]);
   if (!request) return null;
+  const close = () => {
+    scene.menu.value = null;
+    // The keyboard is not lost with the menu.
+    scene.view.canvas.focus({ preventScroll: true });
+  };
   const depth = (id: number): number => {
     const parent = request.entries.find((entry) => entry.id === id)?.parent_id ?? 0;
     return parent && parent !== id ? 1 + Math.min(depth(parent), 5) : 0;
@@ -200,7 +295,7 @@ function MarkerMenu({ scene }: { scene: RobotScene }) {
       onKeyDown={(event) => {
         if (event.key !== "Escape") return;
         event.stopPropagation();
-        scene.menu.value = null;
+        close();
       }}
     >
       {request.entries.map(({ id, title }) => (
@@ -209,7 +304,7 @@ function MarkerMenu({ scene }: { scene: RobotScene }) {
             type="button"
             class={`depth-${depth(id)}`}
             onClick={() => {
-              scene.menu.value = null;
+              close();
               request.choose(id);
             }}
           >

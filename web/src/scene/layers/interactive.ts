@@ -4,6 +4,7 @@ import { Group, type Object3D, Plane, Quaternion, Vector3 } from "three";
 import { header } from "../../robot/names";
 import type { Message } from "../../robot/subscriptions";
 import { disposeTree } from "../view";
+import { axisOf, type Handle, movesOf, stepOf } from "./handles";
 import { Layer, type LayerContext } from "./layer";
 import { drawMarker, type Marker, poseMarker } from "./markers";
 import { type Pose, placeAt } from "./poses";
@@ -45,13 +46,18 @@ interface Shown {
   object: Group;
 }
 
-interface Grip {
+/** A control that is held, and where its marker was before. */
+interface Held {
   shown: Shown;
   control: Control;
-  start: { x: number; y: number };
-  from: Vector3;
   position: Vector3;
   turn: Quaternion;
+}
+
+/** What the mouse holds. */
+interface Grip extends Held {
+  start: { x: number; y: number };
+  from: Vector3;
   moved: boolean;
 }
 
@@ -69,6 +75,8 @@ export class InteractiveLayer extends Layer {
   private readonly namespace: string;
   private readonly client = `web-${crypto.getRandomValues(new Uint32Array(1)).join("")}`;
   private grip: Grip | null = null;
+  /** What the keyboard holds. */
+  private taken: Held | null = null;
   private readonly may: boolean;
 
   constructor(
@@ -128,8 +136,9 @@ export class InteractiveLayer extends Layer {
       const shown = this.markers.get(name);
       if (!shown) continue;
       shown.marker.pose = pose;
-      if (this.grip?.shown !== shown) placeAt(shown.object, pose);
+      if (this.grip?.shown !== shown && this.taken?.shown !== shown) placeAt(shown.object, pose);
     }
+    if (this.may) this.handles.value = [...this.markers.values()].flatMap((shown) => this.handlesOf(shown));
     this.context.view.redraw();
   }
 
@@ -161,9 +170,56 @@ export class InteractiveLayer extends Layer {
   private remove(name: string): void {
     const shown = this.markers.get(name);
     if (!shown) return;
+    if (this.taken?.shown === shown) this.taken = null;
     disposeTree(shown.object);
     shown.object.removeFromParent();
     this.markers.delete(name);
+  }
+
+  private handlesOf(shown: Shown): Handle[] {
+    const { marker } = shown;
+    const controls = marker.controls.filter(({ interaction_mode: mode }) => mode !== 0);
+    return controls.map((control, at) => ({
+      id: `${marker.name} ${control.name} ${at}`,
+      marker: marker.description || marker.name,
+      control: control.name,
+      moves: movesOf(control.interaction_mode),
+      key: (key, far) => this.step(shown, control, key, far),
+      release: (keep) => this.letGo(keep),
+      press: (at) => this.click(shown, control, at, placeOf(shown.object)),
+    }));
+  }
+
+  /** Take a control by the keyboard, and move it. */
+  private step(shown: Shown, control: Control, key: string, far: boolean): boolean {
+    const { object } = shown;
+    const axis = axisOf(control.orientation, this.taken?.turn ?? object.quaternion);
+    const step = stepOf(control.interaction_mode, axis, key, far);
+    if (!step) return false;
+    if (this.taken?.control !== control) {
+      this.letGo(false);
+      this.taken = { shown, control, position: object.position.clone(), turn: object.quaternion.clone() };
+      this.send(MOUSE_DOWN, shown, control, placeOf(object));
+    }
+    object.position.add(step.move);
+    object.quaternion.premultiply(new Quaternion().setFromAxisAngle(axis, step.turn));
+    this.send(POSE_UPDATE, shown, control, placeOf(object));
+    this.context.view.redraw();
+    return true;
+  }
+
+  private letGo(keep: boolean): void {
+    const { taken } = this;
+    if (!taken) return;
+    const { shown, control, position, turn } = taken;
+    this.taken = null;
+    if (!keep) {
+      shown.object.position.copy(position);
+      shown.object.quaternion.copy(turn);
+      this.send(POSE_UPDATE, shown, control, placeOf(shown.object));
+    }
+    this.send(MOUSE_UP, shown, control, placeOf(shown.object));
+    this.context.view.redraw();
   }
 
   private hit(event: PointerEvent): { shown: Shown; control: Control; point: Vector3 } | null {
@@ -210,11 +266,7 @@ export class InteractiveLayer extends Layer {
     const { object } = shown;
     const { ray } = this.context.view.ray(event.clientX, event.clientY);
     const toWorld = object.parent?.getWorldQuaternion(new Quaternion()) ?? new Quaternion();
-    const { x, y, z, w } = control.orientation;
-    const own = new Quaternion(x, y, z, w);
-    if (own.length() < 1e-6) own.identity();
-    // The axis of a control is the x axis of its orientation, seen from the marker.
-    const local = new Vector3(1, 0, 0).applyQuaternion(own.normalize()).applyQuaternion(turn);
+    const local = axisOf(control.orientation, turn);
     const axis = local.clone().applyQuaternion(toWorld);
     const mode = control.interaction_mode;
     const isOne = (modes: readonly number[]) => modes.includes(mode);
@@ -252,17 +304,16 @@ export class InteractiveLayer extends Layer {
     event.stopImmediatePropagation();
     this.grip = null;
     this.send(MOUSE_UP, grip.shown, grip.control, grip.from);
-    if (grip.moved) return;
-    const { marker } = grip.shown;
-    if (marker.menu_entries?.length) {
-      this.onMenu({
-        x: event.clientX,
-        y: event.clientY,
-        entries: marker.menu_entries,
-        choose: (id) => this.send(MENU_SELECT, grip.shown, grip.control, grip.from, id),
-      });
+    if (!grip.moved) this.click(grip.shown, grip.control, { x: event.clientX, y: event.clientY }, grip.from);
+  }
+
+  /** A control is clicked, at a place of the page and of the fixed frame: its menu opens, or it is told. */
+  private click(shown: Shown, control: Control, at: { x: number; y: number }, from: Vector3): void {
+    const { menu_entries: entries } = shown.marker;
+    if (entries?.length) {
+      this.onMenu({ ...at, entries, choose: (id) => this.send(MENU_SELECT, shown, control, from, id) });
     } else {
-      this.send(BUTTON_CLICK, grip.shown, grip.control, grip.from);
+      this.send(BUTTON_CLICK, shown, control, from);
     }
   }
 
@@ -281,4 +332,9 @@ export class InteractiveLayer extends Layer {
       mouse_point_valid: true,
     });
   }
+}
+
+/** Where an object is in the fixed frame. */
+function placeOf(object: Object3D): Vector3 {
+  return object.getWorldPosition(new Vector3());
 }

@@ -7,6 +7,7 @@ import type { Message, SubscribeOptions } from "../../robot/subscriptions";
 import type { Frames } from "../frames";
 import type { Detail } from "../governor";
 import { disposeTree, type View } from "../view";
+import type { Handle } from "./handles";
 
 /** What a layer works with. */
 export interface LayerContext {
@@ -21,6 +22,8 @@ export interface LayerContext {
 /** One topic in the scene. Its objects hang in a frame; a fault in a message is said and breaks nothing. */
 export abstract class Layer {
   readonly problem: Signal<string> = signal("");
+  /** What of it can be taken, by the keyboard too. */
+  readonly handles: Signal<readonly Handle[]> = signal([]);
   protected readonly group = new Group();
   private readonly ends: (() => void)[] = [];
   private shown = true;

@@ -1,0 +1,64 @@
+/** A button that unfolds a menu; Escape, a click elsewhere and leaving it by the keyboard fold it again. */
+
+import { useSignal } from "@preact/signals";
+import type { ComponentChild } from "preact";
+import { useEffect, useRef } from "preact/hooks";
+
+/** With a sign, narrow pages show that, and say the label. */
+export function Menu(props: {
+  label: string;
+  sign?: string;
+  children: (close: () => void) => ComponentChild;
+}) {
+  const { label, sign, children } = props;
+  const details = useRef<HTMLDetailsElement>(null);
+  const open = useSignal(false);
+  const close = () => {
+    const { current } = details;
+    if (!current?.open) return;
+    // The keyboard stays at the menu when what had it goes.
+    if (current.contains(document.activeElement)) current.querySelector("summary")?.focus();
+    current.open = false;
+  };
+  useEffect(() => {
+    const outside = (event: Event) => {
+      if (!details.current?.contains(event.target as Node)) close();
+    };
+    addEventListener("pointerdown", outside);
+    return () => removeEventListener("pointerdown", outside);
+  });
+  return (
+    <details
+      class="dropdown"
+      ref={details}
+      onToggle={() => {
+        open.value = details.current?.open ?? false;
+      }}
+      onKeyDown={(event) => {
+        if (event.key !== "Escape" || !open.value) return;
+        event.stopPropagation();
+        close();
+      }}
+      onFocusOut={({ relatedTarget }) => {
+        if (relatedTarget && details.current && !details.current.contains(relatedTarget as Node))
+          details.current.open = false;
+      }}
+    >
+      {/* biome-ignore lint/a11y/noStaticElementInteractions: a summary is a button */}
+      <summary
+        onClick={() => {
+          // At once: the next key may be on its way into the menu.
+          open.value = !details.current?.open;
+        }}
+      >
+        {sign && (
+          <span class="sign" aria-hidden="true">
+            {sign}
+          </span>
+        )}
+        <span class="words">{label}</span>
+      </summary>
+      <div class="menu">{open.value && children(close)}</div>
+    </details>
+  );
+}

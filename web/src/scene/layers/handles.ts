@@ -1,0 +1,75 @@
+/** Controls of interactive markers as the keyboard has them: by name, and moved in steps. */
+
+import { Quaternion, Vector3 } from "three";
+
+/** One control of a marker, for a list that the keyboard can reach. */
+export interface Handle {
+  /** Unlike those of all others of its layer. */
+  id: string;
+  marker: string;
+  control: string;
+  /** What arrow keys do with it; nothing for a button or a menu. */
+  moves: "axis" | "plane" | "turn" | null;
+  /** Take it, or move what is taken, by a key; false for a key that means nothing to it. */
+  key(key: string, far: boolean): boolean;
+  /** Let go where it is, or put it back where it was taken. */
+  release(keep: boolean): void;
+  /** What a click does: a menu at a place of the page, or a button that is told. */
+  press(at: { x: number; y: number }): void;
+}
+
+/** The `interaction_mode` of visualization_msgs/InteractiveMarkerControl, by what arrow keys do. */
+const MOVES: Record<number, Handle["moves"]> = {
+  3: "axis",
+  4: "plane",
+  5: "turn",
+  6: "plane",
+  7: "plane",
+  9: "plane",
+};
+/** Modes whose control turns, too. */
+const TURNS = new Set([6, 9]);
+const STEP = 0.1;
+const FAR_STEP = 0.5;
+const TURN = Math.PI / 24;
+
+export function movesOf(mode: number): Handle["moves"] {
+  return MOVES[mode] ?? null;
+}
+
+/** The axis of a control in the frame of its marker's pose: the x axis of its orientation. */
+export function axisOf(
+  orientation: { x: number; y: number; z: number; w: number },
+  turn: Quaternion,
+): Vector3 {
+  const own = new Quaternion(orientation.x, orientation.y, orientation.z, orientation.w);
+  if (own.length() < 1e-6) own.identity();
+  return new Vector3(1, 0, 0).applyQuaternion(own.normalize()).applyQuaternion(turn);
+}
+
+/** By how much a key moves and turns a control with an axis; null for a key that means nothing to it. */
+export function stepOf(
+  mode: number,
+  axis: Vector3,
+  key: string,
+  far: boolean,
+): { move: Vector3; turn: number } | null {
+  const moves = movesOf(mode);
+  const sign = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[key];
+  const metres = far ? FAR_STEP : STEP;
+  const still = new Vector3();
+  if (TURNS.has(mode) && (key === "q" || key === "e"))
+    return { move: still, turn: key === "q" ? TURN : -TURN };
+  if (!moves || sign === undefined) return null;
+  if (moves === "turn")
+    return { move: still, turn: (key === "ArrowUp" || key === "ArrowLeft" ? 1 : -1) * TURN };
+  if (moves === "axis") return { move: axis.clone().multiplyScalar(sign * metres), turn: 0 };
+  // Forwards is x and left is y (REP 103), as far as the plane has them.
+  const forward = new Vector3(1, 0, 0).projectOnPlane(axis);
+  if (forward.length() < 0.1) forward.set(0, 1, 0).projectOnPlane(axis);
+  forward.normalize();
+  const left = axis.clone().cross(forward);
+  if (left.y < -1e-9 || (Math.abs(left.y) <= 1e-9 && left.z < 0)) left.negate();
+  const along = key === "ArrowUp" || key === "ArrowDown" ? forward : left.negate();
+  return { move: along.multiplyScalar(sign * metres), turn: 0 };
+}
