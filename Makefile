@@ -68,9 +68,10 @@ $(GENERATED)/node_modules/.installed $(INSPECTOR)/node_modules/.installed $(PAGE
 
 test: lint types web unit
 
-# The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri.
+# The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri,
+# and pulseaudio for those of sound.
 firefox: $(STAMP)-dev $(BROWSER)/node_modules/.installed tests/browser/firefox/node_modules/.installed $(PAGE)
-	BROWSER=firefox LIBGL_ALWAYS_SOFTWARE=1 xvfb-run --auto-servernum --server-args '-screen 0 1600x1200x24' \
+	BROWSER=firefox LIBGL_ALWAYS_SOFTWARE=1 tests/browser/firefox/with_sound xvfb-run --auto-servernum --server-args '-screen 0 1600x1200x24' \
 		$(BIN)/pytest tests/browser $(ARGS)
 
 # Requests that schemathesis makes from the OpenAPI document of a robot.

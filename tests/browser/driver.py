@@ -34,6 +34,10 @@ LEFT_STREAM = "Error in input stream"
 #: Seconds that a command may take beyond that.
 _SLACK = 8.0
 
+#: Firefox's sound goes by a sound card's clock; `make firefox` gives one where PulseAudio is installed.
+IS_MUTE = os.environ.get("BROWSER") == "firefox" and "PULSE_SERVER" not in os.environ
+MUTE = "Firefox has no sound without a sound card: use `make firefox`, with pulseaudio installed"
+
 _KINDS = {
     "chromium": (NODE / "chromium.mjs", ("chromium", "chromium-browser", "google-chrome")),
     "firefox": (HERE / "firefox" / "firefox.mjs", ("firefox", "firefox-esr")),

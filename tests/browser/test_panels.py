@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -18,7 +17,7 @@ from PIL import Image
 
 from rwt import Server
 from rwt_nodes.recording import open_recording
-from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Page, until
+from tests.browser.driver import IS_MUTE, LEFT_MESH, LEFT_STREAM, MUTE, Browser, Page, until
 from tests.browser.stand import Stand, stand
 
 pytestmark = pytest.mark.anyio
@@ -41,6 +40,14 @@ KINDS = (
     ),
     *("log", "diagnostics", "battery", "frames", "nodes", "player", "server"),
 )
+
+
+#: What is to be hit by a finger and is less than 44 pixels wide or high; a label is hit as well.
+SMALL = """[...document.querySelectorAll('button, input, select, summary')]
+  .filter((it) => it.checkVisibility({ visibilityProperty: true }))
+  .map((it) => [it, (it.type === 'checkbox' ? it.labels[0] : it).getBoundingClientRect()])
+  .filter(([, { width, height }]) => width && Math.min(width, height) < 43.9)
+  .map(([it, { width, height }]) => `${it.outerHTML.slice(0, 120)}: ${width} x ${height}`)"""
 
 
 @asynccontextmanager
@@ -289,10 +296,7 @@ async def test_the_device_is_a_sensor_when_it_is_asked_to_be(browser: Browser, d
             assert (picture.format, picture.width) == ("JPEG", 640)
 
 
-@pytest.mark.skipif(
-    os.environ.get("BROWSER") == "firefox",
-    reason="no sound comes in Firefox on a machine without a sound card",
-)
+@pytest.mark.skipif(IS_MUTE, reason=MUTE)
 @DISTROS
 async def test_the_microphone_is_heard_when_it_is_asked_for(browser: Browser, distro: str) -> None:
     async with panel(browser, distro, "device", robot=False, namespace="/phone") as (served, page):
@@ -386,6 +390,8 @@ async def test_axe_finds_nothing(browser: Browser, theme: str, width: int, heigh
             await open_panels(page, served.url, [(kind, config)])
             await page.wait(f"document.querySelector('.panel-{kind}')?.children.length")
             found += [f"{kind}: {violation}" for violation in await violations(page)]
+            if width < 400:
+                found += [f"{kind}: smaller than a finger: {each}" for each in await page.evaluate(SMALL)]
         assert found == []
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rwt import Server
-from tests.browser.driver import Browser, until
+from tests.browser.driver import IS_MUTE, MUTE, Browser, until
 from tests.browser.stand import stand
 from tests.browser.test_panels import violations
 from tests.webrtc.sounds import TONE
@@ -71,6 +71,7 @@ PITCH = """
 """
 
 
+@pytest.mark.skipif(IS_MUTE, reason=MUTE)
 async def test_a_tone_goes_to_the_robot_and_comes_back(browser: Browser) -> None:
     async with stand("jazzy", browser.built, robot=False, webrtc=True) as where:
         pieces: list[Any] = []

@@ -9,4 +9,14 @@ export const style = `
   gap: 0.5em;
   font-variant-numeric: tabular-nums;
 }
+/* Firefox's as Chromium's: dark enough to be seen on white, and of the same meaning. */
+meter:-moz-meter-optimum::-moz-meter-bar {
+  background: #107c10;
+}
+meter:-moz-meter-sub-optimum::-moz-meter-bar {
+  background: #ffb900;
+}
+meter:-moz-meter-sub-sub-optimum::-moz-meter-bar {
+  background: #d83b01;
+}
 `;
