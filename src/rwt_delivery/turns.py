@@ -21,7 +21,7 @@ STEPS: Final = 0.002
 """Seconds of one turn in which steps of a large message are begun. The last of them comes on top, and what it
 sends."""
 
-ALONE: Final = 512 * 1024
+ALONE: Final = 2 * 1024 * 1024
 """Messages of more bytes from a connection wait for a turn of their own: to receive one has taken a good part
 of this one."""
 
