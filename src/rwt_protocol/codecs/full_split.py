@@ -53,8 +53,22 @@ _NOT_BRACKETS: Final = bytes(byte for byte in range(256) if byte not in b"{}[]")
 _STRING_APART: Final = re.compile(rb'("(?:[^"\\]|\\.)*+")', re.DOTALL)
 
 
+_QUICK: Final = 4096
+"""Bytes that may hold any numbers."""
+
+_MOST_SLOW: Final = 1000
+_SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
+
+
+def _is_slow(data: bytes) -> bool:
+    """Whether a text has many numbers as 1e308, of which msgspec reads one in 10 microseconds."""
+    if len(data) <= _QUICK or data.count(b"e") + data.count(b"E") <= _MOST_SLOW:
+        return False
+    return data[:1] != b'"' and len(_SLOW_NUMBER.findall(data)) > _MOST_SLOW
+
+
 class _MemberTooLarge(Exception):
-    """A member of a message has more bytes than it may."""
+    """A member of a message has more bytes than it may, or more numbers that take long to be read."""
 
     def __init__(self, name: str, size: int) -> None:
         self.name = name
@@ -68,7 +82,7 @@ def _decode(data: bytes) -> Members:
         msgspec.DecodeError, RecursionError: it is not one object, or not one that can be read.
         _MemberTooLarge: a member that would be decoded is larger than :data:`MOST_MEMBER`.
     """
-    if len(data) <= MOST_MEMBER:
+    if len(data) <= MOST_MEMBER and not _is_slow(data):
         return _decode_small(data)
     members = _decode_no_member(data)
     for name, raw in members.items():
@@ -76,6 +90,8 @@ def _decode(data: bytes) -> Members:
             assert isinstance(raw, msgspec.Raw)
             view = memoryview(raw)
             if len(view) > MOST_MEMBER and not (name == _LONG_TEXT and view[0] == ord('"')):
+                raise _MemberTooLarge(name, len(view))
+            if _is_slow(bytes(view)):
                 raise _MemberTooLarge(name, len(view))
             members[name] = msgspec.json.decode(raw)
     return members
@@ -114,9 +130,10 @@ def _too_deep(max_depth: int, members: Members | None = None) -> DecodeFailure:
 def _too_large(data: bytes, error: _MemberTooLarge) -> DecodeFailure:
     readable, _ = _readable(data)
     where = f"{readable['op']}.{error.name}" if "op" in readable else error.name
-    return DecodeFailure(
-        f"{where}: {error.size} bytes; a member beside the payload may have {MOST_MEMBER}", readable
-    )
+    what = f"{error.size} bytes; a member beside the payload may have {MOST_MEMBER}"
+    if error.size <= MOST_MEMBER:
+        what = f"more than {_MOST_SLOW} numbers have exponents of three digits, as 1e300"
+    return DecodeFailure(f"{where}: {what}", readable)
 
 
 def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]:
@@ -242,7 +259,7 @@ def _readable(piece: bytes) -> tuple[Members, str]:
     wrong = ""
     for name, raw in _decode_no_member(piece).items():
         assert isinstance(raw, msgspec.Raw)
-        if name in UNDECODED or len(memoryview(raw)) > MOST_MEMBER:
+        if name in UNDECODED or len(memoryview(raw)) > MOST_MEMBER or _is_slow(bytes(raw)):
             continue
         try:
             value: object = msgspec.json.decode(raw)

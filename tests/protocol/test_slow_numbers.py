@@ -1,0 +1,29 @@
+"""Numbers as 1e308 take msgspec 10 microseconds each: members of ops hold few of them, payloads are left."""
+
+from __future__ import annotations
+
+import pytest
+
+from rwt_protocol.codecs.base import DecodeFailure
+from rwt_protocol.codecs.full_split import split_whole
+
+NUMBERS = ",".join(["1e308"] * 2000)
+
+
+@pytest.mark.parametrize("member", ["qos", "throttle_rate", "queue_length", "compression"])
+def test_a_member_of_many_is_refused_and_not_decoded(member: str) -> None:
+    (found,) = split_whole(f'{{"op":"subscribe","id":"x","{member}":[{NUMBERS}]}}'.encode(), 100)
+    assert isinstance(found, DecodeFailure)
+    assert (
+        found.reason == f"subscribe.{member}: more than 1000 numbers have exponents of three digits, as 1e300"
+    )
+
+
+def test_payloads_are_passed_over() -> None:
+    (found,) = split_whole(f'{{"op":"publish","topic":"/a","msg":{{"data":[{NUMBERS}]}}}}'.encode(), 100)
+    assert isinstance(found, dict) and found["topic"] == "/a"
+
+
+def test_what_is_in_a_text_is_no_number() -> None:
+    (found,) = split_whole(f'{{"op":"fragment","id":"x","num":0,"total":1,"data":"{NUMBERS}"}}'.encode(), 100)
+    assert isinstance(found, dict) and found["data"] == NUMBERS
