@@ -210,3 +210,10 @@ def test_any_bytes_are_a_message_or_malformed(data: bytes) -> None:
             parse(data)
         except MalformedMessage as error:
             assert str(error)
+
+
+def test_a_text_of_many_numbers_that_take_long_is_not_decoded() -> None:
+    numbers = ",".join(["1e308"] * 2000)
+    text = f'{{"op":"setParameters","parameters":[{{"name":"a","value":[{numbers}]}}]}}'
+    with pytest.raises(MalformedMessage, match="exponents of three digits"):
+        said.parse_text(text.encode())

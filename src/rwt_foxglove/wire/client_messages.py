@@ -17,6 +17,9 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from rwt_foxglove.errors import MalformedMessage
+from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.serialise.json import require_quick_numbers
+from rwt_interfaces.serialise.long_strings import finished
 
 MOST_TEXT: Final = 1024 * 1024
 """Bytes of the largest text that is taken. Messages of topics are binary; what is said in texts is short, and
@@ -213,6 +216,10 @@ def parse_text(data: bytes | memoryview) -> Text:
             f"a text of {len(data)} bytes, and {MOST_TEXT} are taken: publish in binary frames, and ask for"
             " less at once"
         )
+    try:
+        finished(require_quick_numbers(data))
+    except InvalidMessage as error:
+        raise MalformedMessage(str(error)) from None
     try:
         return _decode(data)
     except msgspec.ValidationError as error:
