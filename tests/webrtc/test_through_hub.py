@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
+
+import httpx
 import pytest
 
 from rwt import Server
@@ -36,6 +39,22 @@ async def test_a_robot_that_dials_in_is_reached_without_its_hub() -> None:
                 await until(lambda: not any(each.pairs for each in hub.robots))
                 assert (await robot.call("/beep")).message == "here"
                 assert not any(each.pairs for each in hub.robots)
+
+
+def test_it_is_signalled_to_a_robot_in_a_program_of_plain_asyncio() -> None:
+    """Whose callbacks are on no event loop that anyio would know."""
+
+    async def program() -> str:
+        async with open_hub("ws://127.0.0.1:0") as hub:
+            dialing = DialSettings(urls=(f"{hub.url}/robots/rosie",))
+            settings = Settings(listen=(), dial=dialing, webrtc=WebRtcSettings(enabled=True))
+            async with Server(settings=settings):
+                await until(lambda: any(each.idle for each in hub.robots))
+                url = f"{hub.url.replace('ws', 'http', 1)}/rosie/webrtc"
+                async with httpx.AsyncClient(timeout=20) as client:
+                    return (await client.get(url)).text
+
+    assert asyncio.run(program()) == '{"iceServers": []}'
 
 
 def test_the_body_of_a_request_comes_out_as_it_went_in() -> None:

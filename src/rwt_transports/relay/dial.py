@@ -18,7 +18,7 @@ import anyio
 from anyio.abc import TaskGroup, TaskStatus
 
 from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
-from rwt_transports.background import background_tasks
+from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import OutgoingConnection, connect
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
@@ -109,12 +109,15 @@ async def dial(
 
     connect_one = partial(connect, url, limits=limits, tls=tls, headers=headers)
     counted = addresses or AddressCount((limits or Limits()).connections_per_address)
-    async with background_tasks() as tasks:
+    starter = TaskStarter()
 
-        def serve_page(sink: Sink, request: HttpRequest) -> Endpoint:
-            server = PageServer(sink, routes or Routes(), request)
-            tasks.start_soon(server.run)
-            return server
+    def serve_page(sink: Sink, request: HttpRequest) -> Endpoint:
+        server = PageServer(sink, routes or Routes(), request)
+        starter.start_soon(server.run)
+        return server
+
+    async with background_tasks() as tasks:
+        tasks.start_soon(starter.run, tasks)
 
         most = (limits or Limits()).connections
         robot = _Robot(status, _bounded(status, accept, most), serve_page, backoff, connect_one, counted)

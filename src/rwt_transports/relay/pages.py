@@ -62,7 +62,9 @@ class PageServer:
         self._routes = routes
         self._request = request
         self._flow_control: FlowControl | None = None
-        self._scope = anyio.CancelScope()
+        # Made by `run`: this is called where asyncio calls back, which anyio knows as no event loop.
+        self._scope: anyio.CancelScope | None = None
+        self._closed = False
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Keep what tells when the hub has taken what was sent."""
@@ -74,11 +76,15 @@ class PageServer:
 
     def closed(self, code: int, reason: str) -> None:
         """The hub does not want the rest."""
-        self._scope.cancel()
+        self._closed = True
+        if self._scope is not None:
+            self._scope.cancel()
 
     async def run(self) -> None:
         """Answer, until all is sent or the hub goes away."""
-        with self._scope:
+        if self._closed:
+            return
+        with anyio.CancelScope() as self._scope:
             try:
                 await self._send(await self._answer())
                 self._sink.close(NORMAL, "")
