@@ -112,10 +112,12 @@ class _Alias(Loader):
 
     def __init__(self, target: str) -> None:
         self._target = target
+        self._name = ""
         self._spec: ModuleSpec | None = None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         module = importlib.import_module(self._target)
+        self._name = spec.name
         self._spec = module.__spec__
         if not hasattr(module, "__path__"):
             # A name may be that of a package where the module is none.
@@ -123,7 +125,18 @@ class _Alias(Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
+        """Let names below that are the same module be known, too.
+
+        An import of one would put the module in the place of a function of its name, as
+        `rosidl_runtime_py.get_interfaces` has one.
+        """
         module.__spec__ = self._spec
+        for name, target in MODULES.items():
+            parent, _, last = name.rpartition(".")
+            if parent == self._name and target == self._target:
+                sys.modules.setdefault(name, module)
+                if not hasattr(module, last):
+                    setattr(module, last, module)
 
 
 class _Interfaces(Loader):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -156,3 +157,10 @@ def test_packages_are_found_where_they_are(tmp_path: Path, monkeypatch: pytest.M
     assert ament_index_python.get_package_share_directory("robot") == str(tmp_path / "share/robot")
     with pytest.raises(ament_index_python.PackageNotFoundError, match="no folder of package 'other'"):
         ament_index_python.get_package_prefix("other")
+
+
+def test_a_module_does_not_take_the_place_of_a_function_of_its_name() -> None:
+    module = importlib.import_module("rosidl_runtime_py.get_interfaces")
+    assert callable(module.get_interfaces)
+    assert "std_msgs" in module.get_interfaces()
+    assert module.get_interfaces is importlib.import_module("rosidl_runtime_py").get_interfaces

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib
 import os
 import re
 import signal
@@ -467,6 +468,8 @@ def test_signals_end_what_was_started(workspace: Path, number: signal.Signals) -
 def test_packages_are_found_below_the_root(
     workspace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    # As launch files write it: the module of that name is the one that finds packages.
+    importlib.import_module("ament_index_python.packages")
     monkeypatch.setenv("RWT_RCLPY_ROOT", str(workspace))
     cmake = workspace / "src" / "tools"
     (cmake / "scripts").mkdir(parents=True)

@@ -6,8 +6,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+# Not its names: `ament_index_python.packages`, which is this module, too, takes the name `packages` in it.
+from rwt_rclpy import running
 from rwt_rclpy.companions.rosidl_runtime_py import get_interface_packages
-from rwt_rclpy.running import packages, root
 
 
 class PackageNotFoundError(KeyError):
@@ -26,7 +27,7 @@ def get_packages_with_prefixes() -> dict[str, str]:
         for folder in sorted(share.iterdir()) if share.is_dir() else ():
             if (folder / "package.xml").is_file():
                 found[folder.name] = str(prefix)
-    for package in packages(root()):
+    for package in running.packages(running.root()):
         if not found.get(package.name):
             found[package.name] = str(package.folder.resolve())
     return found
@@ -37,7 +38,7 @@ def get_package_prefix(package_name: str) -> str:
     found = get_packages_with_prefixes().get(package_name)
     if not found:
         raise PackageNotFoundError(
-            f"no folder of package {package_name!r} in AMENT_PREFIX_PATH or below {root().resolve()}"
+            f"no folder of package {package_name!r} in AMENT_PREFIX_PATH or below {running.root().resolve()}"
         )
     return found
 
