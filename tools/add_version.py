@@ -93,7 +93,7 @@ def _run(root: Path, *command: str) -> str:
         ReleaseError: it failed; the text has what it said.
     """
     path = f"{PROGRAMS}{os.pathsep}{os.environ.get('PATH', '')}"  # mike looks for mkdocs there.
-    environment = {**os.environ, "PATH": path, "NO_MKDOCS_2_WARNING": "1"}
+    environment = {**os.environ, "PATH": path, "NO_MKDOCS_2_WARNING": "1", "SITE_VERSIONS": "mike"}
     done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True)
     if done.returncode != 0:
         said = (done.stdout + done.stderr).strip()
