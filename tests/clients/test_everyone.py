@@ -212,15 +212,16 @@ async def program(kind: str, role: str, url: str) -> AsyncIterator[Program]:
     try:
         async with anyio.create_task_group() as tasks:
             tasks.start_soon(client.read, ready)
-            with anyio.fail_after(25):
+            with anyio.fail_after(90):
                 await ready.wait()
             yield client
             assert process.stdin is not None
             process.stdin.close()
+        assert await process.wait() == 0
     finally:
         if process.returncode is None:
             process.kill()
-        assert await process.wait() in (0, -9)
+            await process.wait()
 
 
 @asynccontextmanager
