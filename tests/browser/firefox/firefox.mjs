@@ -31,6 +31,13 @@ export async function launch(executablePath) {
       }, [locale]);
       page.setDefaultTimeout(PATIENCE);
       page.mouse.dblclick = (x, y) => page.mouse.click(x, y, { count: 2 });
+      const press = page.keyboard.press.bind(page.keyboard);
+      page.keyboard.press = async (chord) => {
+        const held = chord.split('+').slice(0, -1).filter(Boolean); // Of "+" none.
+        for (const key of held) await page.keyboard.down(key);
+        await press(chord.slice(held.join('+').length + (held.length ? 1 : 0)));
+        for (const key of held.reverse()) await page.keyboard.up(key);
+      };
       return { page, click: (selector) => click(page, selector), close: () => context.close() };
     },
     close: () => browser.close(),
