@@ -263,6 +263,8 @@ class BindAddress:
         shared: whether other processes of this user listen on the same TCP port.
         handshake_seconds: how long a handshake in TLS may take.
         addresses: counts each peer until its handshake in TLS has ended.
+        is_held_back: whether nothing more of large messages is to be received for now, since many that came
+            before wait to be read.
     """
 
     host: str = ""
@@ -272,6 +274,7 @@ class BindAddress:
     shared: bool = False
     handshake_seconds: float = 10.0
     addresses: AddressCount = field(default_factory=AddressCount)
+    is_held_back: Callable[[], bool] = bool
 
     def __str__(self) -> str:
         return self.path or f"port {self.port} on {self.host}"

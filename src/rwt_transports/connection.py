@@ -305,6 +305,7 @@ class Connection:
         """The link is gone."""
         self._state.detach(self)
         self._state.buffers.release(self._wire)
+        self._state.buffers.is_read(self._wire)
         self._ending = True
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
@@ -331,6 +332,7 @@ class Connection:
     def pause(self) -> None:
         """Take nothing more from the peer for now."""
         self._is_paused = True
+        self._state.buffers.keep_unread(self._wire)
         self._link.pause()
         if self._holding is not None:
             self._holding.hold()
@@ -338,6 +340,7 @@ class Connection:
     def resume(self) -> None:
         """Read from the peer again."""
         self._is_paused = False
+        self._state.buffers.is_read(self._wire)
         self._link.resume()
         if self._holding is not None and self._endpoint is not None:  # Else nobody wants what it holds.
             try:

@@ -105,7 +105,11 @@ async def listen(
         hosts=Hosts(hosts, loopback=is_local(target.address.host)),
     )
     bound = replace(
-        target.address, shared=shared, addresses=addresses, handshake_seconds=chosen.handshake_seconds
+        target.address,
+        shared=shared,
+        addresses=addresses,
+        handshake_seconds=chosen.handshake_seconds,
+        is_held_back=state.buffers.has_much_unread,
     )
     async with _serving(driver or scheme.driver(), bound, state) as port:
         yield OpenListener(target.with_port(port), state)

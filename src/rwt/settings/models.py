@@ -47,7 +47,8 @@ class LimitSettings(BridgeLimits):
         Bytes,
         Field(
             description="bytes of messages whose end has not come, over all connections of a listener; beyond"
-            " it the client whose message began first is disconnected"
+            " it the client whose message began first is disconnected; while a quarter as many came to their"
+            " end and wait for their turn, no more of large ones is received over WebSocket"
         ),
     ] = 64 * MIB
     handshake_seconds: Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import socket
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from functools import partial
 from ssl import SSLContext
@@ -17,6 +17,7 @@ from anyio.streams.tls import TLSStream
 
 from rwt_transports.api import Attach, BindAddress, HangUp, RemoteAddress
 from rwt_transports.drivers.sockets import (
+    HELD_BACK_SECONDS,
     READ_SECONDS,
     Handshakes,
     accept_peers,
@@ -45,10 +46,11 @@ class _Turn:
     loop's next turn, in which the count begins anew. Nobody counts the turns in which nobody waits.
     """
 
-    __slots__ = ("_line", "_received")
+    __slots__ = ("_line", "_received", "is_held_back")
 
-    def __init__(self) -> None:
+    def __init__(self, is_held_back: Callable[[], bool] = bool) -> None:
         self._line = anyio.Lock()
+        self.is_held_back = is_held_back
         self._received = 0.0  # seconds
 
     @property
@@ -114,6 +116,8 @@ class _Link(TaskLink):
 
     async def _receive_large(self, data: bytes) -> None:
         """Take a part of a large message, in a turn that has room for it."""
+        while self._turn.is_held_back():  # noqa: ASYNC110  # By whom, nobody tells: readers are many.
+            await anyio.sleep(HELD_BACK_SECONDS)
         if self._turn.is_full:
             await self._turn.wait()
         began = monotonic()
@@ -160,7 +164,7 @@ class AnyioDriver:
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
         port = 0 if address.path else int(sockets[0].getsockname()[1])
-        turn = _Turn()
+        turn = _Turn(address.is_held_back)
         serve = partial(serve_stream, attach, turn=turn)
         if address.tls is not None:
             serve = partial(_serve_in_tls, address, address.tls, attach, turn, Handshakes())

@@ -29,6 +29,7 @@ from rwt_transports.api import (
     RemoteAddress,
 )
 from rwt_transports.drivers.sockets import (
+    HELD_BACK_SECONDS,
     READ_SECONDS,
     Handshakes,
     accept_peers,
@@ -58,14 +59,19 @@ class _Turn:
     To receive ten million bytes, and to unmask them when the last has come, takes milliseconds. Where many
     connections do so at once, those beyond the turn's share are handed what has come for them in a later one.
 
+    Args:
+        loop: whose turns they are.
+        is_held_back: whether nothing more of large messages is to be handed on for now.
+
     Attributes:
         is_full: whether this turn has received as much of large messages as one may.
     """
 
-    __slots__ = ("_is_counting", "_late", "_received", "_waiting", "is_full", "loop")
+    __slots__ = ("_is_counting", "_late", "_received", "_waiting", "is_full", "is_held_back", "loop")
 
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, is_held_back: Callable[[], bool] = bool) -> None:
         self.loop = loop
+        self.is_held_back = is_held_back
         self._waiting: list[_Link] = []
         self._late: deque[_Link] = deque()
         self._received = 0.0  # seconds
@@ -83,14 +89,18 @@ class _Turn:
     def put_off(self, link: _Link) -> None:
         """Let `link` take what it has received in a later turn, behind those that wait already."""
         self._late.append(link)
+        self.note(0.0)
 
     def _next(self) -> None:
         """A new turn has begun."""
         self._is_counting = self.is_full = False
         self._received = 0.0
-        while self._late and self._received <= READ_SECONDS:
+        while self._late and self._received <= READ_SECONDS and not self.is_held_back():
             self._late.popleft().take_late()
-        if self._late:
+        if self._late and self.is_held_back():
+            self._is_counting = self.is_full = True
+            self.loop.call_later(HELD_BACK_SECONDS, self._next)
+        elif self._late:
             self.note(0.0)
 
     def add(self, link: _Link) -> None:
@@ -186,7 +196,7 @@ class _Link(asyncio.BufferedProtocol):
         """`nbytes` have arrived in the buffer that :meth:`get_buffer` gave."""
         if not self._direct:
             self._callbacks.receive(bytes(self._view[:nbytes]))
-        elif self._turn.is_full:
+        elif self._turn.is_full or self._turn.is_held_back():
             self._late = nbytes
             self._transport.pause_reading()
             self._turn.put_off(self)
@@ -374,7 +384,7 @@ class AsyncioDriver:
             if address.path
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
-        turn, buffer = _Turn(loop), bytearray(READ_BYTES)
+        turn, buffer = _Turn(loop, address.is_held_back), bytearray(READ_BYTES)
         port = 0 if address.path else int(sockets[0].getsockname()[1])
         patience = address.handshake_seconds if address.tls else None
         addresses, handshakes = address.addresses, Handshakes()

@@ -39,6 +39,9 @@ MOST_DESCRIPTORS = 1 << 20
 READ_SECONDS = 0.01
 """Seconds of one turn of the loop for which large messages are received, of all connections together."""
 
+HELD_BACK_SECONDS = 0.005
+"""Until large messages that are held back are looked at again."""
+
 MOST_HANDSHAKES = 256
 """Handshakes in TLS that one listener has under way at a time, from all addresses together. Each takes some
 hundred kilobytes."""

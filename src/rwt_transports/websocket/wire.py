@@ -555,7 +555,14 @@ class WebSocketWire:
                 payload.decode()
             except UnicodeDecodeError:
                 raise ProtocolViolation(INVALID_DATA, "a text message must be UTF-8") from None
-        self.message(payload, binary)
+        if len(payload) < DIRECT_BYTES:
+            self.message(payload, binary)
+            return
+        self._buffers.arriving = len(payload)
+        try:
+            self.message(payload, binary)
+        finally:
+            self._buffers.arriving = 0
 
     def _close_frame(self, payload: bytes) -> None:
         """The peer closes, or agrees to (RFC 6455 sections 5.5.1 and 7.4)."""

@@ -25,16 +25,23 @@ class ReceiveBufferPool:
     there soon, so that it is one that nobody ends.
 
     Args:
-        most: bytes of incomplete messages, over all connections.
+        most: bytes of incomplete messages, over all connections; while a quarter as many are complete and
+            wait to be read by whom they are for, nothing more of large messages is received.
+
+    Attributes:
+        arriving: bytes of the large message that is handed on at the moment, else 0.
     """
 
-    __slots__ = ("_held", "_incomplete", "_kept", "_most")
+    __slots__ = ("_held", "_incomplete", "_kept", "_most", "_unread", "_unread_bytes", "arriving")
 
     def __init__(self, most: int = 96 * 1024 * 1024) -> None:
         self._kept: bytearray | None = None
         self._most = most
         self._held = 0
         self._incomplete: dict[Incomplete, int] = {}
+        self._unread: dict[Incomplete, int] = {}
+        self._unread_bytes = 0
+        self.arriving = 0
 
     def take(self, size: int) -> bytearray:
         """A buffer for a message of `size` bytes; smaller than that when none large enough is kept."""
@@ -64,3 +71,17 @@ class ReceiveBufferPool:
     def release(self, holder: Incomplete) -> None:
         """Count that `holder` has none."""
         self._held -= self._incomplete.pop(holder, 0)
+
+    def keep_unread(self, holder: Incomplete) -> None:
+        """Count what arrives as complete and unread, if it is large, until :meth:`is_read`."""
+        if self.arriving:
+            self._unread_bytes += self.arriving - self._unread.get(holder, 0)
+            self._unread[holder] = self.arriving
+
+    def is_read(self, holder: Incomplete) -> None:
+        """Count that `holder` keeps nothing unread."""
+        self._unread_bytes -= self._unread.pop(holder, 0)
+
+    def has_much_unread(self) -> bool:
+        """Whether nothing more of large messages is to be received for now."""
+        return self._unread_bytes > self._most // 4

@@ -530,6 +530,59 @@ async def test_a_peer_that_is_cut_while_it_is_held_back_is_missed(site: Site) ->
             await endpoints[0].over.wait()
 
 
+class Slow(HeldBack):
+    """Takes one message, and for the time being no other."""
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        self.taken = len(data)
+        self.flow_control.pause()
+
+
+@every_stack
+@over_secure_ws
+async def test_few_large_messages_wait_to_be_read_and_the_rest_with_their_senders(site: Site) -> None:
+    endpoints: list[Slow] = []
+
+    def accept(sink: Sink, peer: PeerInfo) -> Endpoint:
+        endpoints.append(Slow(site.hub, sink, peer))
+        return endpoints[-1]
+
+    def taken() -> list[Slow]:
+        return [each for each in endpoints if hasattr(each, "taken")]
+
+    async def takes(count: int) -> None:
+        with anyio.fail_after(60):
+            while len(taken()) < count:
+                await anyio.lowlevel.checkpoint()
+
+    site.accept = accept
+    limits = Limits(
+        close_seconds=1, message_bytes=1 << 20, incoming_bytes=3_500_000
+    )  # A quarter of which may wait.
+    async with site.listen(limits) as listener, AsyncExitStack() as stack:
+        clients = []
+        async with anyio.create_task_group() as tasks:
+            for _ in range(3):
+                client = await stack.enter_async_context(site.client(listener))
+                assert isinstance(client, WebSocketClient)
+                clients.append(client)
+                tasks.start_soon(client.send, {"data": "x" * 900_000})
+            await takes(1)
+            for _ in range(500):  # Turns, in which the others would long have been taken.
+                await anyio.lowlevel.checkpoint()
+            assert len(taken()) == 1
+            first = taken()[0]
+            first.flow_control.resume()
+            await takes(2)
+            second = next(each for each in taken() if each is not first)
+            leaving = clients[endpoints.index(second)].stream
+            peer = leaving.extra(SocketAttribute.raw_socket)
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            await anyio.aclose_forcefully(leaving)
+            await takes(3)
+            tasks.cancel_scope.cancel()
+
+
 @every_stack
 @every_shared
 async def test_one_frame_to_many(site: Site) -> None:

