@@ -172,14 +172,7 @@ class Peer(TakesTurns[_Waiting]):
             if (usual is None or not self._publish_exact(*usual, data)) and (
                 binary or usual is not None or not self._call_usual(data)
             ):
-                if binary and len(data) > LARGE:
-                    self._read_on(Arriving(self._read_in_steps(data)))
-                else:
-                    items = self._session.decode(data, binary, now)
-                    if len(items) == 1:
-                        self._do(items[0])
-                    else:
-                        self._do_all(items, now)
+                self._decode(data, binary, now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > SHARE:
             self._count_work()
@@ -213,10 +206,14 @@ class Peer(TakesTurns[_Waiting]):
     def _read(self, data: bytes, binary: bool, now: float) -> None:
         self.messages += 1
         if self._rate is None or self._may_send(now):
-            if binary and len(data) > LARGE:
-                self._read_on(Arriving(self._read_in_steps(data)))
-            else:
-                self._do_all(self._session.decode(data, binary, now), now)
+            self._decode(data, binary, now)
+
+    def _decode(self, data: bytes, binary: bool, now: float) -> None:
+        """Run what a frame holds; what is large is taken apart in steps."""
+        if binary and len(data) > LARGE:
+            self._read_on(Arriving(self._read_in_steps(data)))
+        else:
+            self._do_all(self._session.decode(data, binary, now), now)
 
     def _read_in_steps(self, data: bytes) -> Steps:
         """Take a large binary frame apart in steps, and run what it holds."""

@@ -57,6 +57,7 @@ _QUICK: Final = 4096
 """Bytes that may hold any numbers."""
 
 _MOST_SLOW: Final = 1000
+"""As in payloads, which :mod:`rwt_interfaces` looks at: neither package knows the other."""
 _SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
 
 

@@ -116,7 +116,7 @@ class _Link(TaskLink):
 
     async def _receive_large(self, data: bytes) -> None:
         """Take a part of a large message, in a turn that has room for it."""
-        while self._turn.is_held_back():  # noqa: ASYNC110  # By whom, nobody tells: readers are many.
+        while self._turn.is_held_back():  # noqa: ASYNC110 - by an event it would be at once, see there
             await anyio.sleep(HELD_BACK_SECONDS)
         if self._turn.is_full:
             await self._turn.wait()

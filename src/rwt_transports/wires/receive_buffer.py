@@ -29,7 +29,8 @@ class ReceiveBufferPool:
             wait to be read by whom they are for, nothing more of large messages is received.
 
     Attributes:
-        arriving: bytes of the large message that is handed on at the moment, else 0.
+        arriving: bytes of the large message that is handed on at the moment, else 0: whoever takes it may
+            pause its connection meanwhile, and so says that it keeps it unread.
     """
 
     __slots__ = ("_held", "_incomplete", "_kept", "_most", "_unread", "_unread_bytes", "arriving")
