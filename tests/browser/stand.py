@@ -33,6 +33,10 @@ class Stand:
     graph: Graph
     node: Node
 
+    async def slow_down(self) -> None:
+        """Have the demo robot creep, so that it is under way for longer than any machine takes to look."""
+        await self.node.params.set("/demo_robot:max_speed", 0.02)
+
 
 def files(folder: Path, prefix: str) -> Route:
     """Serves everything in a folder of the tests."""

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import anyio
 import pytest
 
 from rwt import Server
@@ -25,7 +26,7 @@ from rwt_nodes.interactive_markers import (
     move_plane,
     six_dof,
 )
-from tests.browser.driver import LEFT_MESH, LEFT_STREAM, Browser, Page, until
+from tests.browser.driver import LEFT_MESH, LEFT_STREAM, PATIENCE, Browser, Page, until
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import KINDS, open_panels, panel, text
 
@@ -91,7 +92,8 @@ async def choose(page: Page, value: str) -> None:
 async def walk(page: Page) -> list[str]:
     """Go once around by the tabulator; returns what is wrong: not reached, not seen to have it, or a trap."""
     await page.evaluate(
-        f"{FOCUSED}?.blur?.(); globalThis.walked = new Set(); globalThis.unseen = []; document.title"
+        f"""{FOCUSED}?.blur?.(); globalThis.walked = new Set(); globalThis.unseen = [];
+        globalThis.there = new Set({OPERABLE}); document.title"""
     )
     step = f"""(() => {{
       const it = {FOCUSED};
@@ -111,7 +113,8 @@ async def walk(page: Page) -> list[str]:
     return list(
         await page.evaluate(
             f"""(() => {{
-              const missed = {OPERABLE}.filter((it) => !walked.has(it)).map((it) => it.outerHTML);
+              const missed = {OPERABLE}.filter(
+                (it) => there.has(it) && !walked.has(it)).map((it) => it.outerHTML);
               return [
                 ...missed.map((it) => `not reached: ${{it.slice(0, 120)}}`),
                 ...unseen.map((it) => `not seen: ${{it}}`),
@@ -302,6 +305,7 @@ async def scene(browser: Browser, **arguments: Any) -> AsyncIterator[tuple[Stand
 
 async def test_the_view_and_its_tools_by_keys(browser: Browser) -> None:
     async with scene(browser) as (served, page):
+        await served.slow_down()
         served.node.advertise("/initialpose", "geometry_msgs/PoseWithCovarianceStamped")
         ends: list[Any] = []
         poses: list[Any] = []
@@ -488,11 +492,13 @@ class Switch:
 
     async def until_lit(self, name: str) -> None:
         lit = text(".scan-bar [aria-live]")
-        for _ in range(40):
-            if await self._page.evaluate(f"{lit}.endsWith({json.dumps(f': {name}')})"):
-                return
-            await self._page.evaluate("goOn(); new Promise((later) => setTimeout(later, 20))")
-        raise AssertionError(f"{name} does not light up")
+        seen: list[str] = []
+        with anyio.move_on_after(PATIENCE):
+            while not (seen and seen[-1].endswith(f": {name}")):
+                await self._page.evaluate("goOn(); new Promise((later) => setTimeout(later, 20))")
+                seen.append(await self._page.evaluate(lit))
+            return
+        raise AssertionError(f"{name} does not light up, but {sorted(set(seen))}")
 
     async def press(self, *names: str) -> None:
         """Press when each is lit, one after the other: a group, and then what is in it."""
@@ -562,6 +568,7 @@ async def test_one_switch_does_all_that_driving_offers(browser: Browser) -> None
 
 async def test_one_switch_does_all_that_the_goal_panel_offers(browser: Browser) -> None:
     async with panel(browser, "jazzy", "goal") as (served, page):
+        await served.slow_down()
         served.node.advertise("/initialpose", "geometry_msgs/PoseWithCovarianceStamped")
         ends: list[Any] = []
         poses: list[Any] = []

@@ -190,7 +190,7 @@ class Broadcast:
         threads: EncoderThreads,
         counts: Counts,
         on_end: Callable[[Broadcast], None],
-        now: Callable[[], float] = anyio.current_time,
+        now: Callable[[], float],
     ) -> None:
         self.request = request
         self.counts = counts

@@ -67,6 +67,7 @@ class WebVideoServer:
         most_encoders: different streams at a time, likewise.
         most_pixels: of one picture of each different video together, those of VP9 twice; an encoder keeps
             up to fifty bytes for each.
+        now: seconds that never go back, by which a viewer is found to have stalled; real time.
 
     Attributes:
         http: its pages, its list of image topics and its metrics, for :func:`rwt.serve`.
@@ -78,8 +79,10 @@ class WebVideoServer:
         most_viewers: int = 100,
         most_encoders: int = 16,
         most_pixels: int = 1_500_000,
+        now: Callable[[], float] = anyio.current_time,
     ) -> None:
         self._node = Node(graph, NAME)
+        self._now = now
         self._most_viewers = most_viewers
         self._most_encoders = most_encoders
         self._most_pixels = most_pixels
@@ -274,6 +277,7 @@ class WebVideoServer:
                 self._threads,
                 counts,
                 self._ended,
+                self._now,
             )
             self._broadcasts[stream] = broadcast
         return broadcast.join(work)

@@ -24,6 +24,7 @@ from PIL import Image
 from rwt import Server, Settings
 from rwt_graph import MemoryGraph, Node, TopicPublisher
 from rwt_nodes.video import WebVideoServer
+from rwt_nodes.video.broadcast import STALLED_SECONDS
 from tests.nodes.video.conftest import image, scene
 
 pytestmark = pytest.mark.anyio
@@ -133,11 +134,13 @@ class Theatre:
 
 @asynccontextmanager
 async def _theatre(
-    tables: Mapping[str, object] = MappingProxyType({}), limits: tuple[int, ...] = (100, 16)
+    tables: Mapping[str, object] = MappingProxyType({}),
+    limits: tuple[int, int, int] = (100, 16, 1_500_000),
+    now: Callable[[], float] = anyio.current_time,
 ) -> AsyncIterator[Theatre]:
     graph = MemoryGraph()
     async with graph:
-        video = WebVideoServer(graph, *limits)
+        video = WebVideoServer(graph, *limits, now=now)
         settings = Settings.model_validate({"nodes": (), **tables})
         async with Server("ws://127.0.0.1:0", graph=graph, http=[video.http], settings=settings) as server:
             camera = Node(graph, "camera")
@@ -277,21 +280,29 @@ def large(number: int) -> dict[str, Any]:
     return {**image(noise, "rgb8"), "header": {"stamp": {"sec": number, "nanosec": 0}}}
 
 
-async def test_who_does_not_read_makes_place_for_who_wants_to_look(
-    anyio_backend: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("rwt_nodes.video.broadcast.STALLED_SECONDS", 0.0)
+async def test_who_does_not_read_makes_place_for_who_wants_to_look(anyio_backend: str) -> None:
+    seconds = [0.0]
     stream = "/stream?topic=/cam/image&type=png&quality=0"
-    async with _theatre(limits=(2, 1)) as theatre, theatre.asks(stream), theatre.asks(stream) as reader:
-        await theatre.listeners(1)
-        for number in range(1, 41):
+    async with (
+        _theatre(limits=(2, 1, 1_500_000), now=lambda: seconds[0]) as theatre,
+        theatre.asks(stream),
+        theatre.asks(stream) as reader,
+    ):
+
+        async def publish(number: int) -> None:
             theatre.pictures.publish(large(number))
             await reader.parts(1)
             reader.body = b"--boundarydonotcross\r\n"
+
+        await theatre.listeners(1)
+        for number in range(1, 41):
+            await publish(number)
+        assert (await theatre.gets(stream)).body == b"2 viewers are looking already (limits.video_viewers)\n"
+        seconds[0] = STALLED_SECONDS
+        # Who reads is given one more at the new time; who does not is left with one of the old.
+        await publish(41)
         async with theatre.asks(stream) as third:
             await third.parts(1)
-            theatre.pictures.publish(large(41))
-            await reader.parts(1)
             refused = await theatre.gets(stream)
             assert refused.body == b"2 viewers are looking already (limits.video_viewers)\n"
 
@@ -319,7 +330,7 @@ async def test_who_does_not_read_holds_nobody_back_and_gets_the_newest(theatre: 
 
 
 async def test_there_is_an_end_to_viewers_and_to_encoders(anyio_backend: str) -> None:
-    async with _theatre(limits=(2, 1)) as theatre, theatre.asks("/stream?topic=/cam/image"):
+    async with _theatre(limits=(2, 1, 1_500_000)) as theatre, theatre.asks("/stream?topic=/cam/image"):
         await theatre.listeners(1)
         refused = await theatre.gets("/stream?topic=/cam/image&width=3")
         assert refused.status == 503
